@@ -1,0 +1,60 @@
+"""One update of the paper's strip: Eqs. 2–9 as printed, at the control points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..forces import contraction_force, control_point_repulsion, map_to_joints, repulsive_potential
+from ..proximity import BodySet, ObstacleProximity
+from ..relax import explicit_step
+from ..robot import Kinematics, RobotModel
+from ..robot.space import Array
+from ..scene import Scene
+from ..tunnel import Tunnel, protective_hulls
+from .params import DeformParams
+from .report import ForceField
+
+
+class PaperStep:
+    """Workspace of the paper preset's update."""
+
+    def __init__(self, robot: RobotModel, params: DeformParams) -> None:
+        self.robot, self.params = robot, params
+        self.bodies = BodySet.control_points(robot)
+        self.proximity = ObstacleProximity(self.bodies, influence=params.influence, slack=1.0)
+        space = robot.space
+        self.alpha = np.full(space.nv, params.alpha)
+        self.alpha[: space.base_nv] = 0.0
+        self.heading_step = 0.0
+
+    def iterate(self, kin: Kinematics, scene: Scene) -> tuple[Array, dict[str, float], ForceField]:
+        """New chart (N, nv), energies and repulsive forces of one update from the nodes of ``kin``."""
+        params, space = self.params, self.robot.space
+        self.proximity.update(kin, scene)
+        points = self.points(kin)
+        contacts = self.proximity.contacts()
+        repulsion = control_point_repulsion(contacts, points.shape[:2], k_r=params.k_r, influence=params.influence)
+        force = repulsion + contraction_force(points, params.k_c)
+        torque = map_to_joints(kin, self.bodies.joint, points, force)
+        chart = kin.chart[: kin.n]
+        delta = explicit_step(
+            torque, force[:, 0], planar=space.planar, alpha=self.alpha, alpha_m=params.alpha_m,
+            transfer_tilt=params.transfer_tilt, yaw=chart[:, 2] if space.planar else np.zeros(kin.n),
+        )  # fmt: skip
+        self.heading_step = float(np.abs(delta[:, 2]).max(initial=0.0)) if space.planar else 0.0
+        moved = space.integrate(chart, delta)
+        np.clip(moved, space.lower, space.upper, out=moved)
+        nearest = np.full(points.shape[:2], params.influence)
+        np.minimum.at(nearest, (contacts.node, contacts.body), contacts.distance)
+        energies = {"repulsion": float(repulsive_potential(nearest, params.k_r, params.influence).sum())}
+        node, body = np.nonzero((repulsion**2).sum(axis=2) > 0.0)
+        return moved, energies, ForceField(points[node, body], repulsion[node, body])
+
+    def points(self, kin: Kinematics) -> Array:
+        """Control points (N, C, 3) [m]."""
+        return self.bodies.capsule_ends(kin)[:, :, 0]
+
+    def tunnel(self, kin: Kinematics, scene: Scene) -> Tunnel:
+        """Protective hulls of the nodes, capped at the safe distance."""
+        self.proximity.update(kin, scene)
+        return protective_hulls(self.points(kin), self.proximity.clearance(), cap=self.params.influence)

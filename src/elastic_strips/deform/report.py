@@ -1,0 +1,78 @@
+"""What a tick hands out: the strip, its status with the reason, its certificate and what it cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from ..robot.space import Array
+from ..strip import Strip
+from ..tunnel import Certificate, Tunnel
+
+
+class DeformStatus(str, Enum):
+    """State of a strip after a tick.
+
+    ``SETTLED``: certified and at rest. ``DEFORMING``: still moving. ``BROKEN``: at rest (or out of ticks) with a segment that has no
+    certificate. ``BLOCKED``: the tunnel's hulls do not connect (preset ``paper``).
+    """
+
+    SETTLED = "settled"
+    DEFORMING = "deforming"
+    BROKEN = "broken"
+    BLOCKED = "blocked"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceField:
+    """External forces of the last update, to look at.
+
+    Attributes:
+        points: (K, 3) where they act [m]; vectors: (K, 3) force [gain · m].
+    """
+
+    points: Array
+    vectors: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeformReport:
+    """Result of one tick, or of :meth:`Deformer.settle`.
+
+    Attributes:
+        strip: the deformed strip.
+        status, reason: what state it is in, and why.
+        certificate: proof of its clearance, segment by segment.
+        clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance.
+        energies: potential by force.
+        timings: seconds by phase; they sum to ``seconds``.
+        seconds: duration of the tick.
+        iterations: inner iterations made.
+        ticks: ticks made (more than one after ``settle``).
+        moved: largest displacement of any base or joint in the last iteration [m or rad].
+        asked: exact distance queries made.
+        forces: external forces, or None where they were not asked for.
+        tunnel: protective hulls, or None where they were not asked for.
+        heading_step: largest turn of the mobile in one update [rad]; preset ``paper`` only.
+    """
+
+    strip: Strip
+    status: DeformStatus
+    reason: str
+    certificate: Certificate
+    clearance: float
+    energies: dict[str, float] = field(default_factory=dict)
+    timings: dict[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
+    iterations: int = 0
+    ticks: int = 1
+    moved: float = 0.0
+    asked: int = 0
+    forces: ForceField | None = None
+    tunnel: Tunnel | None = None
+    heading_step: float = 0.0
+
+    @property
+    def certified(self) -> bool:
+        """Whether every segment is certified."""
+        return self.certificate.certified

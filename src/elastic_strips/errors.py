@@ -1,0 +1,46 @@
+"""Errors: the one tree of typed errors that wrong input raises.
+
+An *expected* failure (a blocked or broken strip) is never an error: it is a status on a report.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class ElasticStripsError(Exception):
+    """Root of every error that this library raises on purpose."""
+
+
+class InputError(ElasticStripsError, ValueError):
+    """Something that the caller handed in is wrong; the message names value, bound and alternatives."""
+
+
+class RobotError(InputError):
+    """A robot description (URDF, SRDF, Pinocchio model) cannot be used."""
+
+
+class SceneError(InputError):
+    """An obstacle, a motion or a scene cannot be used."""
+
+
+class ScenarioError(InputError):
+    """A scenario name or a scenario file cannot be used."""
+
+
+class ConfigurationError(InputError):
+    """A configuration is not finite, not normalised, of the wrong size, out of limits or in collision."""
+
+
+class ParameterError(InputError):
+    """A parameter is outside its range."""
+
+
+def nearest_name(name: object, valid: Iterable[str]) -> str:
+    """Say which of the ``valid`` names were meant: ``"; did you mean 'x'? Valid: …"`` for error messages."""
+    names = sorted(str(v) for v in valid)
+    close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    shown = ", ".join(names[:20]) + (", …" if len(names) > 20 else "")
+    return f"{hint} Valid: {shown}." if names else f"{hint} There are none."

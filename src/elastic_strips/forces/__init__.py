@@ -1,0 +1,28 @@
+"""Forces: internal, external, joint limits, self-collision, posture; each usable alone."""
+
+from .external import (
+    add_repulsion,
+    add_self_repulsion,
+    control_point_repulsion,
+    map_to_joints,
+    repulsive_magnitude,
+    repulsive_potential,
+)
+from .internal import add_elastic, add_rolling, contraction_force
+from .posture import add_joint_limits, add_posture
+from .system import System
+
+__all__ = [
+    "System",
+    "add_elastic",
+    "add_joint_limits",
+    "add_posture",
+    "add_repulsion",
+    "add_rolling",
+    "add_self_repulsion",
+    "contraction_force",
+    "control_point_repulsion",
+    "map_to_joints",
+    "repulsive_magnitude",
+    "repulsive_potential",
+]

@@ -1,0 +1,17 @@
+"""IO room: scene and scenario files in and out; every complaint names file, line and key."""
+
+from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
+from elastic_strips.io.scene_file import read_scene, scene_from_node
+from elastic_strips.io.scene_writer import write_scene
+from elastic_strips.io.yaml_source import Node, load_yaml
+
+__all__ = [
+    "Node",
+    "PoseSpec",
+    "ScenarioSpec",
+    "load_yaml",
+    "read_scenario",
+    "read_scene",
+    "scene_from_node",
+    "write_scene",
+]

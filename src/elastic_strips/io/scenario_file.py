@@ -1,0 +1,137 @@
+"""IO room, scenario files: robot, scene, start and goal from YAML; the schema is documented in docs/scene-files.md."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from elastic_strips.errors import ScenarioError
+from elastic_strips.io import schema
+from elastic_strips.io.scene_file import VERSION, scene_from_node
+from elastic_strips.io.yaml_source import Node, load_yaml
+from elastic_strips.scene import Scene
+
+BASES = ("diff_drive", "omni", "fixed")
+PRESETS = ("default", "paper")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSpec:
+    """Where a robot stands and how it holds its joints; joints that are not named keep their home value.
+
+    Attributes:
+        x, y: Position of the base [m], world frame.
+        yaw: Heading of the base [rad].
+        joints: Joint values by name [rad or m].
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+    joints: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioSpec:
+    """What a scenario file says.
+
+    Attributes:
+        name: Name of the scenario.
+        description: One or more sentences, or "".
+        robot: Name of a known robot, or the absolute path of a URDF file.
+        base: "diff_drive", "omni", "fixed", or None for the robot's own.
+        preset: "default", "paper" or None.
+        params: Overrides of parameters by name; not checked here.
+        scene: The scene at its time.
+        start: Start of the strip.
+        goal: Goal of the strip.
+        seed: Seed of everything random.
+        path: The file.
+    """
+
+    name: str
+    description: str
+    robot: str
+    base: str | None
+    preset: str | None
+    params: Mapping[str, float]
+    scene: Scene
+    start: PoseSpec
+    goal: PoseSpec
+    seed: int
+    path: Path
+
+
+_KEYS = (
+    "version",
+    "name",
+    "description",
+    "robot",
+    "base",
+    "preset",
+    "params",
+    "scene",
+    "start",
+    "goal",
+    "seed",
+)
+
+
+def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
+    """Read a scenario file.
+
+    Raises:
+        ScenarioError: The file, or the scene file that it names, cannot be read or does not fit the schema; the message
+            names file, line and key.
+    """
+    root = load_yaml(path, error=ScenarioError)
+    entries = schema.mapping(root, _KEYS, needed=("robot", "scene", "start", "goal"), what="a scenario")
+    file = root.source.path
+    if "version" in entries:
+        schema.integer(entries["version"], low=VERSION, high=VERSION)
+    return ScenarioSpec(
+        name=schema.string(entries["name"]) if "name" in entries else file.stem,
+        description=schema.string(entries["description"]) if "description" in entries else "",
+        robot=_robot(entries["robot"]),
+        base=schema.string(entries["base"], valid=BASES) if "base" in entries else None,
+        preset=schema.string(entries["preset"], valid=PRESETS) if "preset" in entries else None,
+        params=_numbers(entries["params"], high=1e12) if "params" in entries else {},
+        scene=_scene(entries["scene"]),
+        start=_pose(entries["start"]),
+        goal=_pose(entries["goal"]),
+        seed=schema.integer(entries["seed"], low=0, high=2**32 - 1) if "seed" in entries else 0,
+        path=file,
+    )
+
+
+def _robot(node: Node) -> str:
+    """A robot's name as it is; a path to a URDF, relative to the file, as an absolute path."""
+    robot = schema.string(node)
+    if not robot.lower().endswith(".urdf") and "/" not in robot and "\\" not in robot:
+        return robot
+    path = (node.source.path.parent / robot).absolute()
+    if not path.is_file():
+        node.fail(f"there is no URDF file {path}")
+    return str(path)
+
+
+def _scene(node: Node) -> Scene:
+    if not isinstance(node.value, str):
+        return scene_from_node(node)
+    return scene_from_node(load_yaml(node.source.path.parent / schema.string(node), error=ScenarioError))
+
+
+def _pose(node: Node) -> PoseSpec:
+    entries = schema.mapping(node, ("x", "y", "yaw", "joints"), what="a pose")
+    yaw = schema.number(entries["yaw"], low=-1e3 * math.pi, high=1e3 * math.pi, unit="rad") if "yaw" in entries else 0.0
+    x, y = (schema.number(entries[key]) if key in entries else 0.0 for key in ("x", "y"))
+    return PoseSpec(x=x, y=y, yaw=yaw, joints=_numbers(entries["joints"], high=1e6) if "joints" in entries else {})
+
+
+def _numbers(node: Node, *, high: float) -> dict[str, float]:
+    if not isinstance(node.value, dict):
+        node.fail(f"must be a mapping of names to numbers, not {schema.kind(node)}")
+    return {key: schema.number(entry, low=-high, high=high, unit="") for key, entry in node.value.items()}

@@ -1,0 +1,224 @@
+"""IO room, scene files: a `Scene` from YAML; the schema is documented in docs/scene-files.md."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_strips.errors import nearest_name
+from elastic_strips.io import schema
+from elastic_strips.io.yaml_source import Node, load_yaml
+from elastic_strips.scene import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Keyframes,
+    Mesh,
+    Motion,
+    Obstacle,
+    Points,
+    Scene,
+    Sphere,
+    Twist,
+    Voxels,
+    checks,
+)
+
+VERSION = 1
+MAX_ARRAY_BYTES = 500_000_000
+_COMMON = ("shape", "name", "at", "quat", "rpy", "motion")
+_SHAPES: dict[str, tuple[str, ...]] = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "cone": ("radius", "length"),
+    "convex": ("vertices",),
+    "mesh": ("file", "scale", "vertices", "faces"),
+    "voxels": ("centers", "file", "size"),
+    "points": ("points", "file", "radius"),
+}
+
+
+def read_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read a scene file.
+
+    Raises:
+        SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
+    """
+    node = load_yaml(path)
+    return scene_from_node(node)
+
+
+def scene_from_node(node: Node) -> Scene:
+    """Scene of a mapping node, as a scene file or a scenario's ``scene`` holds it.
+
+    Paths in it are relative to the node's own file.
+    """
+    entries = schema.mapping(node, ("version", "time", "obstacles"), needed=("obstacles",), what="a scene")
+    if "version" in entries:
+        schema.integer(entries["version"], low=VERSION, high=VERSION)
+    time = schema.number(entries["time"], low=-1e9, high=1e9, unit="s") if "time" in entries else 0.0
+    obstacles: list[Obstacle] = []
+    named: dict[str, int] = {}
+    for item in schema.items(entries["obstacles"]):
+        obstacle = _obstacle(item)
+        if obstacle.name is not None:
+            line = item.value["name"].line
+            if obstacle.name in named:
+                taken = f"the name {obstacle.name!r} is taken by the obstacle in line {named[obstacle.name]}"
+                item.value["name"].fail(f"{taken}; names must be unique")
+            named[obstacle.name] = line
+        obstacles.append(obstacle)
+    return schema.checked(node, Scene, obstacles, time=time)
+
+
+def _obstacle(node: Node) -> Obstacle:
+    if not isinstance(node.value, dict):
+        node.fail(f"must be a mapping of an obstacle, not {schema.kind(node)}")
+    if "shape" not in node.value:
+        node.fail(f"the key 'shape' is missing{nearest_name('', _SHAPES)}")
+    shape = schema.string(node.value["shape"], valid=_SHAPES)
+    entries = schema.mapping(node, (*_COMMON, *_SHAPES[shape]), what=f"a {shape}")
+    common = _placement(entries)
+    return schema.checked(node, _MAKERS[shape], node, entries, common)
+
+
+def _placement(entries: dict[str, Node]) -> dict[str, Any]:
+    """Keyword arguments that all shapes share."""
+    common: dict[str, Any] = {}
+    if "name" in entries:
+        common["name"] = schema.checked(entries["name"], checks.name, schema.string(entries["name"]))
+    if "at" in entries:
+        common["at"] = schema.checked(entries["at"], checks.array, "at", schema.vector(entries["at"], 3), (3,))
+    if "rpy" in entries and "quat" in entries:
+        entries["rpy"].fail("the orientation is given twice: by 'rpy' and by 'quat'")
+    if "quat" in entries:
+        quat = schema.vector(entries["quat"], 4)
+        common["quat"] = schema.checked(entries["quat"], checks.quaternion, "the value", quat)
+    if "rpy" in entries:
+        common["quat"] = _quat_of_rpy(*schema.vector(entries["rpy"], 3).tolist())
+    if "motion" in entries:
+        common["motion"] = _motion(entries["motion"])
+    return common
+
+
+def _motion(node: Node) -> Motion:
+    kinds = schema.mapping(node, ("twist", "keyframes"), what="a motion")
+    if len(kinds) != 1:
+        node.fail(f"must hold one of 'twist' and 'keyframes', not {len(kinds)} keys")
+    kind, inner = next(iter(kinds.items()))
+    if kind == "twist":
+        entries = schema.mapping(inner, ("linear", "angular"), what="a twist")
+        values = {key: schema.vector(entry, 3) for key, entry in entries.items()}
+        return schema.checked(inner, Twist, **values)
+    entries = schema.mapping(
+        inner, ("times", "positions", "quats", "loop"), needed=("times", "positions"), what="keyframes"
+    )
+    times = schema.vector(entries["times"], None)
+    positions = schema.rows(entries["positions"], 3)
+    quats = schema.rows(entries["quats"], 4) if "quats" in entries else None
+    loop = schema.boolean(entries["loop"]) if "loop" in entries else False
+    return schema.checked(inner, Keyframes, times, positions, quats=quats, loop=loop)
+
+
+def _length(node: Node, entries: dict[str, Node], key: str) -> float:
+    return schema.number(_need(node, entries, key), low=checks.MIN_LENGTH, high=checks.MAX_LENGTH)
+
+
+def _need(node: Node, entries: dict[str, Node], *keys: str) -> Node:
+    """The one entry of ``keys`` that is given."""
+    given = [key for key in keys if key in entries]
+    if len(given) != 1:
+        names = " or ".join(repr(k) for k in keys)
+        node.fail(f"the key {names} is missing" if not given else f"only one of {names} may be given")
+    return entries[given[0]]
+
+
+def _size(node: Node, entries: dict[str, Node]) -> NDArray[np.float64]:
+    entry = _need(node, entries, "size")
+    return schema.checked(entry, checks.sizes, "the value", schema.vector(entry, 3), 3)
+
+
+def _mesh(node: Node, entries: dict[str, Node], common: dict[str, Any]) -> Obstacle:
+    if _need(node, entries, "file", "vertices").key.endswith(".file"):
+        if "faces" in entries:
+            entries["faces"].fail("belongs to 'vertices', not to a mesh 'file'")
+        scale = schema.number(entries["scale"], low=1e-9, high=1e9, unit="-") if "scale" in entries else 1.0
+        path = _file(entries["file"])
+        return schema.checked(entries["file"], Mesh.from_file, path, scale=scale, **common)
+    if "scale" in entries:
+        entries["scale"].fail("belongs to a mesh 'file', not to 'vertices'")
+    faces = schema.rows(_need(node, entries, "faces"), 3)
+    return Mesh(schema.rows(entries["vertices"], 3), faces, **common)
+
+
+def _voxels(node: Node, entries: dict[str, Node], common: dict[str, Any]) -> Obstacle:
+    centers = _cloud(_need(node, entries, "centers", "file"))
+    edge = _need(node, entries, "size")
+    return Voxels(
+        centers, _size(node, entries) if isinstance(edge.value, list) else _length(node, entries, "size"), **common
+    )
+
+
+def _points(node: Node, entries: dict[str, Node], common: dict[str, Any]) -> Obstacle:
+    return Points(_cloud(_need(node, entries, "points", "file")), _length(node, entries, "radius"), **common)
+
+
+_MAKERS: dict[str, Callable[[Node, dict[str, Node], dict[str, Any]], Obstacle]] = {
+    "box": lambda n, e, c: Box(_size(n, e), **c),
+    "sphere": lambda n, e, c: Sphere(_length(n, e, "radius"), **c),
+    "cylinder": lambda n, e, c: Cylinder(_length(n, e, "radius"), _length(n, e, "length"), **c),
+    "capsule": lambda n, e, c: Capsule(_length(n, e, "radius"), _length(n, e, "length"), **c),
+    "cone": lambda n, e, c: Cone(_length(n, e, "radius"), _length(n, e, "length"), **c),
+    "convex": lambda n, e, c: ConvexHull(schema.rows(_need(n, e, "vertices"), 3), **c),
+    "mesh": _mesh,
+    "voxels": _voxels,
+    "points": _points,
+}
+
+
+def _file(node: Node) -> Path:
+    """Path that a node names, relative to the node's own file."""
+    return node.source.path.parent / schema.string(node)
+
+
+def _cloud(node: Node) -> NDArray[np.float64]:
+    """Points (n, 3) that are listed in the file, or that the named .npy, .csv, .txt or .xyz file holds."""
+    if isinstance(node.value, list):
+        return schema.rows(node, 3)
+    path = _file(node)
+    suffixes = (".npy", ".csv", ".txt", ".xyz")
+    if path.suffix.lower() not in suffixes:
+        node.fail(f"{path}: files of kind {path.suffix!r} are not read{nearest_name(path.suffix, suffixes)}")
+    try:
+        if path.stat().st_size > MAX_ARRAY_BYTES:
+            node.fail(f"{path}: the file is larger than {MAX_ARRAY_BYTES} bytes")
+        if path.suffix.lower() == ".npy":
+            cloud = np.load(path, allow_pickle=False)
+        else:
+            cloud = np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=2, comments="#")
+    except (OSError, ValueError, EOFError, MemoryError, OverflowError) as problem:
+        node.fail(f"{path}: cannot read points: {getattr(problem, 'strerror', None) or problem}")
+    return schema.checked(node, checks.array, str(path), cloud, (None, 3))
+
+
+def _quat_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Unit quaternion of Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )

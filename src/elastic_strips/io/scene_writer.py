@@ -1,0 +1,86 @@
+"""IO room, scene writer: a `Scene` as a YAML file that `read_scene` reads back."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.errors import SceneError
+from elastic_strips.io.scene_file import VERSION
+from elastic_strips.scene import Keyframes, Obstacle, Scene, Twist, checks
+
+
+def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
+    """Write a scene file that `read_scene` reads back; an existing file is replaced in one step.
+
+    Twists are written with their pose at time 0. Meshes that came from a file are written as that file's relative path.
+
+    Raises:
+        SceneError: A motion is neither a twist nor keyframes, or the file cannot be written.
+    """
+    target = Path(path)
+    lines = [f"version: {VERSION}", f"time: {_text(scene.time)}", "obstacles:" if len(scene) else "obstacles: []"]
+    for obstacle in scene:
+        entries = _entries(obstacle, target)
+        lines += [f"  {'-' if k == 0 else ' '} {key}: {value}" for k, (key, value) in enumerate(entries.items())]
+    _replace(target, "\n".join(lines) + "\n")
+
+
+def _text(value: Any) -> str:
+    """JSON, which is YAML."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _entries(obstacle: Obstacle, target: Path) -> dict[str, str]:
+    """Keys of an obstacle in a file, with their values as text."""
+    motion, pose = obstacle.motion, obstacle.pose
+    entries = {"name": _text(obstacle.name), "shape": obstacle.shape}
+    spec = dict(obstacle.spec)
+    if obstacle.shape == "mesh":
+        origin, scale = spec.pop("path", None), spec.pop("scale", None)
+        if origin is not None and os.path.isfile(origin):
+            spec = {"file": os.path.relpath(os.path.abspath(origin), os.path.abspath(target.parent)), "scale": scale}
+    entries.update({key: _text(value) for key, value in spec.items()})
+    if isinstance(motion, Twist):
+        pose = motion.pose(obstacle.anchor, -obstacle.anchor_time)
+        entries["motion"] = (
+            f"{{twist: {_text({'linear': motion.linear.tolist(), 'angular': motion.angular.tolist()})}}}"
+        )
+    elif isinstance(motion, Keyframes):
+        frames: dict[str, Any] = {"times": motion.times.tolist(), "positions": motion.positions.tolist()}
+        if motion.quats is not None:
+            frames["quats"] = motion.quats.tolist()
+        frames["loop"] = motion.loop
+        entries["motion"] = f"{{keyframes: {_text(frames)}}}"
+    elif motion is not None:
+        raise SceneError(
+            f"obstacle {obstacle.name!r}: a motion of type {type(motion).__name__} cannot be written to a file"
+        )
+    if not isinstance(motion, Keyframes):
+        entries["at"] = _text(pose[:3, 3])
+    entries["quat"] = _text(checks.quaternion_of(pose[:3, :3]))
+    return entries
+
+
+def _replace(target: Path, text: str) -> None:
+    """Write a file so that it is either the old one or the new one, whole."""
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{target.name[:100]}.", suffix=".tmp", dir=target.parent)
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, target.stat().st_mode & 0o777 if target.exists() else 0o644)
+        os.replace(temporary, target)
+    except (OSError, ValueError) as problem:
+        if temporary is not None and os.path.exists(temporary):
+            os.unlink(temporary)
+        raise SceneError(f"{target}: cannot write the file: {getattr(problem, 'strerror', None) or problem}") from None

@@ -1,0 +1,253 @@
+"""Obstacle proximity: lower bounds of every body–part distance along a strip, exact where they matter.
+
+The workspace keeps, for each (node, body, part), a bound that is *never above* the true distance. When a node or a part moves,
+the bound falls by at most how far it moved; only where it falls below the influence distance is a box test made, and
+only where that fails too is Coal asked. So a tick asks for what is near and has moved, and for nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..robot import Kinematics
+from ..robot.space import Array
+from ..scene import Scene
+from .bodies import BodySet
+from .narrowphase import GJK_EXCESS, Narrowphase
+from .window import Window
+
+_FAR = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """Body–part pairs of a strip that are within the influence distance.
+
+    Attributes:
+        node, body, part: (K,) indices; ``part`` counts in the engine's window.
+        distance: (K,) signed distance [m].
+        direction: (K, 3) unit vectors away from the obstacle, world frame.
+        witness: (K, 3) nearest points on the robot, world frame [m].
+    """
+
+    node: npt.NDArray[np.intp]
+    body: npt.NDArray[np.intp]
+    part: npt.NDArray[np.intp]
+    distance: Array
+    direction: Array
+    witness: Array
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+
+class ObstacleProximity:
+    """Workspace: distances of a strip's bodies to a scene's parts, kept from tick to tick.
+
+    Args:
+        bodies: what of the robot is measured.
+        influence: distances below this [m] are computed exactly.
+        tolerance: an exact distance is asked again once its body or part has moved by more than this [m].
+        slack: how far [m] the strip may drift before the window of near parts is collected anew.
+    """
+
+    def __init__(self, bodies: BodySet, *, influence: float, tolerance: float = 1e-4, slack: float = 0.4) -> None:
+        self.bodies = bodies
+        self.influence = influence
+        self.tolerance = tolerance
+        self.slack = slack
+        self.narrow = Narrowphase(bodies)
+        self.window: Window | None = None
+        self.pairs = 0
+        self.asked = 0
+        self._chart = np.zeros((0, 0))
+        self._ends = np.zeros((0, len(bodies), 2, 3))
+        self._frames = np.zeros((0, len(bodies), 3, 3))
+        self.bound = np.zeros((0, len(bodies), 0))
+        self.exact = np.zeros((0, len(bodies), 0))
+        self.direction = np.zeros((0, len(bodies), 0, 3))
+        self.witness = np.zeros((0, len(bodies), 0, 3))
+        self._since = np.zeros((0, len(bodies), 0))
+
+    def reset(self) -> None:
+        """Forget everything; the next update starts from nothing."""
+        self.window = None
+        self._chart = np.zeros((0, 0))
+
+    def remap(self, source: npt.NDArray[np.intp]) -> None:
+        """Carry the bounds over to a strip whose node i was node ``source[i]``; −1 marks a new node.
+
+        A new node starts with unknown bounds; call :meth:`update` next.
+        """
+        if self.window is None:
+            return
+        take = np.maximum(source, 0)
+        new = source < 0
+        for name in ("_chart", "_ends", "_frames", "bound", "exact", "direction", "witness", "_since"):
+            setattr(self, name, getattr(self, name)[take])
+        self.bound[new] = -_FAR
+        self._since[new] = _FAR
+        self._chart[new] = np.nan
+
+    def update(self, kin: Kinematics, scene: Scene) -> None:
+        """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot."""
+        chart = kin.chart[: kin.n]
+        ends = self.bodies.capsule_ends(kin)
+        columns = None if self.window is None else self.window.follow(scene)
+        moved_nodes = None
+        if columns is not None and self._chart.shape == chart.shape:
+            moved_nodes = np.flatnonzero((chart != self._chart).any(axis=1))
+            if len(moved_nodes) and not self._covered(ends[moved_nodes]):
+                columns = None
+        if columns is None or moved_nodes is None:
+            self._rebuild(ends, scene)
+        else:
+            if len(moved_nodes):
+                self._drift(kin, ends, moved_nodes)
+            if len(columns):
+                self.bound[:, :, columns] = -_FAR
+                self._since[:, :, columns] = _FAR
+        self._remember(kin, ends, moved_nodes)
+        self.refine(kin, self.influence)
+
+    def _boxes(self, ends: Array) -> tuple[Array, Array]:
+        grow = (self.bodies.radius + self.influence)[None, :, None]
+        low = (ends.min(axis=2) - grow).min(axis=1)
+        high = (ends.max(axis=2) + grow).max(axis=1)
+        return low, high
+
+    def _covered(self, ends: Array) -> bool:
+        assert self.window is not None
+        return self.window.covers(*self._boxes(ends))
+
+    def cover(self, kin: Kinematics, scene: Scene, ends: Array) -> bool:
+        """Whether configurations with these capsule ends (M, G, 2, 3) stay inside the window."""
+        return self._covered(ends)
+
+    def _rebuild(self, ends: Array, scene: Scene) -> None:
+        n, g = ends.shape[:2]
+        self.window = Window.build(scene, *self._boxes(ends), self.slack)
+        p = len(self.window)
+        self.bound = np.full((n, g, p), -_FAR)
+        self._since = np.full((n, g, p), _FAR)
+        self.exact = np.full((n, g, p), np.inf)
+        self.direction = np.zeros((n, g, p, 3))
+        self.witness = np.zeros((n, g, p, 3))
+        self._frames = np.zeros((n, g, 3, 3))
+        self._ends = np.zeros_like(ends)
+
+    def _drift(self, kin: Kinematics, ends: Array, moved: npt.NDArray[np.intp]) -> None:
+        """Lower the bounds of moved nodes by how far any point of each body can have moved."""
+        shift = np.sqrt(((ends[moved] - self._ends[moved]) ** 2).sum(axis=3)).max(axis=2)
+        turn = self._rotations(kin, moved) - self._frames[moved]
+        shift += self.bodies.radius * np.sqrt(0.5 * np.einsum("ngij,ngij->ng", turn, turn))
+        shift[np.isnan(shift)] = _FAR
+        if len(moved) == len(self.bound):
+            self.bound -= shift[:, :, None]
+            self._since += shift[:, :, None]
+        else:
+            self.bound[moved] -= shift[:, :, None]
+            self._since[moved] += shift[:, :, None]
+
+    def _rotations(self, kin: Kinematics, nodes: npt.NDArray[np.intp]) -> Array:
+        return kin.T[self.bodies.joint[None, :], nodes[:, None]][..., :3]
+
+    def _remember(self, kin: Kinematics, ends: Array, moved: npt.NDArray[np.intp] | None) -> None:
+        self._ends = ends
+        if moved is None:
+            self._frames = self._rotations(kin, np.arange(kin.n))
+            self._chart = kin.chart[: kin.n].copy()
+        elif len(moved):
+            self._frames[moved] = self._rotations(kin, moved)
+            self._chart[moved] = kin.chart[moved]
+
+    def refine(self, kin: Kinematics, reach: float, mask: Array | None = None) -> None:
+        """Make every pair exact whose bound is below ``reach`` [m] and that moved since it was asked.
+
+        Args:
+            kin: kinematics of the nodes.
+            reach: distance below which to ask [m].
+            mask: (N, G, P) pairs to look at; all where None.
+        """
+        window = self.window
+        assert window is not None
+        need = (self.bound < reach) & (self._since > self.tolerance)
+        if mask is not None:
+            need &= mask
+        self.pairs = need.size
+        node, body, part = np.nonzero(need)
+        self.asked = 0
+        if len(node) == 0:
+            return
+        middle = 0.5 * (self._ends[node, body, 0] + self._ends[node, body, 1])
+        half = 0.5 * np.sqrt(((self._ends[node, body, 1] - self._ends[node, body, 0]) ** 2).sum(axis=1))
+        cheap = window.box_distance(middle, part) - half - self.bodies.radius[body]
+        far = cheap >= reach
+        self.bound[node[far], body[far], part[far]] = cheap[far]
+        self.exact[node[far], body[far], part[far]] = np.inf
+        self._since[node[far], body[far], part[far]] = _FAR
+        near = ~far
+        node, body, part = node[near], body[near], part[near]
+        self.asked = len(node)
+        if len(node) == 0:
+            return
+        distance, direction, witness = self.narrow.query(
+            kin, node, body, part, window.parts, window.transforms, window.rotation, window.translation,
+            max(reach, self.influence),
+        )  # fmt: skip
+        self.exact[node, body, part] = distance
+        self.bound[node, body, part] = distance - GJK_EXCESS
+        self._since[node, body, part] = 0.0
+        self.direction[node, body, part] = direction
+        self.witness[node, body, part] = witness
+
+    def contacts(self) -> Contacts:
+        """All pairs within the influence distance, exact to the tolerance."""
+        node, body, part = np.nonzero((self.exact < self.influence) & (self._since <= self.tolerance))
+        return Contacts(
+            node, body, part, self.exact[node, body, part], self.direction[node, body, part], self.witness[node, body, part]
+        )
+
+    def clearance(self) -> Array:
+        """Lower bound (N, G) [m] of each body's distance to any obstacle, capped at the influence distance."""
+        if self.bound.shape[2] == 0:
+            return np.full(self.bound.shape[:2], self.influence)
+        return np.minimum(self.bound.min(axis=2), self.influence)
+
+    def obstacle_name(self, part: int) -> str:
+        """Name of the obstacle that a window column belongs to."""
+        assert self.window is not None
+        return self.window.scene.names[int(self.window.obstacle[part])]
+
+    def measure(
+        self,
+        kin: Kinematics,
+        node: npt.NDArray[np.intp],
+        body: npt.NDArray[np.intp],
+        part: npt.NDArray[np.intp],
+        need: Array,
+    ) -> Array:
+        """Lower bounds (K,) [m] at configurations that are no nodes of the strip (those of ``kin``).
+
+        Args:
+            kin: kinematics of these configurations.
+            node, body, part: (K,) triples; ``part`` counts in the window.
+            need: (K,) a bound at least this large is good enough, so that the box test may do.
+        """
+        window = self.window
+        assert window is not None
+        frame = kin.T[self.bodies.joint[body], node]
+        ends = np.matmul(frame[:, None, :, :3], self.bodies.ends[body][..., None])[..., 0] + frame[:, None, :, 3]
+        half = 0.5 * np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
+        bound = window.box_distance(ends.mean(axis=1), part) - half - self.bodies.radius[body]
+        ask = np.flatnonzero(bound < need)
+        if len(ask):
+            ask = ask[np.lexsort((body[ask], node[ask]))]
+            bound[ask] = self.narrow.query(
+                kin, node[ask], body[ask], part[ask], window.parts, window.transforms, window.rotation,
+                window.translation, -np.inf,
+            )[0] - GJK_EXCESS  # fmt: skip
+        return bound

@@ -1,0 +1,177 @@
+"""Self proximity: the distances between the robot's own links along a strip, with the same kind of bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from ..robot import Kinematics
+from ..robot.space import Array
+from .bodies import BodySet
+from .bounds import MotionBounds
+from .narrowphase import GJK_EXCESS
+
+_FAR = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class SelfContacts:
+    """Self pairs of a strip within the self influence distance.
+
+    Attributes:
+        node, pair: (K,) indices.
+        distance: (K,) [m].
+        direction: (K, 3) unit vectors that move the first body away from the second.
+        first, second: (K, 3) witness points on the two bodies [m].
+    """
+
+    node: npt.NDArray[np.intp]
+    pair: npt.NDArray[np.intp]
+    distance: Array
+    direction: Array
+    first: Array
+    second: Array
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+
+class SelfProximity:
+    """Workspace: bounds on the distances of self pairs, exact below the influence distance.
+
+    Args:
+        bodies: the robot's links.
+        pairs: (S, 2) index pairs of bodies.
+        bounds: motion radii of ``bodies``.
+        influence: distances below this [m] are computed exactly.
+        tolerance: an exact distance is asked again after this much relative motion [m].
+    """
+
+    def __init__(
+        self,
+        bodies: BodySet,
+        pairs: npt.NDArray[np.intp],
+        bounds: MotionBounds,
+        *,
+        influence: float,
+        tolerance: float = 1e-4,
+    ) -> None:
+        self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance
+        self.radius = bounds.pair_radius(pairs)
+        self.asked = 0
+        self.queries = 0
+        s = len(pairs)
+        self._chart = np.zeros((0, 0))
+        self.bound = np.zeros((0, s))
+        self.exact = np.zeros((0, s))
+        self.direction = np.zeros((0, s, 3))
+        self.first = np.zeros((0, s, 3))
+        self.second = np.zeros((0, s, 3))
+        self._since = np.zeros((0, s))
+        self._functors = [
+            coal.ComputeDistance(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs
+        ]
+        self._request, self._result = coal.DistanceRequest(True), coal.DistanceResult()
+        self._one, self._two = coal.Transform3s(), coal.Transform3s()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._chart = np.zeros((0, 0))
+
+    def remap(self, source: npt.NDArray[np.intp]) -> None:
+        """Carry over to a strip whose node i was node ``source[i]``; −1 marks a new node."""
+        if len(self._chart) == 0:
+            return
+        take, new = np.maximum(source, 0), source < 0
+        for name in ("_chart", "bound", "exact", "direction", "first", "second", "_since"):
+            setattr(self, name, getattr(self, name)[take])
+        self.bound[new] = -_FAR
+        self._since[new] = _FAR
+        self._chart[new] = np.nan
+
+    def update(self, kin: Kinematics) -> None:
+        """Bring bounds and exact distances up to date with the nodes of ``kin``."""
+        chart = kin.chart[: kin.n]
+        if self._chart.shape != chart.shape:
+            n, s = kin.n, len(self.pairs)
+            self.bound = np.full((n, s), -_FAR)
+            self._since = np.full((n, s), _FAR)
+            self.exact = np.full((n, s), np.inf)
+            self.direction = np.zeros((n, s, 3))
+            self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3))
+        else:
+            b = self.bodies.tree.space.base_nv
+            delta = np.abs(chart[:, b:] - self._chart[:, b:])
+            shift = delta @ self.radius[b:]
+            shift[np.isnan(shift)] = _FAR
+            self.bound -= shift
+            self._since += shift
+        self._chart = chart.copy()
+        self.refine(kin, self.influence)
+
+    def refine(self, kin: Kinematics, reach: float) -> None:
+        """Make every pair exact whose bound is below ``reach`` and that moved since it was asked."""
+        node, pair = np.nonzero((self.bound < reach) & (self._since > self.tolerance))
+        self.asked = 0
+        if len(node) == 0:
+            return
+        one, two = self.pairs[pair, 0], self.pairs[pair, 1]
+        cheap = self._cheap(kin, node, one, two)
+        far = cheap >= reach
+        self.bound[node[far], pair[far]] = cheap[far]
+        self._since[node[far], pair[far]] = _FAR
+        self.exact[node[far], pair[far]] = np.inf
+        node, pair = node[~far], pair[~far]
+        self.asked = len(node)
+        if len(node) == 0:
+            return
+        distance, direction, first, second = self.query(kin, node, pair)
+        self.exact[node, pair] = distance
+        self.bound[node, pair] = distance - GJK_EXCESS
+        self._since[node, pair] = 0.0
+        self.direction[node, pair] = direction
+        self.first[node, pair], self.second[node, pair] = first, second
+
+    def _cheap(
+        self, kin: Kinematics, node: npt.NDArray[np.intp], one: npt.NDArray[np.intp], two: npt.NDArray[np.intp]
+    ) -> Array:
+        """Lower bound by the spheres about the capsules' middles."""
+        bodies = self.bodies
+        middle = 0.5 * (bodies.ends[:, 0] + bodies.ends[:, 1])
+        half = 0.5 * np.linalg.norm(bodies.ends[:, 1] - bodies.ends[:, 0], axis=1) + bodies.radius
+        at = []
+        for body in (one, two):
+            frame = kin.T[bodies.joint[body], node]
+            at.append(np.matmul(frame[..., :3], middle[body][..., None])[..., 0] + frame[..., 3])
+        return np.linalg.norm(at[0] - at[1], axis=1) - half[one] - half[two]
+
+    def query(
+        self, kin: Kinematics, node: npt.NDArray[np.intp], pair: npt.NDArray[np.intp]
+    ) -> tuple[Array, Array, Array, Array]:
+        """Exact signed distances (K,), directions (K, 3) and witness points (K, 3) ×2 of (node, pair)."""
+        count = len(node)
+        self.queries += count
+        distance = np.empty(count)
+        direction, first, second = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
+        r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
+        r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])
+        result = self._result
+        for k, s in enumerate(pair.tolist()):
+            self._one.setTransform(r1[k], t1[k])
+            self._two.setTransform(r2[k], t2[k])
+            result.clear()
+            distance[k] = self._functors[s](self._one, self._two, self._request, result)
+            direction[k] = result.normal
+            first[k] = result.getNearestPoint1()
+            second[k] = result.getNearestPoint2()
+        return distance, -direction, first, second
+
+    def contacts(self) -> SelfContacts:
+        """All self pairs within the influence distance."""
+        node, pair = np.nonzero((self.exact < self.influence) & (self._since <= self.tolerance))
+        return SelfContacts(
+            node, pair, self.exact[node, pair], self.direction[node, pair], self.first[node, pair], self.second[node, pair]
+        )

@@ -1,0 +1,23 @@
+"""Robots: URDF files and Pinocchio models become frozen :class:`RobotModel` values."""
+
+from .base import BaseKind
+from .control_points import ControlPoints
+from .geometry import Capsule, LinkGeometry
+from .kinematics import Kinematics, KinematicTree
+from .loading import load_robot, robot_names, robot_summary
+from .model import RobotModel
+from .space import ConfigurationSpace
+
+__all__ = [
+    "BaseKind",
+    "Capsule",
+    "ConfigurationSpace",
+    "ControlPoints",
+    "KinematicTree",
+    "Kinematics",
+    "LinkGeometry",
+    "RobotModel",
+    "load_robot",
+    "robot_names",
+    "robot_summary",
+]

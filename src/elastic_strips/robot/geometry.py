@@ -1,0 +1,249 @@
+"""Collision geometry of a robot: meshes become convex hulls that contain them, every shape gets a bounding capsule.
+
+``BVHModel`` of Coal is hollow, so no mesh may reach the distance queries as such. What is contained in another shape of
+the same body is dropped and hulls that hardly grow by being joined are joined: both keep containment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ..errors import RobotError
+from .space import Array
+
+_CIRCLE = np.column_stack((np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)),
+                           np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False))))
+_CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """A sphere-swept segment [a, b] of radius r [m] that contains a shape; points in some frame."""
+
+    a: Array
+    b: Array
+    r: float
+
+
+@dataclass(frozen=True, slots=True)
+class LinkGeometry:
+    """One convex piece of the robot.
+
+    Attributes:
+        name: the collision object's name in the URDF (joined names for a joined hull).
+        links: names of the URDF links that it covers.
+        joint: index of the Pinocchio joint that carries it; 0 is the world.
+        geometry: Coal shape.
+        placement: (4, 4) pose of the shape in the joint's frame.
+        capsule: a capsule that contains it, in the joint's frame.
+    """
+
+    name: str
+    links: tuple[str, ...]
+    joint: int
+    geometry: coal.CollisionGeometry
+    placement: Array
+    capsule: Capsule
+
+
+def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
+    """Convex hull of points (V, 3) as a Coal shape.
+
+    Raises:
+        RobotError: the points are fewer than four or flat.
+    """
+    points = np.unique(np.asarray(vertices, dtype=float).round(12), axis=0)
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) >= 4 else np.zeros(3)
+    if len(points) < 4 or spread[-1] < 1e-9:
+        raise RobotError(f"{name}: {len(points)} distinct vertices without volume; a convex hull needs 4, not coplanar")
+    store = coal.StdVec_Vec3s()
+    store.extend([p for p in points])
+    hull = coal.Convex.convexHull(store, True, "Qt")
+    hull.computeLocalAABB()
+    return hull
+
+
+def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
+    """Points (V, 3) and a radius [m] whose sphere-swept convex hull contains the shape, in the shape's frame.
+
+    Raises:
+        RobotError: the shape has no convex description here.
+    """
+    if isinstance(geometry, coal.Sphere):
+        return np.zeros((1, 3)), float(geometry.radius)
+    if isinstance(geometry, coal.Capsule):
+        h = geometry.halfLength
+        return np.array([[0, 0, -h], [0, 0, h]]), float(geometry.radius)
+    if isinstance(geometry, coal.Box):
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        return signs * np.asarray(geometry.halfSide), 0.0
+    if isinstance(geometry, (coal.Cylinder, coal.Cone)):
+        ring = _CIRCLE * (float(geometry.radius) * _CIRCUMSCRIBED)
+        h = geometry.halfLength
+        low = np.column_stack((ring, np.full(len(ring), -h)))
+        if isinstance(geometry, coal.Cone):
+            return np.vstack((low, [[0, 0, h]])), 0.0
+        return np.vstack((low, low + [0, 0, 2 * h])), 0.0
+    if isinstance(geometry, coal.Ellipsoid):
+        return support_points(coal.Box(*(2 * np.asarray(geometry.radii))))
+    if isinstance(geometry, coal.ConvexBase):
+        return np.asarray(geometry.points()).reshape(-1, 3).copy(), 0.0
+    if isinstance(geometry, coal.BVHModelBase):
+        return np.asarray(geometry.vertices()).reshape(-1, 3).copy(), 0.0
+    raise RobotError(
+        f"collision shape {type(geometry).__name__} is not supported. "
+        "Valid: Box, Sphere, Cylinder, Capsule, Cone, Ellipsoid, Convex, mesh."
+    )
+
+
+def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:
+    """A small capsule that contains the spheres of ``radius`` [m] about ``points`` (V, 3)."""
+    if len(points) == 1:
+        return Capsule(points[0].copy(), points[0].copy(), radius)
+    center = points.mean(axis=0)
+    axes = np.vstack((np.linalg.svd(points - center, full_matrices=False)[2], np.eye(3)))
+    best: tuple[float, Capsule] | None = None
+    for axis in axes:
+        along = points @ axis
+        flat = points - along[:, None] * axis
+        middle = 0.5 * (flat.max(axis=0) + flat.min(axis=0))
+        middle -= (middle @ axis) * axis
+        rho = np.linalg.norm(flat - middle, axis=1)
+        r = float(rho.max())
+        reach = np.sqrt(np.maximum(r * r - rho * rho, 0.0))
+        low, high = float((along + reach).min()), float((along - reach).max())
+        if low > high:
+            low = high = 0.5 * (low + high)
+            r = float(np.sqrt(rho**2 + (along - low) ** 2).max())
+        volume = np.pi * r * r * (high - low) + 4.0 / 3.0 * np.pi * r**3
+        if best is None or volume < best[0]:
+            best = (volume, Capsule(middle + low * axis, middle + high * axis, r + radius + 1e-9))
+    assert best is not None
+    return best[1]
+
+
+def _inside(points: Array, radius: float, shape: coal.CollisionGeometry) -> bool:
+    """Whether the spheres about ``points`` (in the shape's frame) all lie inside a convex shape."""
+    if radius > 0 or len(points) > 400:
+        return False
+    if isinstance(shape, coal.Box):
+        return bool(np.all(np.abs(points) <= np.asarray(shape.halfSide) + 1e-9))
+    if isinstance(shape, coal.Sphere):
+        return bool(np.all(np.linalg.norm(points, axis=1) <= shape.radius + 1e-9))
+    if isinstance(shape, coal.Cylinder):
+        return bool(
+            np.all(np.linalg.norm(points[:, :2], axis=1) <= shape.radius + 1e-9)
+            and np.all(np.abs(points[:, 2]) <= shape.halfLength + 1e-9)
+        )
+    if isinstance(shape, coal.ConvexBase):
+        from scipy.spatial import ConvexHull
+
+        hull = ConvexHull(np.asarray(shape.points()).reshape(-1, 3))
+        return bool(np.all(hull.equations[:, :3] @ points.T + hull.equations[:, 3:] <= 1e-9))
+    return False
+
+
+def _transformed(points: Array, T: Array) -> Array:
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def _piece(name: str, links: tuple[str, ...], joint: int, shape: coal.CollisionGeometry, T: Array) -> LinkGeometry:
+    points, radius = support_points(shape)
+    return LinkGeometry(name, links, joint, shape, T, bounding_capsule(_transformed(points, T), radius))
+
+
+def _hull_volume(points: Array) -> float:
+    from scipy.spatial import ConvexHull
+
+    return float(ConvexHull(points).volume)
+
+
+def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_ratio: float = 1.15) -> list[LinkGeometry]:
+    """The convex pieces of a collision model: meshes as hulls, contained ones dropped, neighbours joined.
+
+    Args:
+        model: the planned model.
+        collision: its collision geometry, meshes as Coal loads them.
+        join_ratio: two mesh hulls of a body are joined where the joint hull's volume is at most this many times their
+            sum (or the smaller is under a tenth of a litre); robots of primitives only are left as they are.
+
+    Raises:
+        RobotError: an unsupported shape, or a mesh without volume.
+    """
+    pieces: list[LinkGeometry] = []
+    meshes = False
+    for obj in collision.geometryObjects:
+        shape, T = obj.geometry, np.array(obj.placement.homogeneous)
+        link = model.frames[obj.parentFrame].name if obj.parentFrame < len(model.frames) else obj.name
+        points, radius = support_points(shape)
+        if isinstance(shape, coal.BVHModelBase):
+            meshes = True
+            shape = convex_from_vertices(points, name=f"{obj.name} ({obj.meshPath})")
+        elif isinstance(shape, coal.Ellipsoid):
+            shape = coal.Box(*(2 * np.asarray(shape.radii)))
+        shape.computeLocalAABB()
+        pieces.append(_piece(obj.name, (link,), obj.parentJoint, shape, T))
+    if not meshes:
+        return pieces
+    return _joined(_without_contained(pieces), join_ratio)
+
+
+def _without_contained(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
+    dropped: set[int] = set()
+    links = {i: set(p.links) for i, p in enumerate(pieces)}
+    for i, p in enumerate(pieces):
+        points, radius = support_points(p.geometry)
+        if radius > 0:  # a sphere or capsule: test the box about it
+            low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
+            points = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+        world = _transformed(points, p.placement)
+        for k, other in enumerate(pieces):
+            if k == i or k in dropped or other.joint != p.joint:
+                continue
+            T = np.linalg.inv(other.placement)
+            if _inside(_transformed(world, T), 0.0, other.geometry):
+                dropped.add(i)
+                links[k] |= links[i]
+                break
+    return [
+        LinkGeometry(p.name, tuple(sorted(links[i])), p.joint, p.geometry, p.placement, p.capsule)
+        for i, p in enumerate(pieces)
+        if i not in dropped
+    ]
+
+
+def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
+    pieces = list(pieces)
+    while True:
+        best: tuple[float, int, int, Array] | None = None
+        for i in range(len(pieces)):
+            for k in range(i + 1, len(pieces)):
+                if pieces[i].joint != pieces[k].joint:
+                    continue
+                clouds, volumes = [], []
+                for p in (pieces[i], pieces[k]):
+                    points, radius = support_points(p.geometry)
+                    if radius > 0:
+                        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+                        points = (points[:, None, :] + radius * signs[None]).reshape(-1, 3)
+                    points = _transformed(points, p.placement)
+                    clouds.append(points)
+                    volumes.append(_hull_volume(points))
+                cloud = np.vstack(clouds)
+                grown = _hull_volume(cloud) - sum(volumes)
+                if grown > (ratio - 1.0) * sum(volumes) and grown > 2.5e-4:
+                    continue
+                if best is None or grown < best[0]:
+                    best = (grown, i, k, cloud)
+        if best is None:
+            return pieces
+        _, i, k, cloud = best
+        links = tuple(sorted(set(pieces[i].links) | set(pieces[k].links)))
+        name = f"{pieces[i].name}+{pieces[k].name}"
+        hull = convex_from_vertices(cloud, name=name)
+        joined = _piece(name, links, pieces[i].joint, hull, np.eye(4))
+        pieces = [p for j, p in enumerate(pieces) if j not in (i, k)] + [joined]

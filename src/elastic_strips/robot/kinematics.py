@@ -1,0 +1,191 @@
+"""Batched kinematics: the placements and Jacobian columns of a whole strip, in preallocated arrays.
+
+One call of Pinocchio handles one configuration, and reading its results costs more than computing them. This twin walks
+the same tree once for all nodes; tests prove it equal to ``pin.forwardKinematics`` and ``pin.computeJointJacobians``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from .space import Array, ConfigurationSpace
+
+
+def _rotation_to_axis(axis: Array) -> Array:
+    """A rotation (3, 3) whose third column is ``axis``."""
+    z = axis / np.linalg.norm(axis)
+    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack((x, np.cross(z, x), z))
+
+
+@dataclass(frozen=True, slots=True)
+class KinematicTree:
+    """A Pinocchio model's joints as plain arrays, each joint's frame turned so that it moves about or along its z.
+
+    Attributes:
+        space: the configuration space.
+        parents: (njoints,) parent joint index; 0 is the universe.
+        offset: (njoints, 4, 4) placement of each aligned joint frame in its parent's aligned frame.
+        align: (njoints, 3, 3) rotation from the aligned frame to Pinocchio's joint frame axes.
+        prismatic: (njoints,) True for joints that slide.
+        chart_index: (njoints,) chart column of each single-dof joint (−1 for universe and planar root).
+        support: (njoints, nv) True where a degree of freedom moves the joint's body.
+    """
+
+    space: ConfigurationSpace
+    parents: npt.NDArray[np.intp]
+    offset: Array
+    align: Array
+    prismatic: npt.NDArray[np.bool_]
+    chart_index: npt.NDArray[np.intp]
+    support: npt.NDArray[np.bool_]
+
+    @staticmethod
+    def from_model(model: pin.Model, space: ConfigurationSpace) -> KinematicTree:
+        n = model.njoints
+        data = model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        align = np.tile(np.eye(3), (n, 1, 1))
+        prismatic = np.zeros(n, dtype=bool)
+        chart_index = np.full(n, -1, dtype=np.intp)
+        support = np.zeros((n, model.nv), dtype=bool)
+        for i in range(1, n):
+            joint = model.joints[i]
+            support[i] = support[model.parents[i]]
+            support[i, joint.idx_v : joint.idx_v + joint.nv] = True
+            if space.planar and i == 1:
+                continue
+            column = data.oMi[i].actInv(pin.Motion(data.J[:, joint.idx_v])).vector
+            prismatic[i] = bool(np.linalg.norm(column[3:]) < 0.5)
+            align[i] = _rotation_to_axis(column[:3] if prismatic[i] else column[3:])
+            chart_index[i] = joint.idx_v
+        offset = np.tile(np.eye(4), (n, 1, 1))
+        parents = np.asarray([model.parents[i] for i in range(n)], dtype=np.intp)
+        for i in range(1, n):
+            placement = model.jointPlacements[i]
+            to_parent = align[parents[i]].T
+            offset[i, :3, :3] = to_parent @ placement.rotation @ align[i]
+            offset[i, :3, 3] = to_parent @ placement.translation
+        return KinematicTree(space, parents, offset, align, prismatic, chart_index, support)
+
+    def to_aligned(self, joint: int, T_joint: Array) -> Array:
+        """A placement (4, 4) given in Pinocchio's joint frame, expressed in the aligned frame."""
+        out = np.array(T_joint, dtype=float)
+        out[:3] = self.align[joint].T @ out[:3]
+        return out
+
+
+class Kinematics:
+    """Workspace: aligned joint placements and world Jacobian columns of up to ``capacity`` nodes.
+
+    Attributes (valid for the first ``n`` nodes after :meth:`update`):
+        T: (njoints, capacity, 3, 4) world placements of the aligned joint frames; T[0] is the identity.
+        J: (capacity, nv, 6) world spatial Jacobian columns as rows, [linear, angular] at the world origin: ``data.J.T``.
+        chart: (capacity, nv) the configurations.
+    """
+
+    def __init__(self, tree: KinematicTree, capacity: int = 64) -> None:
+        self.tree = tree
+        self.n = 0
+        self._allocate(capacity)
+
+    def _allocate(self, capacity: int) -> None:
+        n, nv = len(self.tree.parents), self.tree.space.nv
+        self.capacity = capacity
+        self.T = np.zeros((n, capacity, 3, 4))
+        self.T[:, :, 0, 0] = self.T[:, :, 1, 1] = self.T[:, :, 2, 2] = 1.0
+        self.J = np.zeros((capacity, nv, 6))
+        self.chart = np.zeros((capacity, nv))
+        if self.tree.space.planar:
+            self.J[:, 2, 5] = 1.0
+
+    def update(self, chart: Array, *, jacobians: bool = True) -> None:
+        """Compute placements (and Jacobian columns) of the chart rows (N, nv)."""
+        n = len(chart)
+        if n > self.capacity:
+            self._allocate(max(n, 2 * self.capacity))
+        self.n = n
+        self.chart[:n] = chart
+        tree, T = self.tree, self.T
+        cos, sin = np.cos(chart), np.sin(chart)
+        for i in range(1, len(tree.parents)):
+            k = tree.chart_index[i]
+            parent = T[tree.parents[i], :n]
+            if k < 0:
+                base = T[i, :n]
+                base[:, 0, 0] = base[:, 1, 1] = cos[:, 2]
+                base[:, 1, 0] = sin[:, 2]
+                np.negative(sin[:, 2], out=base[:, 0, 1])
+                base[:, :2, 3] = chart[:, :2]
+                base[:, 2, 3] = 0.0
+                continue
+            frame = parent.reshape(3 * n, 4) @ tree.offset[i]
+            frame = frame.reshape(n, 3, 4)
+            out = T[i, :n]
+            if tree.prismatic[i]:
+                out[:] = frame
+                out[:, :, 3] += frame[:, :, 2] * chart[:, k, None]
+            else:
+                c, s = cos[:, k, None], sin[:, k, None]
+                x, y = frame[:, :, 0], frame[:, :, 1]
+                out[:, :, 0] = c * x + s * y
+                out[:, :, 1] = c * y - s * x
+                out[:, :, 2:] = frame[:, :, 2:]
+        if jacobians:
+            self._columns(n)
+
+    def _columns(self, n: int) -> None:
+        tree, T, J = self.tree, self.T, self.J
+        if tree.space.planar:
+            base = T[1, :n]
+            J[:n, 0, :2] = base[:, :2, 0]
+            J[:n, 1, :2] = base[:, :2, 1]
+            J[:n, 2, 0] = base[:, 1, 3]
+            np.negative(base[:, 0, 3], out=J[:n, 2, 1])
+        single = np.flatnonzero(tree.chart_index >= 0)
+        if len(single) == 0:
+            return
+        frames = T[single, :n]
+        axis, origin = frames[..., 2], frames[..., 3]
+        moment = np.empty_like(axis)  # origin × axis
+        moment[..., 0] = origin[..., 1] * axis[..., 2] - origin[..., 2] * axis[..., 1]
+        moment[..., 1] = origin[..., 2] * axis[..., 0] - origin[..., 0] * axis[..., 2]
+        moment[..., 2] = origin[..., 0] * axis[..., 1] - origin[..., 1] * axis[..., 0]
+        columns = tree.chart_index[single]
+        sliding = tree.prismatic[single]
+        if sliding.any():
+            linear = np.where(sliding[:, None, None], axis, moment)
+            angular = np.where(sliding[:, None, None], 0.0, axis)
+        else:
+            linear, angular = moment, axis
+        J[:n, columns, :3] = linear.transpose(1, 0, 2)
+        J[:n, columns, 3:] = angular.transpose(1, 0, 2)
+
+    def points(self, joints: npt.NDArray[np.intp], local: Array) -> Array:
+        """World positions (N, P, 3) of points fixed to aligned joint frames: ``joints`` (P,), ``local`` (P, 3)."""
+        frames = self.T[joints, : self.n]
+        out = np.matmul(frames[..., :3], local[:, None, :, None])[..., 0] + frames[..., 3]
+        return out.transpose(1, 0, 2)
+
+    def point_jacobians(self, node: npt.NDArray[np.intp], joint: npt.NDArray[np.intp], point: Array) -> Array:
+        """LOCAL_WORLD_ALIGNED point Jacobians (K, 3, nv) at world points (K, 3) carried by ``joint`` of ``node``."""
+        columns = self.J[node]
+        linear = columns[..., :3] + np.cross(columns[..., 3:], point[:, None, :])
+        return (linear * self.tree.support[joint][..., None]).transpose(0, 2, 1)
+
+    def directional(
+        self, node: npt.NDArray[np.intp], joint: npt.NDArray[np.intp], point: Array, direction: Array
+    ) -> Array:
+        """Rows nᵀJ (K, nv) of the point Jacobians at world points (K, 3) along directions (K, 3)."""
+        wrench = np.empty((len(node), 6, 1))
+        wrench[:, :3, 0] = direction
+        wrench[:, 3, 0] = point[:, 1] * direction[:, 2] - point[:, 2] * direction[:, 1]
+        wrench[:, 4, 0] = point[:, 2] * direction[:, 0] - point[:, 0] * direction[:, 2]
+        wrench[:, 5, 0] = point[:, 0] * direction[:, 1] - point[:, 1] * direction[:, 0]
+        return np.matmul(self.J[node], wrench)[..., 0] * self.tree.support[joint]

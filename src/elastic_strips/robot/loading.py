@@ -1,0 +1,174 @@
+"""load_robot: a robot by name or from a URDF file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy.typing as npt
+
+from ..errors import RobotError, nearest_name
+from ..resources import urdf_dir
+from .base import BaseKind
+from .model import RobotModel, model_from_urdf
+from .srdf import read_srdf
+from .urdf import UrdfSource, read_urdf
+
+
+@dataclass(frozen=True, slots=True)
+class KnownRobot:
+    """A robot that can be loaded by its name."""
+
+    summary: str
+    base: BaseKind
+    planned: tuple[str, ...] | None
+    home: Mapping[str, float]
+    hand_frame: str | None
+
+    def files(self, name: str) -> tuple[Path, Path | None, tuple[Path, ...]]:
+        """URDF, SRDF and package folders."""
+        if name == "silvermate":
+            folder = urdf_dir()
+            return folder / "silvermate.urdf", folder / "silvermate.srdf", (folder,)
+        share = _example_robot_data()
+        return share / "example-robot-data/robots/tiago_description/robots/tiago.urdf", None, (share,)
+
+
+_TIAGO_HOME = {
+    "torso_lift_joint": 0.15, "arm_1_joint": 0.2, "arm_2_joint": -1.34, "arm_3_joint": -0.2,
+    "arm_4_joint": 1.94, "arm_5_joint": -1.57, "arm_6_joint": 1.37, "arm_7_joint": 0.0,
+}  # fmt: skip
+
+_KNOWN = {
+    "silvermate": KnownRobot(
+        "the paper's robot: round differential-drive base, 7-DOF arm",
+        BaseKind.DIFF_DRIVE, None, {}, "hand_frame",
+    ),
+    "tiago": KnownRobot(
+        "PAL Robotics' TIAGo of example-robot-data: differential drive, lift, 7-DOF arm",
+        BaseKind.DIFF_DRIVE, tuple(_TIAGO_HOME), _TIAGO_HOME, "hand_palm_link",
+    ),
+}  # fmt: skip
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names that :func:`load_robot` knows."""
+    return tuple(_KNOWN)
+
+
+def robot_summary(name: str) -> str:
+    """One line about a named robot."""
+    return _KNOWN[name].summary
+
+
+def load_robot(
+    name_or_path: str | Path,
+    *,
+    base: str | BaseKind | None = None,
+    srdf: str | Path | None = None,
+    control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None = None,
+    locked: Mapping[str, float] | None = None,
+    package_dirs: tuple[str | Path, ...] = (),
+) -> RobotModel:
+    """Load a robot by name (``"silvermate"``, ``"tiago"``) or from a URDF file.
+
+    Args:
+        name_or_path: a name, or a path that ends in ``.urdf`` or holds a separator.
+        base: ``"diff_drive"``, ``"omni"`` or ``"fixed"``; by default the named robot's own, and ``"diff_drive"`` for a file.
+        srdf: SRDF file with the link pairs to ignore and, as ``group_state`` named ``home``, the home posture.
+        control_points: name → frame, or name → (frame, offset [m]); by default the joints' origins and the hand.
+        locked: joint → value held still; by default the wheels (continuous joints named ``*wheel*`` or ``*caster*``) and
+            mimic joints of a file, and what is neither lift nor arm of TIAGo. ``{}`` locks only what cannot be planned.
+        package_dirs: folders to search for ``package://`` meshes.
+
+    Raises:
+        RobotError: unknown name, or a fault in a file; the message names file, element and alternatives.
+    """
+    text = str(name_or_path)
+    if text in _KNOWN:
+        return _load_named(text, base, srdf, control_points, locked, package_dirs)
+    path = Path(text).expanduser()
+    if path.suffix.lower() not in (".urdf", ".xml") and "/" not in text and not path.exists():
+        raise RobotError(f"unknown robot {text!r}{nearest_name(text, _KNOWN)} Or give the path of a URDF file.")
+    kind = BaseKind.DIFF_DRIVE if base is None else BaseKind.parse(base)
+    source = read_urdf(path, package_dirs=package_dirs)
+    return _build(source, kind, srdf, control_points, locked, home={}, hand=None, name=path.stem)
+
+
+def _load_named(
+    name: str,
+    base: str | BaseKind | None,
+    srdf: str | Path | None,
+    control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None,
+    locked: Mapping[str, float] | None,
+    package_dirs: tuple[str | Path, ...],
+) -> RobotModel:
+    known = _KNOWN[name]
+    urdf, own_srdf, folders = known.files(name)
+    kind = known.base if base is None else BaseKind.parse(base)
+    source = read_urdf(urdf, package_dirs=(*package_dirs, *folders))
+    if locked is None and known.planned is not None:
+        moving = _moving_joints(source)
+        locked = {j: _clip(0.0, source, j) for j in sorted(moving - set(known.planned))}
+    return _build(
+        source, kind, srdf or own_srdf, control_points, locked, home=known.home, hand=known.hand_frame, name=name
+    )
+
+
+def _build(
+    source: UrdfSource,
+    kind: BaseKind,
+    srdf: str | Path | None,
+    control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None,
+    locked: Mapping[str, float] | None,
+    *,
+    home: Mapping[str, float],
+    hand: str | None,
+    name: str,
+) -> RobotModel:
+    semantics = None
+    if srdf is not None:
+        semantics = read_srdf(srdf, links=set(source.links), joints=set(source.joints))
+        home = {**home, **semantics.states.get("home", {})}
+    model, collision, visual = model_from_urdf(source.path, kind, source.package_dirs)
+    if locked is None:
+        wheels = {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
+        locked = {j: home.get(j, _clip(0.0, source, j)) for j in sorted(wheels | source.mimic) if model.existJointName(j)}
+    home = {j: v for j, v in home.items() if j not in locked and model.existJointName(j)}
+    return RobotModel.from_pinocchio(
+        model, collision, visual,
+        base=kind, name=name, locked=locked, home=home,
+        disabled_pairs=None if semantics is None else semantics.disabled,
+        control_points=control_points, hand_frame=hand,
+        urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
+    )  # fmt: skip
+
+
+def _moving_joints(source: UrdfSource) -> set[str]:
+    return set(source.joint_limits) | set(source.continuous)
+
+
+def _clip(value: float, source: UrdfSource, joint: str) -> float:
+    low, high = source.joint_limits.get(joint, (-float("inf"), float("inf")))
+    return min(max(value, low), high)
+
+
+@cache
+def _example_robot_data() -> Path:
+    """The ``share`` folder that holds example-robot-data.
+
+    Raises:
+        RobotError: the package is not installed.
+    """
+    import sys
+
+    import cmeel
+
+    places = [Path(p) / "cmeel.prefix/share" for p in (*cmeel.__path__, *sys.path)]
+    places += [Path(p).parent / "cmeel.prefix/share" for p in cmeel.__path__]
+    for place in places:
+        if (place / "example-robot-data/robots").is_dir():
+            return place
+    raise RobotError("the package example-robot-data is not installed: pip install example-robot-data")

@@ -1,0 +1,192 @@
+"""Scene room, decomposition: a triangle mesh becomes convex pieces that together hold its whole surface.
+
+Distances to a triangle soup are hollow: a robot deep inside a closed mesh would look free. So meshes become solids:
+
+1. A mesh falls apart into its connected bodies. A closed body that is convex is one piece, exactly.
+2. A flat body becomes one thin plate per triangle, `PLATE` thick on either side.
+3. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore
+   each small piece of surface is given to the piece that it sticks out of least, and that piece grows to hold it: **the
+   pieces together hold every point of the surface** (to rounding, `TOLERANCE`). They may stick out of the mesh by about
+   as much as V-HACD's pieces had cut off, typically under 2 % of the body's size.
+
+A mesh that is not watertight is decomposed in the same way; the inside of an open body is free where it is reached from
+the outside. The result is deterministic, and is kept in memory: the same mesh is decomposed once per process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import threading
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull as _Qhull
+from scipy.spatial import QhullError
+
+from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.scene.checks import Array
+from elastic_strips.scene.parts import MIN_THICKNESS, flatness
+
+_log = logging.getLogger(__name__)
+
+TOLERANCE = 1e-7
+"""A surface point lies at most this far [m] (per metre of the mesh's size) outside of the union of the pieces."""
+
+PLATE = 1e-3
+"""A flat body becomes a plate that reaches this far [m] to either side."""
+
+MAX_MESH_BYTES = 200_000_000
+MAX_FACES = 500_000
+MAX_FLAT_FACES = 2_000
+SUFFIXES = (".dae", ".obj", ".ply", ".stl")
+
+_RESOLUTION = 50_000  # voxels of V-HACD
+_MAX_HULLS = 32
+_SPLIT = 1.0 / 24.0  # surface pieces are smaller than this share of the body's size
+_KEPT = 32  # meshes in memory
+
+Faces = NDArray[np.int64]
+_cache: OrderedDict[bytes, tuple[Array, ...]] = OrderedDict()
+_lock = threading.Lock()
+
+
+def convex_pieces(vertices: Array, faces: Faces) -> tuple[Array, ...]:
+    """Vertices (V_i, 3) [m] of convex pieces whose hulls together hold the surface of the mesh.
+
+    Args:
+        vertices: Vertices (V, 3) [m].
+        faces: Triangles (F, 3).
+    """
+    digest = hashlib.sha256(np.int64(len(vertices)).tobytes())
+    digest.update(np.ascontiguousarray(vertices, dtype=np.float64).tobytes())
+    digest.update(np.ascontiguousarray(faces, dtype=np.int64).tobytes())
+    key = digest.digest()
+    with _lock:
+        if key in _cache:
+            _cache.move_to_end(key)
+            return _cache[key]
+    pieces = tuple(_decompose(vertices, faces))
+    for piece in pieces:
+        piece.flags.writeable = False
+    with _lock:
+        _cache[key] = pieces
+        while len(_cache) > _KEPT:
+            _cache.popitem(last=False)
+    return pieces
+
+
+def load_mesh(path: Path) -> tuple[Array, Faces]:
+    """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file; `SceneError` says what is wrong."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise SceneError(f"{path}: mesh files of kind {suffix!r} are not read{nearest_name(suffix, SUFFIXES)}")
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as stream:
+            stream.read(1)
+    except OSError as error:
+        raise SceneError(f"{path}: cannot read the mesh file: {error.strerror or error}") from None
+    if not 0 < size <= MAX_MESH_BYTES:
+        raise SceneError(f"{path}: the mesh file has {size} bytes; it must have 1 to {MAX_MESH_BYTES}")
+    options: dict[str, Any] = {"skip_materials": True} if suffix == ".obj" else {}
+    try:
+        mesh = trimesh.load_mesh(str(path), process=False, **options)
+    except Exception as error:  # trimesh raises whatever its parsers trip over
+        raise SceneError(f"{path}: not a readable {suffix[1:].upper()} file: {type(error).__name__}: {error}") from None
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise SceneError(f"{path}: the file holds no triangles")
+    vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+    if not np.isfinite(vertices).all():
+        raise SceneError(f"{path}: the file holds vertices that are not finite")
+    return vertices, faces
+
+
+def _decompose(vertices: Array, faces: Faces) -> list[Array]:
+    if len(faces) > MAX_FACES:
+        raise SceneError(f"the mesh has {len(faces)} triangles; at most {MAX_FACES} are accepted: simplify it first")
+    mesh: Any = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    mesh.update_faces(mesh.nondegenerate_faces(height=1e-12))
+    if len(mesh.faces) == 0:
+        raise SceneError(f"the mesh has no triangle with an area ({len(faces)} triangles given)")
+    labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
+    pieces: list[Array] = []
+    for label in range(int(labels.max()) + 1):
+        body: Any = mesh.submesh([np.flatnonzero(labels == label)], append=True, repair=False)
+        pieces += _body(np.array(body.vertices), np.array(body.faces), body)
+    return pieces
+
+
+def _body(vertices: Array, faces: Faces, body: Any) -> list[Array]:
+    """Pieces of one connected body."""
+    if flatness(vertices) < MIN_THICKNESS:
+        return _plates(vertices, faces)
+    if body.is_watertight and _fills_hull(vertices, faces, abs(float(body.volume))):
+        return [vertices]
+    hulls = []
+    for found in trimesh.decomposition.convex_decomposition(
+        body, resolution=_RESOLUTION, maxConvexHulls=_MAX_HULLS, asyncACD=False
+    ):
+        corners = np.asarray(found["vertices"], dtype=np.float64)
+        if len(corners) >= 4 and np.isfinite(corners).all() and flatness(corners) >= MIN_THICKNESS:
+            hulls.append(corners)
+    if not hulls:
+        _log.warning("no convex decomposition of a body of %d triangles: its convex hull is used", len(faces))
+        return [vertices]
+    return _covering(vertices, faces, hulls)
+
+
+def _fills_hull(vertices: Array, faces: Faces, volume: float) -> bool:
+    """Whether the closed body is convex: all of its faces lie on its hull, and the volume is the hull's."""
+    try:
+        hull = _Qhull(vertices)
+    except QhullError:
+        return False
+    if abs(volume - hull.volume) > 1e-4 * hull.volume:
+        return False
+    depth = -(vertices[faces].mean(axis=1) @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+    return bool(depth.max() <= 1e-3 * np.ptp(vertices, axis=0).max())
+
+
+def _plates(vertices: Array, faces: Faces) -> list[Array]:
+    """One thin prism per triangle of a flat body."""
+    if len(faces) > MAX_FLAT_FACES:
+        raise SceneError(
+            f"a flat body has {len(faces)} triangles; at most {MAX_FLAT_FACES} are accepted: give it a thickness, "
+            "or simplify it"
+        )
+    corners = vertices[faces]  # (F, 3, 3)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal *= (PLATE / np.linalg.norm(normal, axis=1))[:, None]
+    return [np.vstack([abc + n, abc - n]) for abc, n in zip(corners, normal, strict=True)]
+
+
+def _covering(vertices: Array, faces: Faces, hulls: list[Array]) -> list[Array]:
+    """Grow ``hulls`` until they hold the surface: each small triangle goes to the hull that it sticks out of least."""
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    split: Any = trimesh.remesh.subdivide_to_size(vertices, faces, max_edge=_SPLIT * size, max_iter=20)
+    points, triangles = np.asarray(split[0]), np.asarray(split[1])
+    owner = np.zeros(len(triangles), dtype=np.int64)
+    least = np.full(len(triangles), np.inf)
+    for k, corners in enumerate(hulls):
+        equations = _Qhull(corners).equations
+        out = np.full(len(points), -np.inf)
+        for rows in range(0, len(points), 50_000):
+            block = slice(rows, rows + 50_000)
+            out[block] = (points[block] @ equations[:, :3].T + equations[:, 3]).max(axis=1)
+        excess = out[triangles].max(axis=1)
+        better = excess < least
+        owner[better], least[better] = k, excess[better]
+    grown = []
+    for k, corners in enumerate(hulls):
+        mine = triangles[owner == k]
+        if len(mine):  # a piece that no surface belongs to lies inside or in the corners that V-HACD made up
+            corners = np.vstack([corners, points[np.unique(mine)]])
+        grown.append(corners)
+    _log.debug("%d pieces; the surface stuck out of V-HACD's pieces by up to %.3g m", len(grown), max(0.0, least.max()))
+    return grown

@@ -1,0 +1,190 @@
+"""Scene room, scene: an immutable snapshot of all obstacles at one time; new snapshots share what did not change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.scene import checks
+from elastic_strips.scene.obstacle import Obstacle
+from elastic_strips.scene.table import PartTable, build_table, update_table
+
+
+class Scene:
+    """An immutable set of named obstacles at a time.
+
+    Args:
+        obstacles: The obstacles; those without a name get one ("box-0", "sphere-1": shape and place in the scene).
+        time: Time of the snapshot [s]; moving obstacles are taken to their poses at that time.
+
+    Attributes:
+        obstacles: The obstacles (tuple), each with a name.
+        names: Their names (tuple).
+        time: Time of the snapshot [s].
+        table: Arrays of all parts in the world, see `PartTable`; made on demand, cheap for a derived snapshot.
+    """
+
+    __slots__ = ("_changed", "_index", "_source", "_table", "names", "obstacles", "time")
+
+    obstacles: tuple[Obstacle, ...]
+    names: tuple[str, ...]
+    time: float
+    _index: dict[str, int]  # name -> place
+    _table: PartTable | None
+    _source: PartTable | None  # table of an earlier snapshot ...
+    _changed: tuple[int, ...]  # ... that differs in the poses of these obstacles
+
+    def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float = 0.0) -> None:
+        time = checks.number("Scene time", time, low=-1e12, high=1e12, unit="s")
+        if isinstance(obstacles, Obstacle):
+            raise SceneError("Scene needs a list of obstacles: write Scene([obstacle])")
+        try:
+            given = list(obstacles)
+        except TypeError:
+            raise SceneError(f"Scene needs a list of obstacles, not {checks.shown(obstacles)}") from None
+        for k, obstacle in enumerate(given):
+            if not isinstance(obstacle, Obstacle):
+                raise SceneError(f"obstacle {k} is no obstacle (Box, Sphere, …): {checks.shown(obstacle)}")
+        index: dict[str, int] = {}
+        for k, obstacle in enumerate(given):
+            if obstacle.name is not None and index.setdefault(obstacle.name, k) != k:
+                raise SceneError(
+                    f"obstacles {index[obstacle.name]} and {k} are both named {obstacle.name!r}; names must be unique"
+                )
+        for k, obstacle in enumerate(given):
+            if obstacle.name is None:
+                name = _free_name(obstacle.shape, k, index)
+                given[k] = obstacle.named(name)
+                index[name] = k
+        _set(self, tuple(o.at(time) for o in given), time, {o.name or "": k for k, o in enumerate(given)}, None, ())
+
+    @property
+    def table(self) -> PartTable:
+        """Arrays of all parts in the world frame."""
+        table = self._table
+        if table is None:
+            source = self._source
+            table = (
+                build_table(self.obstacles) if source is None else update_table(source, self.obstacles, self._changed)
+            )
+            object.__setattr__(self, "_table", table)
+        return table
+
+    def obstacle(self, name: str) -> Obstacle:
+        """The obstacle of that name."""
+        return self.obstacles[self._place(name)]
+
+    def at(self, t: float) -> Scene:
+        """Snapshot at time ``t`` [s]: moving obstacles at their poses then; the others are the same objects."""
+        t = checks.number("time", t, low=-1e12, high=1e12, unit="s")
+        obstacles = tuple(o if o.motion is None else o.at(t) for o in self.obstacles)
+        pairs = enumerate(zip(obstacles, self.obstacles, strict=True))
+        return self._derived(obstacles, t, tuple(k for k, (new, old) in pairs if new is not old))
+
+    def moved(self, name: str, pose: Any) -> Scene:
+        """Snapshot with one obstacle at another ``pose`` T_world_obstacle (4, 4) [m] (or a ``pin.SE3``).
+
+        A twist goes on from there; an obstacle with `Keyframes` is back on its track at the next `at`.
+        """
+        k = self._place(name)
+        old = self.obstacles
+        if old[k].time != self.time:  # a static obstacle keeps the time it was made for
+            new = old[k]._copy(name, old[k].pose, self.time, old[k].anchor, old[k].anchor_time).moved(pose)
+        else:
+            new = old[k].moved(pose)
+        return self._derived((*old[:k], new, *old[k + 1 :]), self.time, (k,))
+
+    def with_obstacle(self, obstacle: Obstacle) -> Scene:
+        """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time."""
+        if not isinstance(obstacle, Obstacle):
+            raise SceneError(f"this is no obstacle (Box, Sphere, …): {checks.shown(obstacle)}")
+        k = len(self.obstacles)
+        name = obstacle.name
+        if name is None:
+            name = _free_name(obstacle.shape, k, self._index)
+            obstacle = obstacle.named(name)
+        elif name in self._index:
+            raise SceneError(f"there already is an obstacle {name!r} in the scene; names must be unique")
+        new = object.__new__(Scene)
+        _set(new, (*self.obstacles, obstacle.at(self.time)), self.time, {**self._index, name: k}, None, ())
+        return new
+
+    def without(self, name: str) -> Scene:
+        """Snapshot without the obstacle of that name."""
+        k = self._place(name)
+        obstacles = (*self.obstacles[:k], *self.obstacles[k + 1 :])
+        new = object.__new__(Scene)
+        _set(new, obstacles, self.time, {o.name or "": i for i, o in enumerate(obstacles)}, None, ())
+        return new
+
+    def _place(self, name: str) -> int:
+        try:
+            return self._index[name]
+        except (KeyError, TypeError):
+            raise SceneError(f"no obstacle {name!r} in the scene{nearest_name(name, self.names)}") from None
+
+    def _derived(self, obstacles: tuple[Obstacle, ...], time: float, changed: tuple[int, ...]) -> Scene:
+        """Snapshot that differs in the poses of the ``changed`` obstacles."""
+        new = object.__new__(Scene)
+        if self._table is not None:
+            source = self._table
+        else:
+            source, changed = self._source, tuple(sorted({*changed, *self._changed}))
+        _set(new, obstacles, time, self._index, source, changed, self.names)
+        if source is not None and not changed:
+            object.__setattr__(new, "_table", source)
+        return new
+
+    def __len__(self) -> int:
+        return len(self.obstacles)
+
+    def __iter__(self) -> Iterator[Obstacle]:
+        return iter(self.obstacles)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._index if isinstance(name, str) else any(o is name for o in self.obstacles)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else "")
+        return f"Scene({len(self.obstacles)} obstacles at t = {self.time:g} s: {shown})"
+
+    def __setattr__(self, key: str, value: object) -> None:
+        raise AttributeError(f"Scene is immutable; {key!r} cannot be set. Use moved, at, with_obstacle or without")
+
+    def __delattr__(self, key: str) -> None:
+        raise AttributeError(f"Scene is immutable; {key!r} cannot be deleted")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self.obstacles, self.time)
+
+
+def _set(
+    scene: Scene,
+    obstacles: tuple[Obstacle, ...],
+    time: float,
+    index: dict[str, int],
+    source: PartTable | None,
+    changed: tuple[int, ...],
+    names: tuple[str, ...] | None = None,
+) -> None:
+    put = object.__setattr__
+    put(scene, "obstacles", obstacles)
+    put(scene, "names", tuple(index) if names is None else names)
+    put(scene, "time", time)
+    put(scene, "_index", index)
+    put(scene, "_table", None)
+    put(scene, "_source", source)
+    put(scene, "_changed", changed)
+
+
+def _restored(obstacles: tuple[Obstacle, ...], time: float) -> Scene:
+    new = object.__new__(Scene)
+    _set(new, obstacles, time, {o.name or "": k for k, o in enumerate(obstacles)}, None, ())
+    return new
+
+
+def _free_name(shape: str, place: int, taken: dict[str, int]) -> str:
+    while f"{shape}-{place}" in taken:
+        place += 1
+    return f"{shape}-{place}"

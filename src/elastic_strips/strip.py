@@ -1,0 +1,94 @@
+"""Strip: a frozen chain of whole-body configurations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import ConfigurationError
+from .robot import BaseKind, RobotModel
+from .robot.space import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """An elastic strip: configurations q (N, nq) of one robot, N ≥ 2, start and goal included.
+
+    Between two nodes the robot follows ``pin.interpolate``: a screw arc of the base and a straight line of the joints.
+
+    Attributes:
+        robot: whose configurations these are.
+        q: (N, nq) Pinocchio configurations, read-only.
+    """
+
+    robot: RobotModel
+    q: Array
+
+    def __init__(self, robot: RobotModel, q: npt.ArrayLike) -> None:
+        """Check and freeze the nodes.
+
+        Raises:
+            ConfigurationError: fewer than two nodes, wrong size, not finite, not normalised, or outside the joint limits.
+        """
+        array = robot.check_q(q, what="strip q")
+        if array.ndim != 2 or len(array) < 2:
+            raise ConfigurationError(f"a strip has at least 2 nodes, given as (N, {robot.nq}); got shape {array.shape}")
+        array.setflags(write=False)
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "q", array)
+
+    @staticmethod
+    def from_chart(robot: RobotModel, chart: Array) -> Strip:
+        """A strip from chart rows (N, nv) that are known to be sound (no checks)."""
+        strip = object.__new__(Strip)
+        q = robot.space.from_chart(chart)
+        q.setflags(write=False)
+        object.__setattr__(strip, "robot", robot)
+        object.__setattr__(strip, "q", q)
+        frozen = chart.copy()
+        frozen.setflags(write=False)
+        strip.__dict__["chart"] = frozen
+        return strip
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @cached_property
+    def chart(self) -> Array:
+        """(N, nv) chart rows: x, y, yaw, joints."""
+        chart = self.robot.space.to_chart(self.q)
+        chart.setflags(write=False)
+        return chart
+
+    @cached_property
+    def velocities(self) -> Array:
+        """(N−1, nv) tangent vectors ``pin.difference(q_j, q_{j+1})`` of the segments."""
+        return self.robot.space.difference(self.chart[:-1], self.chart[1:])
+
+    @property
+    def length(self) -> float:
+        """Length of the base's path [m]; of the joints' path [rad] for a fixed base."""
+        v = self.velocities
+        if self.robot.space.planar:
+            return float(np.hypot(v[:, 0], v[:, 1]).sum())
+        return float(np.linalg.norm(v, axis=1).sum())
+
+    @property
+    def lateral_slip(self) -> Array:
+        """(N−1,) sideways travel |v_y| [m] of each segment; zeros unless the base is a differential drive."""
+        if self.robot.base_kind is not BaseKind.DIFF_DRIVE:
+            return np.zeros(len(self) - 1)
+        return np.abs(self.velocities[:, 1])
+
+    def sample(self, step: float) -> Array:
+        """Configurations (M, nq) along the strip, at most ``step`` [m or rad] of any coordinate apart."""
+        v = self.velocities
+        counts = np.maximum(np.ceil(np.abs(v).max(axis=1) / step).astype(int), 1)
+        rows = [
+            self.robot.space.interpolate(self.chart[j][None], self.chart[j + 1][None], np.arange(n) / n)
+            for j, n in enumerate(counts)
+        ]
+        return self.robot.space.from_chart(np.vstack([*rows, self.chart[-1:]]))

@@ -1,0 +1,315 @@
+"""The motion-bound certificate: proof, segment by segment, that the interpolated strip keeps its clearance.
+
+Between two configurations no point of a body travels further than Λ. So the body stays further than c from an obstacle
+on the whole way if d_a + d_b − 2c > Λ, with d_a, d_b lower bounds of its distance at the two ends (Schwarzer, Saha and
+Latombe). Where that fails for a (segment, body, obstacle part), this triple alone is measured half-way, and the halves are
+asked again. At the depth floor the answer is *unknown*, never *safe*.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from ..robot import Kinematics
+from ..robot.space import Array
+from ..scene import Scene
+
+
+class SegmentState(int, Enum):
+    """What is known of a segment."""
+
+    CERTIFIED = 0
+    UNKNOWN = 1
+    COLLIDING = 2
+
+
+@dataclass(frozen=True, slots=True)
+class BrokenSegment:
+    """Where and why a strip is not certified.
+
+    Attributes:
+        segment: index j of the segment between nodes j and j + 1.
+        link: name of the robot's collision piece.
+        obstacle: name of the obstacle, or of the other link for self-collision.
+        clearance: smallest distance measured there [m]; below the required one, or too small to decide.
+        kind: ``"obstacle"`` or ``"self"``.
+        certain: True where a configuration below the required clearance was found, False where the depth floor was met.
+    """
+
+    segment: int
+    link: str
+    obstacle: str
+    clearance: float
+    kind: str
+    certain: bool
+
+    def __str__(self) -> str:
+        what = "comes within" if self.certain else "could not be proven clear of"
+        return f"segment {self.segment}: {self.link} {what} {self.obstacle} ({self.clearance * 1000:.1f} mm)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """Result of certifying a strip.
+
+    Attributes:
+        clearance: the distance [m] that was certified against.
+        segments: (N−1,) True where certified.
+        states: (N−1,) :class:`SegmentState` values.
+        broken: the worst uncertified segment, or None.
+        checks: number of configurations measured between nodes.
+    """
+
+    clearance: float
+    segments: npt.NDArray[np.bool_]
+    states: npt.NDArray[np.int8]
+    broken: BrokenSegment | None
+    checks: int
+
+    @property
+    def certified(self) -> bool:
+        """Whether every segment is certified."""
+        return bool(self.segments.all())
+
+
+@dataclass(slots=True)
+class _Open:
+    """Open triples of one bisection level (struct of arrays)."""
+
+    segment: npt.NDArray[np.intp]
+    body: npt.NDArray[np.intp]  # body, or self pair
+    part: npt.NDArray[np.intp]  # obstacle part; −1 for a self pair
+    low: Array  # fractions of the segment
+    high: Array
+    d_low: Array
+    d_high: Array
+    travel: Array  # Λ over the interval
+
+    def take(self, mask: Array) -> _Open:
+        return _Open(*(getattr(self, name)[mask] for name in self.__slots__))
+
+    def __len__(self) -> int:
+        return len(self.segment)
+
+
+class Certifier:
+    """Workspace: certifies strips for which the two proximities are up to date.
+
+    Args:
+        bodies: the robot's links.
+        bounds: their motion radii.
+        obstacles, self_pairs: proximities of the strip's nodes.
+        max_depth: most halvings of a segment.
+    """
+
+    def __init__(
+        self,
+        bodies: BodySet,
+        bounds: MotionBounds,
+        obstacles: ObstacleProximity,
+        self_pairs: SelfProximity,
+        *,
+        max_depth: int = 12,
+    ) -> None:
+        self.bodies, self.bounds, self.obstacles, self.self_pairs = bodies, bounds, obstacles, self_pairs
+        self.max_depth = max_depth
+        self._between = Kinematics(bodies.tree, 64)
+        self._ends = Kinematics(bodies.tree, 64)
+
+    def certify(self, kin: Kinematics, v: Array, *, clearance: float, scene: Scene) -> Certificate:
+        """Certify the segments between the nodes of ``kin``.
+
+        Args:
+            kin: kinematics of the nodes (N), as last given to the proximities.
+            v: (N−1, nv) tangents of the segments.
+            clearance: required distance [m], > 0, to obstacles and between links.
+            scene: the snapshot, as last given to the obstacle proximity.
+        """
+        n = kin.n - 1
+        states = np.zeros(n, dtype=np.int8)
+        travel = self.bounds.travel(v)
+        worst: list[BrokenSegment] = []
+        open_obstacles = self._open_obstacles(kin, v, travel, clearance)
+        open_self = self._open_self(kin, v, clearance)
+        checks = 0
+        for triples, is_self in ((open_obstacles, False), (open_self, True)):
+            if len(triples):
+                checks += self._bisect(kin, v, triples, clearance, states, worst, is_self)
+        checks += self._uncovered(kin, v, travel, clearance, scene, states, worst)
+        worst.sort(key=lambda b: (not b.certain, b.clearance))
+        return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
+
+    def _open_obstacles(self, kin: Kinematics, v: Array, travel: Array, clearance: float) -> _Open:
+        bound = self.obstacles.bound
+        slack = bound[:-1] + bound[1:]
+        slack -= (travel + 2.0 * clearance)[:, :, None]
+        segment, body, part = np.nonzero(slack <= 0.0)
+        if len(segment) == 0:
+            return _empty()
+        # second chance with the tight travel of these bodies, then with refreshed distances at the ends
+        key = segment * len(self.bodies) + body
+        unique, inverse = np.unique(key, return_inverse=True)
+        s, g = unique // len(self.bodies), unique % len(self.bodies)
+        tight = self.bounds.tight_travel(kin, s, g, v[s])[inverse]
+        keep = bound[segment, body, part] + bound[segment + 1, body, part] <= tight + 2.0 * clearance
+        segment, body, part, tight = segment[keep], body[keep], part[keep], tight[keep]
+        if len(segment) == 0:
+            return _empty()
+        self._refresh(kin, segment, body, part, tight + 2.0 * clearance)
+        d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
+        count = len(segment)
+        triples = _Open(segment, body, part, np.zeros(count), np.ones(count), d_low, d_high, tight)
+        return triples.take(d_low + d_high <= tight + 2.0 * clearance)
+
+    def _refresh(self, kin: Kinematics, segment: Array, body: Array, part: Array, need: Array) -> None:
+        """Make the node distances of open triples as good as the decision needs them."""
+        mask = np.zeros(self.obstacles.bound.shape, dtype=bool)
+        mask[segment, body, part] = True
+        mask[segment + 1, body, part] = True
+        self.obstacles.refine(kin, float(need.max()), mask)
+
+    def _open_self(self, kin: Kinematics, v: Array, clearance: float) -> _Open:
+        proximity = self.self_pairs
+        if proximity.bound.shape[1] == 0:
+            return _empty()
+        b = self.bodies.tree.space.base_nv
+        travel = np.abs(v[:, b:]) @ proximity.radius[b:]
+        bound = proximity.bound
+        segment, pair = np.nonzero(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
+        if len(segment) == 0:
+            return _empty()
+        proximity.refine(kin, float(travel[segment, pair].max()) + 2.0 * clearance)
+        count = len(segment)
+        triples = _Open(
+            segment, pair, np.full(count, -1), np.zeros(count), np.ones(count),
+            bound[segment, pair], bound[segment + 1, pair], travel[segment, pair],
+        )  # fmt: skip
+        return triples.take(triples.d_low + triples.d_high <= triples.travel + 2.0 * clearance)
+
+    def _bisect(
+        self,
+        kin: Kinematics,
+        v: Array,
+        triples: _Open,
+        clearance: float,
+        states: npt.NDArray[np.int8],
+        worst: list[BrokenSegment],
+        is_self: bool,
+    ) -> int:
+        space = self.bodies.tree.space
+        checks = 0
+        # a node that already is too close decides its segments
+        for at_low in (True, False):
+            d = triples.d_low if at_low else triples.d_high
+            bad = d <= clearance
+            if bad.any():
+                self._report(triples.take(bad), d[bad], states, worst, is_self, certain=True)
+        triples = triples.take(states[triples.segment] == 0)
+        for _depth in range(self.max_depth):
+            if len(triples) == 0:
+                return checks
+            middle = 0.5 * (triples.low + triples.high)
+            key, inverse = np.unique(triples.segment + 1j * middle, return_inverse=True)
+            s = key.real.astype(np.intp)
+            self._between.update(
+                space.integrate(kin.chart[s], key.imag[:, None] * v[s]), jacobians=False
+            )
+            checks += len(key)
+            limit = triples.travel * 0.5 + 2.0 * clearance  # a half passes if both its ends sum above this
+            need = np.maximum(limit - np.minimum(triples.d_low, triples.d_high), clearance) + 1e-4
+            d = self._measure(inverse, triples, need, is_self)
+            bad = d <= clearance
+            if bad.any():
+                self._report(triples.take(bad), d[bad], states, worst, is_self, certain=True)
+            half = 0.5 * triples.travel
+            alive = states[triples.segment] == 0
+            left = alive & (triples.d_low + d <= half + 2.0 * clearance)
+            right = alive & (d + triples.d_high <= half + 2.0 * clearance)
+            triples = _Open(
+                *(
+                    np.concatenate((one[left], two[right]))
+                    for one, two in (
+                        (triples.segment, triples.segment),
+                        (triples.body, triples.body),
+                        (triples.part, triples.part),
+                        (triples.low, middle),
+                        (middle, triples.high),
+                        (triples.d_low, d),
+                        (d, triples.d_high),
+                        (half, half),
+                    )
+                )
+            )
+        if len(triples):
+            d = np.minimum(triples.d_low, triples.d_high)
+            self._report(triples, d, states, worst, is_self, certain=False)
+        return checks
+
+    def _measure(self, node: npt.NDArray[np.intp], triples: _Open, need: Array, is_self: bool) -> Array:
+        """Lower bounds of the distances at the middles; exact where the box test does not already suffice."""
+        if is_self:
+            from ..proximity import GJK_EXCESS
+
+            return self.self_pairs.query(self._between, node, triples.body)[0] - GJK_EXCESS
+        return self.obstacles.measure(self._between, node, triples.body, triples.part, need)
+
+    def _report(
+        self,
+        bad: _Open,
+        d: Array,
+        states: npt.NDArray[np.int8],
+        worst: list[BrokenSegment],
+        is_self: bool,
+        *,
+        certain: bool,
+    ) -> None:
+        state = SegmentState.COLLIDING if certain else SegmentState.UNKNOWN
+        states[bad.segment] = np.maximum(states[bad.segment], state)
+        k = int(np.argmin(d))
+        names = self.bodies.names
+        if is_self:
+            one, two = self.self_pairs.pairs[bad.body[k]]
+            link, other, kind = names[one], names[two], "self"
+        else:
+            link, other, kind = names[bad.body[k]], self.obstacles.obstacle_name(int(bad.part[k])), "obstacle"
+        worst.append(BrokenSegment(int(bad.segment[k]), link, other, float(d[k]), kind, certain))
+
+    def _uncovered(
+        self,
+        kin: Kinematics,
+        v: Array,
+        travel: Array,
+        clearance: float,
+        scene: Scene,
+        states: npt.NDArray[np.int8],
+        worst: list[BrokenSegment],
+    ) -> int:
+        """Parts outside the window are at least the influence distance away at the nodes: enough unless a segment is long."""
+        far = self.obstacles.influence
+        long = np.flatnonzero((travel.max(axis=1) + 2.0 * clearance >= 2.0 * far) & (states == 0))
+        if len(long) == 0 or len(scene) == 0:
+            return 0
+        counts = np.ceil(travel.max(axis=1)[long] / max(far - clearance, 1e-3)).astype(int) + 1
+        counts = np.minimum(counts, 256)
+        s = np.repeat(long, counts)
+        fraction = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])
+        space = self.bodies.tree.space
+        self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
+        ends = self.bodies.capsule_ends(self._between)
+        inside = np.array([self.obstacles.cover(self._between, scene, e[None]) for e in ends])
+        for j in np.unique(s[~inside]):
+            states[j] = max(states[j], SegmentState.UNKNOWN)
+            worst.append(
+                BrokenSegment(int(j), self.bodies.names[0], "obstacles beyond the segment's ends", far, "obstacle", False)
+            )
+        return len(s)
+
+
+def _empty() -> _Open:
+    none, ints = np.zeros(0), np.zeros(0, dtype=np.intp)
+    return _Open(ints, ints, ints, none, none, none, none, none)

@@ -1,0 +1,255 @@
+"""Viewer: pictures of robots, scenes and strips, live in the browser or as standalone HTML."""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+import threading
+import time
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.viewer import page, playback
+from elastic_strips.viewer.commands import Command
+from elastic_strips.viewer.drawing import Drawing, Snapshot
+from elastic_strips.viewer.link import Link, LinkError
+from elastic_strips.viewer.playback import Playback
+from elastic_strips.viewer.server import Record
+
+_log = logging.getLogger(__name__)
+_RATE = 30.0
+_PATIENCE = 60.0
+
+
+class Viewer:
+    """Shows robots, scenes and strips; it never disturbs whoever plans.
+
+    ``show``, ``update`` and ``animate`` hand over the newest picture and return at once; a thread of the viewer's own
+    draws it, and a process of its own serves it to browsers, on 127.0.0.1 only. If one of them dies, the trouble is
+    logged once, ``alive`` turns False and later calls do nothing.
+
+    Example:
+        >>> with Viewer(server=False) as viewer:  # doctest: +SKIP
+        ...     viewer.show(robot, scene, report).save_html("strip.html")
+    """
+
+    def __init__(
+        self,
+        *,
+        port: int | None = None,
+        open_browser: bool = False,
+        server: bool = True,
+        ghosts: int = 7,
+        title: str = "elastic strip",
+    ) -> None:
+        """Start the viewer.
+
+        Args:
+            port: Port on 127.0.0.1; None takes the first free one from 7000 on.
+            open_browser: Open the picture in the default browser.
+            server: False only records, for ``save_html`` and notebooks.
+            ghosts: Largest number of translucent robots along the strip.
+            title: Headline of the picture.
+
+        Raises:
+            ParameterError: A port or a number of ghosts out of range.
+        """
+        if port is not None and not 0 < port < 65536:
+            raise ParameterError(f"port = {port} must be between 1 and 65535, or None for a free one")
+        if not 0 <= ghosts <= 50:
+            raise ParameterError(f"ghosts = {ghosts} must be between 0 and 50; more stall browsers")
+        self._title = title
+        self._drawing = Drawing(title=title, ghosts=ghosts)
+        self._record = Record()
+        self._record_lock = threading.Lock()
+        self._condition = threading.Condition()
+        self._pending: Snapshot | Playback | None = None
+        self._posted = self._drawn = 0
+        self._robot: RobotModel | None = None
+        self._scene = Scene()
+        self._failed = self._closed = False
+        self._link: Link | None = None
+        if server:
+            try:
+                self._link = Link(port=port, page=page.live_page(title))
+                _log.info("the viewer shows its picture at %s", self._link.url)
+            except (LinkError, OSError) as error:
+                self._fail("the viewer could not start; planning goes on without pictures: %s", error)
+        self._thread = threading.Thread(target=self._work, name="elastic-strips viewer", daemon=True)
+        self._thread.start()
+        if open_browser and self._link is not None:
+            webbrowser.open(self._link.url)
+
+    @property
+    def url(self) -> str | None:
+        """Address of the live picture; None without a server."""
+        return None if self._link is None else self._link.url
+
+    @property
+    def alive(self) -> bool:
+        """Whether pictures are still drawn (and served)."""
+        return not (self._failed or self._closed) and (self._link is None or self._link.alive)
+
+    def show(self, robot: RobotModel, scene: Scene, strip_or_report: Any) -> Viewer:
+        """Show a strip, or a report with its certificate, forces and tunnel, and turn the camera to it.
+
+        Args:
+            robot: The robot.
+            scene: The obstacles.
+            strip_or_report: A ``Strip``, a ``DeformReport`` or configurations (N, nq).
+        """
+        play = playback.playback(robot, scene, [strip_or_report], 1.0)
+        self._robot, self._scene = robot, scene
+        self._post(Snapshot(robot, scene, play.strips[0], play.reports[0], frame=True))
+        return self
+
+    def update(self, report: Any, scene: Scene | None = None) -> None:
+        """Show the newest report; for control loops: costs microseconds, and the newest wins.
+
+        Args:
+            report: A ``DeformReport`` or a ``Strip``.
+            scene: The scene if it has changed.
+        """
+        if self._failed or self._closed:
+            return
+        if scene is not None:
+            self._scene = scene
+        strip = getattr(report, "strip", report)
+        self._post(Snapshot(strip.robot, self._scene, strip, None if strip is report else report))
+
+    def animate(self, robot: RobotModel, scene: Scene, strips: Any, duration: float = 8.0) -> Viewer:
+        """Play the robot driving along a strip; the page has buttons to stop and to go back.
+
+        Args:
+            robot: The robot.
+            scene: The scene at the beginning; its moving obstacles move.
+            strips: A strip, a report or a path (N, nq) to drive along; or a sequence of strips or reports, spread
+                evenly over the duration, along which the strip gives way while the robot drives. Where the strips of
+                a sequence begin at different configurations, these are where the robot is.
+            duration: How long it takes [s].
+
+        Raises:
+            InputError: Nothing to play, a duration out of range, or nodes of the wrong size.
+        """
+        play = playback.playback(robot, scene, strips, duration)
+        self._robot, self._scene = robot, scene
+        self._post(play)
+        return self
+
+    def html(self) -> str:
+        """Return the picture as a standalone page that needs neither a server nor a network."""
+        self._flush()
+        with self._record_lock:
+            return page.static_page(self._title, self._record)
+
+    def save_html(self, path: str | os.PathLike[str]) -> Path:
+        """Write the picture as a standalone page; the file is complete or not there at all.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        target = Path(path)
+        text = self.html()
+        descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+                file.write(text)
+            os.chmod(name, 0o644)
+            os.replace(name, target)
+        except BaseException:
+            os.unlink(name)
+            raise
+        return target
+
+    def _repr_html_(self) -> str:
+        return page.inline_frame(self.html())
+
+    def wait(self) -> None:
+        """Block until the viewer is closed, its server ends or the user presses Ctrl-C: for the end of a script."""
+        try:
+            while self._link is not None and self.alive:
+                time.sleep(0.2)
+        except KeyboardInterrupt:
+            pass
+
+    def close(self) -> None:
+        """End the thread and the server; what was drawn can still be saved."""
+        if self._closed:
+            return
+        self._flush(2.0)
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(2.0)
+        if self._link is not None:
+            self._link.close()
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _post(self, job: Snapshot | Playback) -> None:
+        if self._failed or self._closed:
+            return
+        with self._condition:
+            old = self._pending
+            if isinstance(job, Snapshot) and isinstance(old, Snapshot) and old.frame and not job.frame:
+                job = Snapshot(job.robot, job.scene, job.strip, job.report, frame=True)  # nobody skips the camera
+            self._pending = job
+            self._posted += 1
+            self._condition.notify_all()
+
+    def _flush(self, timeout: float = _PATIENCE) -> None:
+        with self._condition:
+            self._condition.wait_for(lambda: self._drawn >= self._posted or self._failed or self._closed, timeout)
+
+    def _fail(self, message: str, *args: object) -> None:
+        self._failed = True
+        _log.warning(message, *args)
+
+    def _work(self) -> None:
+        try:
+            while self._turn():
+                pass
+        except LinkError as error:
+            if not self._closed:
+                self._fail("the viewer has lost its server; planning goes on without pictures: %s", error)
+        except Exception:
+            self._failed = True
+            _log.exception("the viewer cannot draw; planning goes on without pictures")
+        finally:
+            with self._condition:
+                self._condition.notify_all()
+
+    def _turn(self) -> bool:
+        """Draw what is pending; False at the end."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._pending is not None or self._closed, timeout=1.0)
+            job, number, self._pending = self._pending, self._posted, None
+            if self._closed:
+                return False
+        if job is None:
+            if self._link is not None and not self._link.alive:
+                raise LinkError("the process has ended")
+            return True
+        begin = time.monotonic()
+        commands: list[Command] = (
+            self._drawing.draw(job) if isinstance(job, Snapshot) else playback.draw(self._drawing, job)
+        )
+        with self._record_lock:
+            self._record.extend(commands)
+        with self._condition:
+            self._drawn = number
+            self._condition.notify_all()
+        if self._link is not None:
+            self._link.send(commands)
+        time.sleep(max(0.0, 1.0 / _RATE - (time.monotonic() - begin)))
+        return True
