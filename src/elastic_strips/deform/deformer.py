@@ -59,7 +59,7 @@ class Deformer:
         self._clock = PhaseClock()
 
     def step(
-        self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False
+        self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False, nodes: bool = True
     ) -> DeformReport:
         """One control tick: deform the strip away from the obstacles and certify it.
 
@@ -69,6 +69,7 @@ class Deformer:
             budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
                 None makes exactly one iteration.
             detail: whether to add forces and protective hulls to the report, to look at.
+            nodes: whether nodes may be inserted and removed.
 
         Raises:
             ConfigurationError: the strip belongs to another robot.
@@ -92,7 +93,7 @@ class Deformer:
             rest = moved < self.params.rest_step
             if budget is None or clock.elapsed + self._iteration > budget or (rest and certificate.certified):
                 break
-        if self._paper is None:
+        if self._paper is None and nodes:
             certificate, residual = self._maintain(scene, certificate, residual)
         return self._report(scene, certificate, residual, energies, field, moved, iterations, asked, detail)
 

@@ -200,8 +200,9 @@ def _cloud(node: Node) -> NDArray[np.float64]:
     if path.suffix.lower() not in suffixes:
         node.fail(f"{path}: files of kind {path.suffix!r} are not read{nearest_name(path.suffix, suffixes)}")
     try:
-        if path.stat().st_size > MAX_ARRAY_BYTES:
-            node.fail(f"{path}: the file is larger than {MAX_ARRAY_BYTES} bytes")
+        size = path.stat().st_size
+        if not 0 < size <= MAX_ARRAY_BYTES:
+            node.fail(f"{path}: the file has {size} bytes; it must have 1 to {MAX_ARRAY_BYTES}")
         if path.suffix.lower() == ".npy":
             cloud = np.load(path, allow_pickle=False)
         else:

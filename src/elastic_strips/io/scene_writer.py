@@ -65,7 +65,8 @@ def _entries(obstacle: Obstacle, target: Path) -> dict[str, str]:
         )
     if not isinstance(motion, Keyframes):
         entries["at"] = _text(pose[:3, 3])
-    entries["quat"] = _text(checks.quaternion_of(pose[:3, :3]))
+    if not (isinstance(motion, Keyframes) and motion.quats is not None):
+        entries["quat"] = _text(checks.quaternion_of(pose[:3, :3]))
     return entries
 
 

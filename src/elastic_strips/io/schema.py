@@ -116,10 +116,12 @@ def rows(node: Node, count: int) -> NDArray[np.float64]:
 
 
 def checked(node: Node, make: Callable[..., T], *args: Any, **kwargs: Any) -> T:
-    """Call ``make``; an `InputError` that it raises is raised again with the node's file, line and key."""
+    """Call ``make``; an `InputError` without a place is raised again with the node's file, line and key."""
     try:
         return make(*args, **kwargs)
     except InputError as problem:
+        if "located" in problem.__dict__:
+            raise
         node.fail(str(problem))
 
 

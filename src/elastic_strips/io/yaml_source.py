@@ -44,7 +44,9 @@ class Source:
     def fail(self, message: str, line: int | None = None) -> NoReturn:
         """Raise the source's error: ``file:line: message``."""
         where = f"{self.path}" if line is None else f"{self.path}:{line}"
-        raise self.error(f"{where}: {message}")
+        problem = self.error(f"{where}: {message}")
+        problem.__dict__["located"] = True
+        raise problem
 
 
 @dataclass(slots=True)

@@ -111,7 +111,7 @@ class ObstacleProximity:
                 self.bound[:, :, columns] = -_FAR
                 self._since[:, :, columns] = _FAR
         self._remember(kin, ends, moved_nodes)
-        self.refine(kin, self.influence)
+        self.refine(kin)
 
     def _boxes(self, ends: Array) -> tuple[Array, Array]:
         grow = (self.bodies.radius + self.influence)[None, :, None]
@@ -164,21 +164,34 @@ class ObstacleProximity:
             self._frames[moved] = self._rotations(kin, moved)
             self._chart[moved] = kin.chart[moved]
 
-    def refine(self, kin: Kinematics, reach: float, mask: Array | None = None) -> None:
-        """Make every pair exact whose bound is below ``reach`` [m] and that moved since it was asked.
+    def refine(self, kin: Kinematics) -> None:
+        """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
+        need = (self.bound < self.influence) & (self._since > self.tolerance)
+        self.pairs = need.size
+        self._ask(kin, *np.nonzero(need), self.influence)
 
-        Args:
-            kin: kinematics of the nodes.
-            reach: distance below which to ask [m].
-            mask: (N, G, P) pairs to look at; all where None.
-        """
+    def refine_at(
+        self,
+        kin: Kinematics,
+        node: npt.NDArray[np.intp],
+        body: npt.NDArray[np.intp],
+        part: npt.NDArray[np.intp],
+        reach: Array,
+    ) -> None:
+        """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
+        stale = (self.bound[node, body, part] < reach) & (self._since[node, body, part] > 0.0)
+        self._ask(kin, node[stale], body[stale], part[stale], reach[stale])
+
+    def _ask(
+        self,
+        kin: Kinematics,
+        node: npt.NDArray[np.intp],
+        body: npt.NDArray[np.intp],
+        part: npt.NDArray[np.intp],
+        reach: Array | float,
+    ) -> None:
         window = self.window
         assert window is not None
-        need = (self.bound < reach) & (self._since > self.tolerance)
-        if mask is not None:
-            need &= mask
-        self.pairs = need.size
-        node, body, part = np.nonzero(need)
         self.asked = 0
         if len(node) == 0:
             return
@@ -195,9 +208,8 @@ class ObstacleProximity:
         if len(node) == 0:
             return
         distance, direction, witness = self.narrow.query(
-            kin, node, body, part, window.parts, window.transforms, window.rotation, window.translation,
-            max(reach, self.influence),
-        )  # fmt: skip
+            kin, node, body, part, window.parts, window.transforms, window.rotation, window.translation, self.influence
+        )
         self.exact[node, body, part] = distance
         self.bound[node, body, part] = distance - GJK_EXCESS
         self._since[node, body, part] = 0.0

@@ -39,6 +39,22 @@ class SelfContacts:
         return len(self.node)
 
 
+def segment_distance(one: Array, two: Array) -> Array:
+    """Distances (K,) between line segments given by their end points (K, 2, 3)."""
+    u, v, w = one[:, 1] - one[:, 0], two[:, 1] - two[:, 0], one[:, 0] - two[:, 0]
+    a, b, c = (u * u).sum(axis=1), (u * v).sum(axis=1), (v * v).sum(axis=1)
+    d, e = (u * w).sum(axis=1), (v * w).sum(axis=1)
+    tiny = 1e-18
+    det = a * c - b * b
+    s = np.where(det > tiny, (b * e - c * d) / np.where(det > tiny, det, 1.0), 0.0)
+    s = np.clip(s, 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, tiny), 0.0, 1.0)
+    s = np.clip((b * t - d) / np.maximum(a, tiny), 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, tiny), 0.0, 1.0)
+    gap = w + s[:, None] * u - t[:, None] * v
+    return np.sqrt((gap * gap).sum(axis=1))
+
+
 class SelfProximity:
     """Workspace: bounds on the distances of self pairs, exact below the influence distance.
 
@@ -138,15 +154,13 @@ class SelfProximity:
     def _cheap(
         self, kin: Kinematics, node: npt.NDArray[np.intp], one: npt.NDArray[np.intp], two: npt.NDArray[np.intp]
     ) -> Array:
-        """Lower bound by the spheres about the capsules' middles."""
+        """Lower bound: the distance between the capsules that contain the two bodies."""
         bodies = self.bodies
-        middle = 0.5 * (bodies.ends[:, 0] + bodies.ends[:, 1])
-        half = 0.5 * np.linalg.norm(bodies.ends[:, 1] - bodies.ends[:, 0], axis=1) + bodies.radius
         at = []
         for body in (one, two):
             frame = kin.T[bodies.joint[body], node]
-            at.append(np.matmul(frame[..., :3], middle[body][..., None])[..., 0] + frame[..., 3])
-        return np.linalg.norm(at[0] - at[1], axis=1) - half[one] - half[two]
+            at.append(np.matmul(frame[:, None, :, :3], bodies.ends[body][..., None])[..., 0] + frame[:, None, :, 3])
+        return segment_distance(*at) - bodies.radius[one] - bodies.radius[two]
 
     def query(
         self, kin: Kinematics, node: npt.NDArray[np.intp], pair: npt.NDArray[np.intp]

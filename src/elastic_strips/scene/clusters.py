@@ -41,11 +41,17 @@ def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, Index]:
     turns = np.exp(2j * np.pi * centers / size).mean(axis=0)
     origin = np.angle(turns) / (2.0 * np.pi) * size
     cells = np.rint((centers - origin) / size).astype(np.int64)
+    first = cells.min(axis=0)  # blocks start at the lowest voxel
+    cells, origin = cells - first, origin + first * size
     slip = np.abs(centers - (cells * size + origin)).max(axis=0)
     if (slip > SNAP * size).any():  # no grid
         keep = _unique(np.rint(centers * 1e9).astype(np.int64))
         middles = centers[keep]
-        return middles - 0.5 * size, middles + 0.5 * size, np.floor(middles / BLOCK).astype(np.int64)
+        return (
+            middles - 0.5 * size,
+            middles + 0.5 * size,
+            np.floor((middles - middles.min(axis=0)) / BLOCK).astype(np.int64),
+        )
     span = np.maximum(1, np.rint(BLOCK / size)).astype(np.int64)
     low, high = merge_cells(cells[_unique(cells)], span)
     grow = np.where(slip > 1e-9, slip, 0.0)

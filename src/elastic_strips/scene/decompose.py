@@ -6,8 +6,10 @@ Distances to a triangle soup are hollow: a robot deep inside a closed mesh would
 2. A flat body becomes one thin plate per triangle, `PLATE` thick on either side.
 3. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore
    each small piece of surface is given to the piece that it sticks out of least, and that piece grows to hold it: **the
-   pieces together hold every point of the surface** (to rounding, `TOLERANCE`). They may stick out of the mesh by about
-   as much as V-HACD's pieces had cut off, typically under 2 % of the body's size.
+   pieces together hold every point of the surface** (to rounding, `TOLERANCE`). They may stick out of the mesh by
+   V-HACD's voxel or what its pieces had cut off: up to 2.5 % of a closed body's diagonal was measured (ring, torus,
+   L-profile), more where a body has holes in its surface, which the pieces bridge. Inside, thin gaps between pieces may
+   remain below the surface.
 
 A mesh that is not watertight is decomposed in the same way; the inside of an open body is free where it is reached from
 the outside. The result is deterministic, and is kept in memory: the same mesh is decomposed once per process.
@@ -23,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull as _Qhull
 from scipy.spatial import QhullError
@@ -32,6 +33,7 @@ from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.scene.checks import Array
 from elastic_strips.scene.parts import MIN_THICKNESS, flatness
 
+# trimesh is imported where it is used: it takes half a second, and only scenes with meshes need it.
 _log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-7
@@ -47,7 +49,7 @@ SUFFIXES = (".dae", ".obj", ".ply", ".stl")
 
 _RESOLUTION = 50_000  # voxels of V-HACD
 _MAX_HULLS = 32
-_SPLIT = 1.0 / 24.0  # surface pieces are smaller than this share of the body's size
+_SPLIT = 1.0 / 32.0  # surface pieces are smaller than this share of the body's size
 _KEPT = 32  # meshes in memory
 
 Faces = NDArray[np.int64]
@@ -82,6 +84,8 @@ def convex_pieces(vertices: Array, faces: Faces) -> tuple[Array, ...]:
 
 def load_mesh(path: Path) -> tuple[Array, Faces]:
     """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file; `SceneError` says what is wrong."""
+    import trimesh
+
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise SceneError(f"{path}: mesh files of kind {suffix!r} are not read{nearest_name(suffix, SUFFIXES)}")
@@ -107,6 +111,8 @@ def load_mesh(path: Path) -> tuple[Array, Faces]:
 
 
 def _decompose(vertices: Array, faces: Faces) -> list[Array]:
+    import trimesh
+
     if len(faces) > MAX_FACES:
         raise SceneError(f"the mesh has {len(faces)} triangles; at most {MAX_FACES} are accepted: simplify it first")
     mesh: Any = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
@@ -124,6 +130,8 @@ def _decompose(vertices: Array, faces: Faces) -> list[Array]:
 
 def _body(vertices: Array, faces: Faces, body: Any) -> list[Array]:
     """Pieces of one connected body."""
+    import trimesh
+
     if flatness(vertices) < MIN_THICKNESS:
         return _plates(vertices, faces)
     if body.is_watertight and _fills_hull(vertices, faces, abs(float(body.volume))):
@@ -168,6 +176,8 @@ def _plates(vertices: Array, faces: Faces) -> list[Array]:
 
 def _covering(vertices: Array, faces: Faces, hulls: list[Array]) -> list[Array]:
     """Grow ``hulls`` until they hold the surface: each small triangle goes to the hull that it sticks out of least."""
+    import trimesh
+
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     split: Any = trimesh.remesh.subdivide_to_size(vertices, faces, max_edge=_SPLIT * size, max_iter=20)
     points, triangles = np.asarray(split[0]), np.asarray(split[1])

@@ -71,6 +71,9 @@ class Twist(Motion):
         """Largest speed [m/s] of a point within ``radius`` [m] of the origin; the same at all times."""
         return float(np.linalg.norm(self.linear) + np.linalg.norm(self.angular) * _radius(radius))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Twist, (self.linear, self.angular)
+
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Keyframes(Motion):
@@ -188,9 +191,16 @@ class Keyframes(Motion):
             moving |= (self.times[:-1] <= b + shift) & (self.times[1:] >= a + shift)
         return float(speeds[moving].max(initial=0.0))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _keyframes, (self.times, self.positions, self.quats, self.loop)
+
     def _phase(self, t: float) -> float:
         first, last = float(self.times[0]), float(self.times[-1])
         return first + (t - first) % (last - first)
+
+
+def _keyframes(times: Array, positions: Array, quats: Array | None, loop: bool) -> Keyframes:
+    return Keyframes(times, positions, quats=quats, loop=loop)
 
 
 def check_motion(value: Any) -> Motion | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,7 +16,6 @@ _put = object.__setattr__
 _Self = TypeVar("_Self", bound="Obstacle")
 
 
-@dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
 class Obstacle:
     """A rigid solid obstacle in the world; make one by `Box`, `Sphere`, … (each of them is an `Obstacle`).
 
@@ -32,6 +30,8 @@ class Obstacle:
         solid: Parts and bounds in the obstacle's frame, shared by all copies.
         spec: Parameters of the shape, such as {"radius": 0.2}; not to be changed.
     """
+
+    __slots__ = ("anchor", "anchor_time", "motion", "name", "pose", "shape", "solid", "spec", "time")
 
     name: str | None
     shape: str
@@ -50,7 +50,10 @@ class Obstacle:
         _put(self, "name", checks.name(name))
         _put(self, "shape", shape)
         _put(self, "motion", check_motion(motion))
-        _put(self, "pose", _pose_at(motion, anchor, 0.0))
+        pose = _pose_at(motion, anchor, 0.0)
+        if motion is not None and not motion.relative:
+            _check_agreement(anchor, pose)
+        _put(self, "pose", pose)
         _put(self, "time", 0.0)
         _put(self, "anchor", anchor)
         _put(self, "anchor_time", 0.0)
@@ -124,13 +127,23 @@ class Obstacle:
         at = [round(x, 6) for x in self.pose[:3, 3].tolist()]
         return f"{type(self).__name__}({values}, at={at}, name={self.name!r}{moving})"
 
-    def __getstate__(self) -> list[Any]:
-        return [getattr(self, f) for f in Obstacle.__slots__]
+    def __setattr__(self, key: str, value: object) -> None:
+        raise AttributeError(f"{type(self).__name__} is immutable; {key!r} cannot be set. Use moved, at or named")
 
-    def __setstate__(self, state: list[Any]) -> None:
-        for field, value in zip(Obstacle.__slots__, state, strict=True):
-            _freeze(value)
-            _put(self, field, value)
+    def __delattr__(self, key: str) -> None:
+        raise AttributeError(f"{type(self).__name__} is immutable; {key!r} cannot be deleted")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (type(self), {key: getattr(self, key) for key in Obstacle.__slots__})
+
+
+def _restored(kind: type[Obstacle], state: dict[str, Any]) -> Obstacle:
+    """Rebuild a pickled obstacle."""
+    new = object.__new__(kind)
+    for key, value in state.items():
+        _freeze(value)
+        _put(new, key, value)
+    return new
 
 
 def _pose_at(motion: Motion | None, anchor: Array, t: float) -> Array:
@@ -141,6 +154,16 @@ def _pose_at(motion: Motion | None, anchor: Array, t: float) -> Array:
         raise SceneError(f"at t = {t:g} s a motion leads to {pose[:3, 3].tolist()}, beyond {checks.MAX_LENGTH:g} m")
     pose.flags.writeable = False
     return pose
+
+
+def _check_agreement(given: Array, begin: Array) -> None:
+    """A motion with absolute poses says where the obstacle is: a pose that was given as well must not contradict it."""
+    at, quat = given[:3, 3], given[:3, :3]
+    if at.any() and np.abs(at - begin[:3, 3]).max() > checks.POSE_TOLERANCE:
+        where = begin[:3, 3].tolist()
+        raise SceneError(f"at is {at.tolist()}, but the keyframes say {where} at time 0; with keyframes leave 'at' out")
+    if not np.array_equal(quat, np.eye(3)) and np.abs(quat - begin[:3, :3]).max() > checks.POSE_TOLERANCE:
+        raise SceneError("quat contradicts the keyframes' quats at time 0; leave 'quat' out with keyframes' quats")
 
 
 def _freeze(value: Any) -> None:

@@ -8,7 +8,6 @@ frame; ``name`` is unique in a scene; ``motion`` is a `Twist` or `Keyframes`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +24,15 @@ from elastic_strips.scene.parts import Solid, coal, hull_part, primitive
 _ORIGIN = (0.0, 0.0, 0.0)
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
-_value = dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
 
-
-@_value
 class Box(Obstacle):
     """A box.
 
     Args:
         size: Full lengths (3,) along its x, y, z axes [m].
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -51,13 +49,14 @@ class Box(Obstacle):
         self._fill("box", {"size": size}, solid, at=at, quat=quat, name=name, motion=motion)
 
 
-@_value
 class Sphere(Obstacle):
     """A sphere.
 
     Args:
         radius: Radius [m].
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -74,7 +73,6 @@ class Sphere(Obstacle):
         )
 
 
-@_value
 class Cylinder(Obstacle):
     """A cylinder about its z axis; the origin is at half its length.
 
@@ -82,6 +80,8 @@ class Cylinder(Obstacle):
         radius: Radius [m].
         length: Full length along z [m].
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -98,7 +98,6 @@ class Cylinder(Obstacle):
         self._fill("cylinder", {"radius": r, "length": z}, solid, at=at, quat=quat, name=name, motion=motion)
 
 
-@_value
 class Capsule(Obstacle):
     """A capsule about its z axis; the origin is at its centre.
 
@@ -106,6 +105,8 @@ class Capsule(Obstacle):
         radius: Radius [m].
         length: Length [m] of the cylindrical part along z, without the two half spheres.
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -122,7 +123,6 @@ class Capsule(Obstacle):
         self._fill("capsule", {"radius": r, "length": z}, solid, at=at, quat=quat, name=name, motion=motion)
 
 
-@_value
 class Cone(Obstacle):
     """A cone about its z axis, apex at +z; the origin is at half its height.
 
@@ -130,6 +130,8 @@ class Cone(Obstacle):
         radius: Radius of the base [m].
         length: Height [m].
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -146,13 +148,14 @@ class Cone(Obstacle):
         self._fill("cone", {"radius": r, "length": z}, solid, at=at, quat=quat, name=name, motion=motion)
 
 
-@_value
 class ConvexHull(Obstacle):
     """The convex hull of points.
 
     Args:
         vertices: Points (V, 3) [m] in the obstacle's frame, at least four, not in one plane.
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -168,7 +171,6 @@ class ConvexHull(Obstacle):
         self._fill("convex", {"vertices": points}, solid, at=at, quat=quat, name=name, motion=motion)
 
 
-@_value
 class Mesh(Obstacle):
     """A solid triangle mesh, made of convex parts; see `elastic_strips.scene.decompose` for how well they fit.
 
@@ -176,6 +178,8 @@ class Mesh(Obstacle):
         vertices: Vertices (V, 3) [m] in the obstacle's frame.
         faces: Triangles (F, 3), indices of vertices.
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -226,7 +230,6 @@ class Mesh(Obstacle):
         return mesh
 
 
-@_value
 class Voxels(Obstacle):
     """Equal axis-aligned boxes, such as the occupied cells of a grid map; merged into larger boxes where possible.
 
@@ -234,6 +237,8 @@ class Voxels(Obstacle):
         centers: Centres of the voxels (V, 3) [m] in the obstacle's frame.
         size: Edge of a voxel [m], or its lengths (3,) along x, y, z.
     """
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -254,7 +259,6 @@ class Voxels(Obstacle):
         self._fill("voxels", spec, cluster_solid(points, edges), at=at, quat=quat, name=name, motion=motion)
 
 
-@_value
 class Points(Obstacle):
     """A point cloud; each point is a box of edge 2 ``radius``, which holds the ball of that radius.
 
@@ -262,6 +266,8 @@ class Points(Obstacle):
         points: Points (V, 3) [m] in the obstacle's frame.
         radius: Half the edge of a point's box [m].
     """
+
+    __slots__ = ()
 
     def __init__(
         self,

@@ -134,7 +134,8 @@ class Certifier:
         states = np.zeros(n, dtype=np.int8)
         travel = self.bounds.travel(v)
         worst: list[BrokenSegment] = []
-        open_obstacles = self._open_obstacles(kin, v, travel, clearance)
+        self._colliding_nodes(clearance, states, worst)
+        open_obstacles = self._open_obstacles(kin, v, travel, clearance, states)
         open_self = self._open_self(kin, v, clearance)
         checks = 0
         for triples, is_self in ((open_obstacles, False), (open_self, True)):
@@ -144,10 +145,34 @@ class Certifier:
         worst.sort(key=lambda b: (not b.certain, b.clearance))
         return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
 
-    def _open_obstacles(self, kin: Kinematics, v: Array, travel: Array, clearance: float) -> _Open:
+    def _colliding_nodes(self, clearance: float, states: npt.NDArray[np.int8], worst: list[BrokenSegment]) -> None:
+        """A node that is itself too close decides both its segments."""
+        bound = self.obstacles.bound
+        if bound.shape[2] == 0:
+            return
+        nearest = bound.reshape(len(bound), -1).min(axis=1)
+        bad = np.flatnonzero(nearest <= clearance)
+        if len(bad) == 0:
+            return
+        last = len(states) - 1
+        states[np.minimum(bad, last)] = SegmentState.COLLIDING
+        states[np.maximum(bad - 1, 0)] = SegmentState.COLLIDING
+        node = int(bad[np.argmin(nearest[bad])])
+        body, part = np.unravel_index(int(np.argmin(bound[node])), bound.shape[1:])
+        worst.append(
+            BrokenSegment(
+                min(node, last), self.bodies.names[body], self.obstacles.obstacle_name(int(part)), float(nearest[node]),
+                "obstacle", True,
+            )
+        )  # fmt: skip
+
+    def _open_obstacles(
+        self, kin: Kinematics, v: Array, travel: Array, clearance: float, states: npt.NDArray[np.int8]
+    ) -> _Open:
         bound = self.obstacles.bound
         slack = bound[:-1] + bound[1:]
         slack -= (travel + 2.0 * clearance)[:, :, None]
+        slack[states != 0] = np.inf
         segment, body, part = np.nonzero(slack <= 0.0)
         if len(segment) == 0:
             return _empty()
@@ -160,18 +185,14 @@ class Certifier:
         segment, body, part, tight = segment[keep], body[keep], part[keep], tight[keep]
         if len(segment) == 0:
             return _empty()
-        self._refresh(kin, segment, body, part, tight + 2.0 * clearance)
+        # what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
+        for end in (0, 1):
+            other = bound[segment + 1 - end, body, part]
+            self.obstacles.refine_at(kin, segment + end, body, part, tight + 2.0 * clearance - other + 1e-4)
         d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
         count = len(segment)
         triples = _Open(segment, body, part, np.zeros(count), np.ones(count), d_low, d_high, tight)
         return triples.take(d_low + d_high <= tight + 2.0 * clearance)
-
-    def _refresh(self, kin: Kinematics, segment: Array, body: Array, part: Array, need: Array) -> None:
-        """Make the node distances of open triples as good as the decision needs them."""
-        mask = np.zeros(self.obstacles.bound.shape, dtype=bool)
-        mask[segment, body, part] = True
-        mask[segment + 1, body, part] = True
-        self.obstacles.refine(kin, float(need.max()), mask)
 
     def _open_self(self, kin: Kinematics, v: Array, clearance: float) -> _Open:
         proximity = self.self_pairs
@@ -203,12 +224,10 @@ class Certifier:
     ) -> int:
         space = self.bodies.tree.space
         checks = 0
-        # a node that already is too close decides its segments
-        for at_low in (True, False):
-            d = triples.d_low if at_low else triples.d_high
-            bad = d <= clearance
-            if bad.any():
-                self._report(triples.take(bad), d[bad], states, worst, is_self, certain=True)
+        d = np.minimum(triples.d_low, triples.d_high)
+        bad = d <= clearance
+        if bad.any():
+            self._report(triples.take(bad), d[bad], states, worst, is_self, certain=True)
         triples = triples.take(states[triples.segment] == 0)
         for _depth in range(self.max_depth):
             if len(triples) == 0:

@@ -152,7 +152,7 @@ class Drawing:
             at = obstacle.pose[:3, 3]
             if np.all(np.abs(at - (low + high) / 2) < (high - low) / 2 + 0.8):
                 r = min(obstacle.reach, 0.6)
-                points = np.vstack((points, at - r, at + r))
+                points = np.vstack((points, np.maximum(at - r, [-np.inf, -np.inf, 0.0]), at + r))
         along = chart[-1, :2] - chart[0, :2] if self.poses.space.planar else np.zeros(2)
         length = float(np.linalg.norm(along))
         along = along / length if length > 0.3 else np.array([1.0, 0.0])

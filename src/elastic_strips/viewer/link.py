@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import atexit
-import os
 import select
+import socket
+import struct
 import subprocess
 import sys
-import time
 from collections.abc import Iterable
 from pathlib import Path
 
 from elastic_strips.viewer.commands import Command
 from elastic_strips.viewer.server import HEADER
 
-_START, _SEND = 20.0, 5.0
+_START, _SEND = 20.0, 10  # [s]
 
 
 class LinkError(RuntimeError):
@@ -35,17 +35,25 @@ class Link:
             LinkError: It does not start, or the port is taken.
         """
         script = Path(__file__).with_name("server.py")
+        ours, theirs = socket.socketpair()
+        # Writes block in the kernel, without the interpreter's lock; one that waits too long fails.
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _SEND, 0))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        self._socket = ours
         try:
             self._process = subprocess.Popen(
                 [sys.executable, str(script), str(port or 0)],
-                stdin=subprocess.PIPE,
+                stdin=theirs,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C in a terminal or a notebook is not for the server
                 bufsize=0,
             )
         except OSError as error:
+            ours.close()
             raise LinkError(f"the server process does not start: {error}") from error
+        finally:
+            theirs.close()
         atexit.register(self.close)
         line = self._line()
         name, _, value = line.partition("=")
@@ -53,8 +61,6 @@ class Link:
             self.close()
             raise LinkError(f"the server does not start: {value or 'no answer'}")
         self.url = value
-        assert self._process.stdin is not None
-        os.set_blocking(self._process.stdin.fileno(), False)
         self.send([("page", page.encode())])
 
     @property
@@ -78,19 +84,11 @@ class Link:
             name = key.encode()
             chunks += [HEADER.pack(len(name), len(payload)), name, payload]
         chunks.append(HEADER.pack(0, 0))
-        data = memoryview(b"".join(chunks))
-        assert self._process.stdin is not None
-        deadline = time.monotonic() + _SEND
         try:
-            pipe = self._process.stdin.fileno()
-            while data:
-                try:
-                    data = data[os.write(pipe, data[: 1 << 20]) :]
-                except BlockingIOError:
-                    if time.monotonic() > deadline:
-                        raise LinkError(f"the server has not read for {_SEND:.0f} s") from None
-                    select.select([], [pipe], [], 0.1)
-        except (OSError, ValueError) as error:
+            self._socket.sendall(b"".join(chunks))
+        except BlockingIOError:
+            raise LinkError(f"the server has not read for {_SEND} s") from None
+        except OSError as error:
             raise LinkError(f"the server process is gone: {error}") from error
 
     def close(self) -> None:
@@ -104,12 +102,9 @@ class Link:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                try:
-                    pipe.close()
-                except OSError:
-                    pass
+        self._socket.close()
+        if process.stdout is not None:
+            process.stdout.close()
 
     def _line(self) -> str:
         assert self._process.stdout is not None

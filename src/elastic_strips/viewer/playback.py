@@ -144,7 +144,8 @@ def _strips(
         out += drawing.strip(path[1:], charts[which], poses.points(), colors)
         out.append(commands.visible(path, k == 0))
         end = begins[k + 1] if k + 1 < len(chosen) else frames + 1
-        times = np.unique([0, begins[k], min(end, frames)])
+        # All of the same length, because each repeats by itself.
+        times = np.unique([0, begins[k], min(end, frames), frames])
         values = ((times >= begins[k]) & (times < end)).astype(np.uint8)
         tracks.append({"path": path, "property": "visible", "type": "bool", "times": times, "values": values})
     return out

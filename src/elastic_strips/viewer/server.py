@@ -114,7 +114,7 @@ def serve(port: int) -> None:
             self.pending = Record(deletions=True)
             self.pending.extend(record.items())
             clients.add(self)
-            self.flush()
+            self.push()
 
         def on_close(self) -> None:
             clients.discard(self)
@@ -122,12 +122,12 @@ def serve(port: int) -> None:
         def on_message(self, message: str | bytes) -> None:
             """Browsers have nothing to say."""
 
-        def flush(self) -> None:
+        def push(self) -> None:
             if not self.sending and len(self.pending):
                 self.sending = True
-                asyncio.ensure_future(self.send())
+                asyncio.ensure_future(self.drain())
 
-        async def send(self) -> None:
+        async def drain(self) -> None:
             try:
                 while len(self.pending):
                     await self.write_message(self.pending.take(), binary=True)
@@ -145,7 +145,7 @@ def serve(port: int) -> None:
             for client in clients:
                 client.pending.put(key, payload)
         for client in clients:
-            client.flush()
+            client.push()
 
     def pump(loop: asyncio.AbstractEventLoop) -> None:
         stream = sys.stdin.buffer

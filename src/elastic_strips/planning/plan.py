@@ -1,0 +1,231 @@
+"""plan: an initial strip, by the straight line where that relaxes to a certified strip, else by OMPL."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from ..deform import Deformer, DeformParams, DeformReport, DeformStatus
+from ..errors import ConfigurationError, ParameterError
+from ..relax import project_rolling
+from ..robot import BaseKind, Kinematics, RobotModel
+from ..robot.space import Array
+from ..scene import Scene
+from ..strip import Strip
+from .line import straight_line
+from .ompl_planner import ompl_path
+
+_log = logging.getLogger(__name__)
+_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanReport:
+    """How an initial strip came about.
+
+    Attributes:
+        strip: the strip; certified if ``certified``, else the best that was reached, as it is.
+        certified: whether every segment is certified.
+        method: ``"line"``, ``"ompl"``, or ``"none"`` where nothing was certified.
+        reason: what happened, for people.
+        report: the last deformation report.
+        attempts: planner calls made.
+        ticks: deformation ticks made.
+        seconds: from nothing to the first certified strip (or to giving up).
+        timings: seconds by phase: line, planner, relaxation.
+    """
+
+    strip: Strip
+    certified: bool
+    method: str
+    reason: str
+    report: DeformReport
+    attempts: int
+    ticks: int
+    seconds: float
+    timings: dict[str, float] = field(default_factory=dict)
+
+
+def check_ends(robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, clearance: float) -> tuple[Array, Array]:
+    """Check start and goal: sound configurations (nq,) that keep ``clearance`` [m] to obstacles and to the robot itself.
+
+    Raises:
+        ConfigurationError: names what is wrong: the entry, or the pair that is too close and its distance.
+    """
+    ends = []
+    deformer = Deformer(robot)
+    for what, given in (("start", start), ("goal", goal)):
+        q = robot.check_q(given, what=what)
+        if q.ndim != 1:
+            raise ConfigurationError(f"{what} has shape {q.shape}; it must be one configuration ({robot.nq},)")
+        kin = Kinematics(robot.tree, 1)
+        kin.update(robot.space.to_chart(q)[None])
+        deformer.obstacles.update(kin, scene)
+        deformer.self_pairs.update(kin)
+        bound = deformer.obstacles.bound[0]
+        if bound.size:
+            body, part = np.unravel_index(int(np.argmin(bound)), bound.shape)
+            _refuse(what, bound[body, part], clearance, deformer.bodies.names[body], deformer.obstacles.obstacle_name(int(part)))
+        if deformer.self_pairs.bound.size:
+            pair = int(np.argmin(deformer.self_pairs.bound[0]))
+            one, two = deformer.self_pairs.pairs[pair]
+            _refuse(
+                what, deformer.self_pairs.bound[0, pair], clearance, deformer.bodies.names[one], deformer.bodies.names[two]
+            )
+        ends.append(q)
+    return ends[0], ends[1]
+
+
+def _refuse(what: str, distance: float, clearance: float, one: str, two: str) -> None:
+    if distance < 0:
+        raise ConfigurationError(f"{what} is in collision: {one!r} is {-distance * 1000:.1f} mm deep in {two!r}")
+    if distance <= clearance:
+        raise ConfigurationError(
+            f"{what} is too close: {one!r} is {distance * 1000:.1f} mm from {two!r}; more than {clearance * 1000:.1f} mm "
+            "(clearance) are needed"
+        )
+
+
+def plan_report(
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: npt.ArrayLike,
+    *,
+    seed: int = 0,
+    params: DeformParams | None = None,
+    timeout: float = 10.0,
+    line_ticks: int = 6,
+    deformer: Deformer | None = None,
+    line: bool = True,
+) -> PlanReport:
+    """Plan an initial strip and tell how it went.
+
+    Args:
+        robot: the robot.
+        scene: the obstacles, standing still.
+        start, goal: configurations (nq,).
+        seed: of the planner's random numbers.
+        params: of the relaxation; the default preset where None.
+        timeout: longest time [s] for all planner calls.
+        line_ticks: most ticks that the straight line gets.
+        deformer: a workspace of the same robot to use again.
+        line: whether to try the straight line at all.
+
+    Raises:
+        ConfigurationError: start or goal is not sound, or in collision; names the pair.
+        ParameterError: a seed, timeout or number of ticks outside its range.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ParameterError(f"seed={seed!r} must be an integer ≥ 0")
+    if not timeout > 0:
+        raise ParameterError(f"timeout={timeout!r} must be > 0 s")
+    began = perf_counter()
+    deformer = Deformer(robot, params or DeformParams()) if deformer is None else deformer
+    params = deformer.params
+    q_start, q_goal = check_ends(robot, scene, start, goal, params.clearance)
+    spacing = min(0.13, params.max_spacing)
+    timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+    ticks, attempts = 0, 0
+    best: DeformReport | None = None
+    reasons: list[str] = []
+
+    def done(report: DeformReport, method: str, reason: str) -> PlanReport:
+        return PlanReport(
+            report.strip, report.certified, method, reason, report, attempts, ticks, perf_counter() - began, timings
+        )
+
+    mark = perf_counter()
+    rows = straight_line(robot, q_start, q_goal, spacing=spacing)
+    report = _relax_line(deformer, Strip.from_chart(robot, rows), scene, line_ticks if line else 0)
+    ticks += report.ticks if line else 0
+    timings["line"] += perf_counter() - mark
+    if report.certified:
+        return done(report, "line", f"the straight line relaxed to a certified strip in {report.ticks} ticks")
+    best = report
+    reasons.append(f"straight line: {report.reason}")
+
+    for attempt in range(64):
+        left = timeout - (perf_counter() - began)
+        if left <= 0.0:
+            break
+        attempts += 1
+        mark = perf_counter()
+        margin = _MARGINS[min(attempt, len(_MARGINS) - 1)]
+        found = ompl_path(
+            robot, scene, q_start, q_goal, seed=seed + 7919 * attempt, margin=margin,
+            timeout=min(left, 1.0 + 0.5 * attempt), spacing=spacing, widen=2.0 + 0.5 * (attempt % 4),
+        )  # fmt: skip
+        timings["planner"] += perf_counter() - mark
+        if found.chart is None:
+            reasons.append(found.reason)
+            continue
+        mark = perf_counter()
+        report = relax_path(deformer, robot, found.chart, scene)
+        ticks += report.ticks
+        timings["relaxation"] += perf_counter() - mark
+        if report.certified:
+            return done(report, "ompl", f"OMPL path {attempts} relaxed to a certified strip in {report.ticks} ticks")
+        reasons.append(f"path {attempts}: {report.reason}")
+        if report.clearance > best.clearance:
+            best = report
+    reason = "no certified strip: " + "; ".join(reasons[-4:])
+    _log.warning("%s", reason)
+    return done(best, "none", reason)
+
+
+def _relax_line(deformer: Deformer, strip: Strip, scene: Scene, ticks: int) -> DeformReport:
+    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
+    report = deformer.assess(strip, scene)
+    for tick in range(1, ticks + 1):
+        if report.certified:
+            break
+        step = deformer.step(report.strip, scene, nodes=tick > 3)
+        report = _counted(step, tick)
+        if tick >= 3 and step.clearance < 0.0:
+            break  # nodes on both sides of an obstacle: more ticks would not bring them together
+    return report
+
+
+def _counted(report: DeformReport, ticks: int) -> DeformReport:
+    from dataclasses import replace
+
+    return replace(report, ticks=ticks)
+
+
+def relax_path(deformer: Deformer, robot: RobotModel, chart: Array, scene: Scene, *, max_ticks: int = 30) -> DeformReport:
+    """Turn a planner's waypoints (N, nv) into a drivable strip and relax it until it is certified."""
+    if robot.base_kind is BaseKind.DIFF_DRIVE:
+        chart, _ = project_rolling(robot.space, chart)
+    return deformer.settle(Strip.from_chart(robot, chart), scene, until="certified", max_ticks=max_ticks)
+
+
+def plan(
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: npt.ArrayLike,
+    *,
+    seed: int = 0,
+    params: DeformParams | None = None,
+    timeout: float = 10.0,
+) -> Strip:
+    """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else OMPL's path.
+
+    Where neither gives a certified strip, the best one is returned *as it is*, a warning is logged, and every report on it
+    says where it is broken; :func:`plan_report` tells all.
+
+    Args:
+        robot, scene, start, goal, seed, params, timeout: as in :func:`plan_report`.
+
+    Raises:
+        ConfigurationError: start or goal is not sound, or in collision; names the pair.
+    """
+    return plan_report(robot, scene, start, goal, seed=seed, params=params, timeout=timeout).strip
+
+
+__all__ = ["DeformStatus", "PlanReport", "check_ends", "plan", "plan_report", "relax_path"]

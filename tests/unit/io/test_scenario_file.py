@@ -1,0 +1,108 @@
+"""Scenario files: the documented example loads; wrong files name file, line and key."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from elastic_strips.errors import ScenarioError
+from elastic_strips.io import PoseSpec, read_scenario
+
+DOCS = Path(__file__).parents[3] / "docs" / "scene-files.md"
+SHORT = "robot: silvermate\nscene: {obstacles: []}\nstart: {x: 1}\ngoal: {}\n"
+
+
+def read(tmp_path, text):
+    path = tmp_path / "case.yaml"
+    path.write_text(text, encoding="utf-8")
+    return read_scenario(path)
+
+
+def test_documented_example_loads(tmp_path):
+    (text,) = re.findall(r"```yaml scenario\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
+    spec = read(tmp_path, text)
+    assert (spec.name, spec.robot, spec.base, spec.preset) == ("table-and-cart", "silvermate", "diff_drive", "default")
+    assert spec.params == {"influence": 0.35}
+    assert spec.start == PoseSpec(x=-1.0)
+    assert spec.goal == PoseSpec(x=6.0, y=0.5)
+    assert spec.seed == 7
+    assert spec.scene.names == ("table", "cart")
+    assert spec.path == tmp_path / "case.yaml"
+
+
+def test_defaults(tmp_path):
+    spec = read(tmp_path, SHORT)
+    assert (spec.name, spec.description, spec.base, spec.preset, spec.params, spec.seed) == (
+        "case",
+        "",
+        None,
+        None,
+        {},
+        0,
+    )
+    assert spec.start == PoseSpec(x=1.0)
+    assert len(spec.scene) == 0
+
+
+def test_joints(tmp_path):
+    spec = read(tmp_path, SHORT.replace("{x: 1}", "{yaw: -1e-1, joints: {lift: 2e-1, elbow: -1}}"))
+    assert spec.start == PoseSpec(yaw=-0.1, joints={"lift": 0.2, "elbow": -1.0})
+
+
+def test_scene_and_urdf_files_are_relative_to_the_scenario(tmp_path, monkeypatch):
+    (tmp_path / "world").mkdir()
+    (tmp_path / "world" / "room.yaml").write_text("obstacles: [{shape: points, radius: 0.1, file: scan.csv}]")
+    (tmp_path / "world" / "scan.csv").write_text("1,2,3\n")
+    (tmp_path / "world" / "bot.urdf").write_text("<robot name='bot'/>")
+    monkeypatch.chdir("/")
+    text = SHORT.replace("{obstacles: []}", "world/room.yaml").replace("silvermate", "world/bot.urdf")
+    spec = read(tmp_path, text)
+    assert spec.scene.names == ("points-0",)
+    assert spec.robot == str(tmp_path / "world" / "bot.urdf")
+
+
+BAD = [
+    ("[]", 1, "must be a mapping of a scenario"),
+    (SHORT.replace("robot", "robbot"), 1, "unknown key 'robbot' of a scenario; did you mean 'robot'"),
+    (SHORT.replace("goal: {}\n", ""), 1, "'goal' is missing"),
+    (SHORT.replace("silvermate", "5"), 1, "robot: must be a non-empty string"),
+    (SHORT.replace("silvermate", "gone.urdf"), 1, "no URDF file"),
+    (SHORT.replace("silvermate", "./gone"), 1, "no URDF file"),
+    (SHORT + "base: diffdrive\n", 5, "base: unknown value 'diffdrive'; did you mean 'diff_drive'"),
+    (SHORT + "preset: papers\n", 5, "did you mean 'paper'"),
+    (SHORT + "params: [1]\n", 5, "mapping of names to numbers"),
+    (SHORT + "params:\n  influence: true\n", 6, r"params\.influence: must be a number, not True"),
+    (SHORT + "params:\n  influence: .nan\n", 6, "finite"),
+    (SHORT + "seed: -1\n", 5, r"seed: is -1, outside \[0, 4294967295\]"),
+    (SHORT + "seed: 1.5\n", 5, "integer"),
+    (SHORT + "seed: true\n", 5, "integer"),
+    (SHORT + "version: 3\n", 5, "version"),
+    (SHORT + "name: ''\n", 5, "name"),
+    (SHORT + "description: [a]\n", 5, "description"),
+    (SHORT.replace("{x: 1}", "{x: one}"), 3, r"start\.x: must be a number, not 'one'"),
+    (SHORT.replace("{x: 1}", "{z: 1}"), 3, "unknown key 'z' of a pose"),
+    (SHORT.replace("{x: 1}", "[0, 0, 0]"), 3, "must be a mapping of a pose"),
+    (SHORT.replace("{x: 1}", "{joints: {a: x}}"), 3, r"start\.joints\.a: must be a number"),
+    (SHORT.replace("{x: 1}", "{x: 1e9}"), 3, "outside"),
+    (
+        SHORT.replace("{obstacles: []}", "{obstacles: [{shape: sphere}]}"),
+        2,
+        r"scene\.obstacles\[0\]: .*'radius' is missing",
+    ),
+    (SHORT.replace("{obstacles: []}", "5"), 2, "mapping of a scene"),
+]
+
+
+@pytest.mark.parametrize("text, line, message", BAD)
+def test_a_wrong_file_names_file_line_and_key(tmp_path, text, line, message):
+    with pytest.raises(ScenarioError, match=message) as caught:
+        read(tmp_path, text)
+    assert str(caught.value).startswith(f"{tmp_path / 'case.yaml'}:{line}: ")
+
+
+def test_trouble_in_the_scene_file_is_a_scenario_error_that_names_that_file(tmp_path):
+    with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the file: No such file"):
+        read(tmp_path, SHORT.replace("{obstacles: []}", "gone.yaml"))
+    (tmp_path / "room.yaml").write_text("obstacles:\n- shape: sphere\n  radius: -1\n")
+    with pytest.raises(ScenarioError, match=r"room\.yaml:3: obstacles\[0\]\.radius"):
+        read(tmp_path, SHORT.replace("{obstacles: []}", "room.yaml"))

@@ -1,0 +1,220 @@
+"""Scenes: names, snapshots that share, and the table of parts against a reference made part by part."""
+
+import math
+import pickle
+import time
+
+import numpy as np
+import pytest
+
+from elastic_strips.errors import SceneError
+from elastic_strips.scene import Box, Cone, ConvexHull, Keyframes, Points, Scene, Sphere, Twist, Voxels
+
+
+def random_pose(rng):
+    quat = rng.normal(size=4)
+    return np.array(Box((1, 1, 1), at=rng.uniform(-3, 3, 3), quat=quat / np.linalg.norm(quat)).pose)
+
+
+def mixed(rng):
+    cells = np.unique(rng.integers(0, 30, (400, 3)), axis=0) * 0.1
+    scene = Scene(
+        [
+            Box((1, 2, 0.5), name="box", motion=Twist((0.3, 0, 0), (0, 0.4, 1))),
+            Voxels(cells, 0.1, name="voxels"),
+            ConvexHull(rng.normal((1, 2, 3), size=(30, 3)), name="hull"),
+            Sphere(0.4, name="ball", motion=Keyframes([0, 2], [[0, 0, 0], [1, 2, 3]])),
+            Points(rng.uniform(0, 2, (50, 3)), 0.02, name="cloud", motion=Twist((0, 0.1, 0), (1, 0, 0))),
+            Cone(0.2, 0.7, name="cone"),
+        ]
+    )
+    for name in scene.names:
+        scene = scene.moved(name, random_pose(rng))
+    return scene
+
+
+def check_table(scene):
+    """Compare the table with the world geometry of each part."""
+    table, row = scene.table, 0
+    for k, obstacle in enumerate(scene.obstacles):
+        assert table.offsets[k] == row
+        for part in obstacle.parts:
+            T = obstacle.pose @ part.T_obstacle_part
+            assert table.parts[row] is part
+            assert table.obstacle_index[row] == k
+            np.testing.assert_allclose(table.rotation[row], T[:3, :3], atol=1e-13)
+            np.testing.assert_allclose(table.translation[row], T[:3, 3], atol=1e-12)
+            np.testing.assert_allclose(
+                table.center[row], obstacle.pose[:3, :3] @ part.center + obstacle.pose[:3, 3], atol=1e-12
+            )
+            assert table.radius[row] == part.radius
+            corners = part.half_extents * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+            spread = np.minimum(np.abs(corners @ obstacle.pose[:3, :3].T).max(axis=0), part.radius)
+            np.testing.assert_allclose(table.half_extents[row], spread, atol=1e-12)
+            row += 1
+    assert len(table) == row == table.offsets[-1]
+    for array in (table.rotation, table.translation, table.center, table.half_extents, table.radius):
+        assert len(array) == row
+        assert not array.flags.writeable
+
+
+def test_unnamed_obstacles_get_names_that_are_free():
+    scene = Scene([Box((1, 1, 1)), Sphere(1), Box((1, 1, 1), name="box-3"), Box((1, 1, 1))])
+    assert scene.names == ("box-0", "sphere-1", "box-3", "box-4")
+    assert [o.name for o in scene] == list(scene.names)
+    more = scene.with_obstacle(Box((1, 1, 1)))
+    assert more.names[-1] == "box-5"
+    assert more.without("box-0").with_obstacle(Box((1, 1, 1))).names[-1] == "box-6"
+
+
+def test_bad_scenes_are_refused():
+    with pytest.raises(SceneError, match="'a'"):
+        Scene([Box((1, 1, 1), name="a"), Sphere(1, name="a")])
+    with pytest.raises(SceneError, match="already"):
+        Scene([Box((1, 1, 1), name="a")]).with_obstacle(Sphere(1, name="a"))
+    with pytest.raises(SceneError, match="no obstacle"):
+        Scene(["box"])
+    with pytest.raises(SceneError, match="list"):
+        Scene(Box((1, 1, 1)))
+    with pytest.raises(SceneError, match="list"):
+        Scene(5)
+    with pytest.raises(SceneError, match="time"):
+        Scene([], time=math.nan)
+    with pytest.raises(SceneError, match="no obstacle"):
+        Scene([]).with_obstacle("box")
+
+
+@pytest.mark.parametrize("name", ["tabel", 5, None, []])
+def test_unknown_name_offers_the_nearest(name):
+    scene = Scene([Box((1, 1, 1), name="table")])
+    with pytest.raises(SceneError, match="Valid: table"):
+        scene.moved(name, np.eye(4))
+    with pytest.raises(SceneError, match="Valid: table"):
+        scene.without(name)
+    with pytest.raises(SceneError, match="Valid: table"):
+        scene.obstacle(name)
+
+
+def test_scene_is_immutable():
+    scene = Scene([Sphere(1)])
+    with pytest.raises(AttributeError, match="immutable"):
+        scene.time = 3.0
+    with pytest.raises(AttributeError, match="immutable"):
+        del scene.names
+
+
+def test_snapshots_share_what_did_not_change():
+    scene = mixed(np.random.default_rng(0))
+    moved = scene.moved("hull", np.eye(4))
+    assert [a is b for a, b in zip(scene, moved, strict=True)] == [True, True, False, True, True, True]
+    later = scene.at(1.0)
+    assert later.time == 1.0
+    assert [a is b for a, b in zip(scene, later, strict=True)] == [False, True, True, False, False, True]
+    assert scene.time == 0.0
+    assert scene.without("box").obstacles == scene.obstacles[1:]
+    assert scene.with_obstacle(Sphere(1)).obstacles[:6] == scene.obstacles
+    assert "hull" in scene
+    assert scene.obstacles[0] in scene
+    assert len(scene) == 6
+
+
+def test_table_agrees_with_the_parts():
+    check_table(mixed(np.random.default_rng(1)))
+    check_table(Scene([]))
+    assert len(Scene([]).table) == 0
+
+
+def test_table_of_derived_snapshots_agrees_and_leaves_the_old_one_alone():
+    rng = np.random.default_rng(2)
+    scene = mixed(rng)
+    before = scene.table.center.copy()
+    one = scene.moved("voxels", random_pose(rng))
+    check_table(one)
+    two = (
+        one.moved("cone", random_pose(rng)).moved("hull", random_pose(rng)).moved("cone", random_pose(rng))
+    )  # no table between
+    check_table(two)
+    check_table(two.at(0.7))
+    check_table(two.at(0.7).moved("box", random_pose(rng)).at(1.9))
+    check_table(two.without("voxels"))
+    check_table(two.without("voxels").with_obstacle(Sphere(0.3)).moved("cone", random_pose(rng)))
+    np.testing.assert_array_equal(scene.table.center, before)
+    assert scene.table is scene.table
+    assert Scene([Sphere(1)]).at(4.0).time == 4.0
+
+
+def test_derived_table_is_updated_and_not_rebuilt(monkeypatch):
+    scene = mixed(np.random.default_rng(3))
+    assert scene.table is not None
+
+    def fail(obstacles):
+        raise AssertionError("the table was rebuilt")
+
+    monkeypatch.setattr("elastic_strips.scene.scene.build_table", fail)
+    assert len(scene.moved("box", np.eye(4)).moved("cone", np.eye(4)).at(1.0).table) == len(scene.table)
+    with pytest.raises(AssertionError, match="rebuilt"):
+        _ = scene.without("box").table
+
+
+def test_world_box_of_a_turned_part_holds_its_points():
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(60, 3))
+    scene = Scene([ConvexHull(points, name="hull"), Sphere(0.5)]).moved("hull", random_pose(rng))
+    pose = scene.obstacle("hull").pose
+    world = points @ pose[:3, :3].T + pose[:3, 3]
+    assert (np.abs(world - scene.table.center[0]) <= scene.table.half_extents[0] + 1e-12).all()
+    np.testing.assert_allclose(scene.table.half_extents[1], 0.5)
+
+
+def test_moving_obstacles_follow_the_time_of_the_scene():
+    ball = Sphere(0.1, at=(1, 0, 0), motion=Twist((1, 0, 0)))
+    scene = Scene([ball], time=3.0)
+    assert scene.obstacles[0].pose[0, 3] == pytest.approx(4)
+    assert scene.at(5).at(1).obstacles[0].pose[0, 3] == pytest.approx(2)
+    assert scene.with_obstacle(ball.named("late")).obstacle("late").pose[0, 3] == pytest.approx(4)
+    pose = np.eye(4)
+    pose[:3, 3] = 10, 0, 0
+    moved = scene.moved("sphere-0", pose)
+    assert moved.obstacles[0].pose[0, 3] == 10
+    assert moved.at(5).obstacles[0].pose[0, 3] == pytest.approx(12)
+
+
+def test_moved_takes_an_se3():
+    pin = pytest.importorskip("pinocchio")
+    placement = pin.SE3.Random()
+    moved = Scene([Sphere(1, name="a")]).moved("a", placement)
+    np.testing.assert_allclose(moved.obstacle("a").pose, placement.homogeneous)
+
+
+def test_pickling_keeps_the_snapshot():
+    scene = mixed(np.random.default_rng(5)).at(0.4)
+    copy = pickle.loads(pickle.dumps(scene))
+    assert copy.names == scene.names
+    assert copy.time == scene.time
+    np.testing.assert_array_equal(copy.table.center, scene.table.center)
+    np.testing.assert_allclose(copy.at(1.0).table.center, scene.at(1.0).table.center)
+
+
+def median_us(action, count=300):
+    spent = []
+    for _ in range(count):
+        begin = time.perf_counter()
+        action()
+        spent.append(time.perf_counter() - begin)
+    return 1e6 * float(np.median(spent))
+
+
+def test_moving_one_of_many_is_cheap():
+    """Bounds are ten times what it takes, so that a busy machine passes and a loop over parts does not."""
+    rng = np.random.default_rng(6)
+    small = Scene([Box((0.3, 0.3, 0.3), at=rng.uniform(-3, 3, 3)) for _ in range(32)])
+    pose = random_pose(rng)
+    assert small.table is not None
+    assert median_us(lambda: small.moved("box-7", pose).table) < 250
+    cells = np.stack(np.meshgrid(np.arange(200), np.arange(30), np.arange(10), indexing="ij"), -1).reshape(-1, 3)
+    begin = time.perf_counter()
+    grid = Voxels(cells * 0.05, 0.05)
+    assert time.perf_counter() - begin < 2.0
+    large = Scene([grid, *(Box((0.3, 0.3, 0.3), name=f"b{k}") for k in range(10))])
+    assert large.table is not None
+    assert median_us(lambda: large.moved("b3", pose).table) < 500

@@ -1,0 +1,61 @@
+"""What the viewer's tests share: a robot, a scene, and reports that look like those of the deformer."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from elastic_strips.robot import load_robot
+from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Twist, Voxels
+
+
+@pytest.fixture(scope="session")
+def robot():
+    return load_robot("silvermate")
+
+
+@pytest.fixture(scope="session")
+def scene():
+    grid = np.stack(np.meshgrid(np.arange(3), np.arange(4), np.arange(5)), axis=-1).reshape(-1, 3)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    return Scene(
+        [
+            Box((0.6, 0.6, 1.4), at=(1.5, 1.0, 0.7)),
+            Sphere(0.25, at=(2.4, 0.8, 1.0)),
+            Cylinder(0.2, 1.0, at=(0.0, 1.0, 0.5)),
+            Cone(0.2, 0.5, at=(0.0, -1.0, 0.25)),
+            Capsule(0.2, 1.0, at=(4.0, -1.0, 0.7), motion=Twist(linear=(-0.3, 0.1, 0.0))),
+            ConvexHull(corners, at=(3.0, -1.5, 0.0)),
+            Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]), at=(4.0, 1.5, 0.0)),
+            Voxels(0.1 * grid + 0.05, 0.1, at=(5.0, 1.0, 0.0)),
+            Points(0.07 * grid, 0.03, at=(5.0, -1.0, 0.2), name="</script><b>cloud</b>/1"),
+        ]
+    )
+
+
+@pytest.fixture
+def make_report(robot):
+    def make(shift: float = 0.0, nodes: int = 40, **changes: object) -> SimpleNamespace:
+        s = np.linspace(0.0, 1.0, nodes)
+        chart = np.tile(robot.space.to_chart(robot.home()), (nodes, 1))
+        chart[:, 0] = -1.0 + 7.0 * s
+        chart[:, 1] = (0.5 + shift) * np.sin(np.pi * s) ** 2
+        chart[:, 2] = np.arctan2(np.gradient(chart[:, 1]), np.gradient(chart[:, 0]))
+        strip = SimpleNamespace(robot=robot, q=robot.space.from_chart(chart))
+        segments = np.arange(nodes - 1) != 5
+        fields = {
+            "strip": strip,
+            "status": "DEFORMING",
+            "reason": "",
+            "clearance": 0.1234,
+            "certificate": SimpleNamespace(certified=False, segments=segments, broken=None),
+            "energies": {},
+            "timings": {},
+            "forces": SimpleNamespace(points=np.ones((5, 3)), vectors=np.eye(5, 3)),
+            "hull_radius": np.full((nodes, len(robot.control_point_names)), 0.2),
+        }
+        return SimpleNamespace(**(fields | changes))
+
+    return make
