@@ -59,7 +59,7 @@ class DefaultStep:
             k_r=params.k_r, influence=params.influence, k_near=params.k_near, near=min(params.near, params.influence),
         )  # fmt: skip
         add_self_repulsion(
-            system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self, influence=params.self_influence
+            system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self
         )
         add_joint_limits(system, space, chart, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin)
         if params.k_posture > 0.0:

@@ -48,15 +48,24 @@ class Deformer:
         reach = params.influence if params.preset == "default" else 0.3
         self.kin = Kinematics(robot.tree, 64)
         self.obstacles = ObstacleProximity(self.bodies, influence=reach)
-        self.self_pairs = SelfProximity(
-            self.bodies, robot.self_pairs, self.bounds, influence=max(params.self_influence, 2 * params.clearance)
-        )
+        self.self_pairs = self._self_proximity()
         self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs)
         self._default = DefaultStep(robot, params)
         self._paper = PaperStep(robot, params) if params.preset == "paper" else None
         self._strip: Strip | None = None
         self._iteration = 0.0
         self._clock = PhaseClock()
+
+    def _self_proximity(self) -> SelfProximity:
+        """Self pairs, with repulsion that begins no further than 0.8 of what separates a pair at home by design."""
+        params, pairs = self.params, self.robot.self_pairs
+        reach = max(params.self_influence, 2.0 * params.self_clearance)
+        home = SelfProximity(self.bodies, pairs, self.bounds, influence=reach)
+        kin = Kinematics(self.robot.tree, 1)
+        kin.update(self.robot.space.to_chart(self.robot.home_q)[None])
+        home.update(kin)
+        repulsion = np.clip(0.8 * np.minimum(home.exact[0], reach), 0.0, params.self_influence)
+        return SelfProximity(self.bodies, pairs, self.bounds, influence=reach, repulsion=repulsion)
 
     def step(
         self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False, nodes: bool = True
@@ -197,7 +206,9 @@ class Deformer:
     def _certify(self, scene: Scene) -> Certificate:
         chart = self.kin.chart[: self.kin.n]
         v = self.robot.space.difference(chart[:-1], chart[1:])
-        certificate = self.certifier.certify(self.kin, v, clearance=self.params.clearance, scene=scene)
+        certificate = self.certifier.certify(
+            self.kin, v, clearance=self.params.clearance, self_clearance=self.params.self_clearance, scene=scene
+        )
         self._clock.mark("certificate")
         return certificate
 

@@ -23,7 +23,8 @@ class DeformParams:
         k_r: repulsion gain (Table 1 of the paper: 0.3).
         k_c: contraction gain (Table 1: 0.5).
         near: distance of the stiff repulsive layer; k_near: its gain. Default preset only.
-        k_self, self_influence: repulsion between the robot's own links.
+        self_clearance: distance that the certificate proves between the robot's own links.
+        k_self, self_influence: repulsion between the robot's own links; links that are nearer by design push later.
         k_limit, limit_margin: joint limits.
         k_posture: pull of the joints towards the straight joint-space line from start to goal.
         yaw_lever, joint_lever: lengths that make angles comparable with metres in the spacing [m/rad].
@@ -41,6 +42,7 @@ class DeformParams:
     preset: str = "default"
     influence: float = 0.3
     clearance: float = 0.005
+    self_clearance: float = 0.001
     k_r: float = 1.0
     k_c: float = 1.0
     near: float = 0.06
@@ -75,7 +77,7 @@ class DeformParams:
                 raise ParameterError(f"{f.name}={value!r} is not a number")
             if not np.isfinite(value) or value < 0:
                 raise ParameterError(f"{f.name}={value!r} must be finite and ≥ 0")
-        for name in ("influence", "clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks"):
+        for name in ("influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks"):
             if getattr(self, name) <= 0:
                 raise ParameterError(f"{name}={getattr(self, name)!r} must be > 0")
         if self.clearance >= self.influence:

@@ -63,21 +63,22 @@ def add_repulsion(
 
 
 def add_self_repulsion(
-    system: System, kin: Kinematics, proximity: SelfProximity, contacts: SelfContacts, *, k_s: float, influence: float
+    system: System, kin: Kinematics, proximity: SelfProximity, contacts: SelfContacts, *, k_s: float
 ) -> float:
-    """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊².
+    """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊², d_s the pair's repulsion distance.
 
     Returns:
         The potential V.
     """
-    energy = float(repulsive_potential(contacts.distance, k_s, influence).sum())
+    influence = proximity.repulsion[contacts.pair]
+    gap = np.maximum(influence - contacts.distance, 0.0)
+    energy = 0.5 * k_s * float((gap**2).sum())
     if len(contacts):
         joint = proximity.bodies.joint
         one, two = proximity.pairs[contacts.pair, 0], proximity.pairs[contacts.pair, 1]
         rows = kin.directional(contacts.node, joint[one], contacts.first, contacts.direction)
         rows = rows - kin.directional(contacts.node, joint[two], contacts.second, contacts.direction)
-        push = repulsive_magnitude(contacts.distance, k_s, influence)
-        system.add_rows(contacts.node, rows, push, np.where(push > 0.0, k_s, 0.0))
+        system.add_rows(contacts.node, rows, k_s * gap, np.where(gap > 0.0, k_s, 0.0))
     system.energies["self_collision"] = energy
     return energy
 

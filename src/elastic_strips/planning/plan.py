@@ -50,8 +50,10 @@ class PlanReport:
     timings: dict[str, float] = field(default_factory=dict)
 
 
-def check_ends(robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, clearance: float) -> tuple[Array, Array]:
-    """Check start and goal: sound configurations (nq,) that keep ``clearance`` [m] to obstacles and to the robot itself.
+def check_ends(
+    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams
+) -> tuple[Array, Array]:
+    """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
 
     Raises:
         ConfigurationError: names what is wrong: the entry, or the pair that is too close and its distance.
@@ -69,12 +71,12 @@ def check_ends(robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.
         bound = deformer.obstacles.bound[0]
         if bound.size:
             body, part = np.unravel_index(int(np.argmin(bound)), bound.shape)
-            _refuse(what, bound[body, part], clearance, deformer.bodies.names[body], deformer.obstacles.obstacle_name(int(part)))
+            _refuse(what, bound[body, part], params.clearance, deformer.bodies.names[body], deformer.obstacles.obstacle_name(int(part)))
         if deformer.self_pairs.bound.size:
             pair = int(np.argmin(deformer.self_pairs.bound[0]))
             one, two = deformer.self_pairs.pairs[pair]
             _refuse(
-                what, deformer.self_pairs.bound[0, pair], clearance, deformer.bodies.names[one], deformer.bodies.names[two]
+                what, deformer.self_pairs.bound[0, pair], params.self_clearance, deformer.bodies.names[one], deformer.bodies.names[two]
             )
         ends.append(q)
     return ends[0], ends[1]
@@ -127,7 +129,7 @@ def plan_report(
     began = perf_counter()
     deformer = Deformer(robot, params or DeformParams()) if deformer is None else deformer
     params = deformer.params
-    q_start, q_goal = check_ends(robot, scene, start, goal, params.clearance)
+    q_start, q_goal = check_ends(robot, scene, start, goal, params)
     spacing = min(0.13, params.max_spacing)
     timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
     ticks, attempts = 0, 0

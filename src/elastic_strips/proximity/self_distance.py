@@ -63,6 +63,7 @@ class SelfProximity:
         pairs: (S, 2) index pairs of bodies.
         bounds: motion radii of ``bodies``.
         influence: distances below this [m] are computed exactly.
+        repulsion: (S,) distances [m] below which the pairs push each other apart; at most ``influence``.
         tolerance: an exact distance is asked again after this much relative motion [m].
     """
 
@@ -73,8 +74,10 @@ class SelfProximity:
         bounds: MotionBounds,
         *,
         influence: float,
+        repulsion: Array | None = None,
         tolerance: float = 1e-4,
     ) -> None:
+        self.repulsion = np.full(len(pairs), influence) if repulsion is None else np.minimum(repulsion, influence)
         self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance
         self.radius = bounds.pair_radius(pairs)
         self.asked = 0
@@ -184,8 +187,8 @@ class SelfProximity:
         return distance, -direction, first, second
 
     def contacts(self) -> SelfContacts:
-        """All self pairs within the influence distance."""
-        node, pair = np.nonzero((self.exact < self.influence) & (self._since <= self.tolerance))
+        """All self pairs within their repulsion distance."""
+        node, pair = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
         return SelfContacts(
             node, pair, self.exact[node, pair], self.direction[node, pair], self.first[node, pair], self.second[node, pair]
         )

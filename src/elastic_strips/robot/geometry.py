@@ -162,14 +162,14 @@ def _hull_volume(points: Array) -> float:
     return float(ConvexHull(points).volume)
 
 
-def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_ratio: float = 1.15) -> list[LinkGeometry]:
+def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_ratio: float = 1.06) -> list[LinkGeometry]:
     """The convex pieces of a collision model: meshes as hulls, contained ones dropped, neighbours joined.
 
     Args:
         model: the planned model.
         collision: its collision geometry, meshes as Coal loads them.
-        join_ratio: two mesh hulls of a body are joined where the joint hull's volume is at most this many times their
-            sum (or the smaller is under a tenth of a litre); robots of primitives only are left as they are.
+        join_ratio: two pieces of a body are joined where the joint hull's volume is at most this many times their sum (or a
+            tenth of a litre more); robots of primitives only are left as they are.
 
     Raises:
         RobotError: an unsupported shape, or a mesh without volume.
@@ -216,6 +216,15 @@ def _without_contained(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
     ]
 
 
+def _cloud(piece: LinkGeometry) -> Array:
+    """Points in the joint's frame whose hull contains the piece."""
+    points, radius = support_points(piece.geometry)
+    if radius > 0:
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        points = (points[:, None, :] + radius * signs[None]).reshape(-1, 3)
+    return _transformed(points, piece.placement)
+
+
 def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
     pieces = list(pieces)
     while True:
@@ -224,18 +233,11 @@ def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
             for k in range(i + 1, len(pieces)):
                 if pieces[i].joint != pieces[k].joint:
                     continue
-                clouds, volumes = [], []
-                for p in (pieces[i], pieces[k]):
-                    points, radius = support_points(p.geometry)
-                    if radius > 0:
-                        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-                        points = (points[:, None, :] + radius * signs[None]).reshape(-1, 3)
-                    points = _transformed(points, p.placement)
-                    clouds.append(points)
-                    volumes.append(_hull_volume(points))
+                clouds = [_cloud(pieces[i]), _cloud(pieces[k])]
+                volumes = [_hull_volume(c) for c in clouds]
                 cloud = np.vstack(clouds)
                 grown = _hull_volume(cloud) - sum(volumes)
-                if grown > (ratio - 1.0) * sum(volumes) and grown > 2.5e-4:
+                if grown > (ratio - 1.0) * sum(volumes) and grown > 1e-4:
                     continue
                 if best is None or grown < best[0]:
                     best = (grown, i, k, cloud)
@@ -243,7 +245,7 @@ def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
             return pieces
         _, i, k, cloud = best
         links = tuple(sorted(set(pieces[i].links) | set(pieces[k].links)))
-        name = f"{pieces[i].name}+{pieces[k].name}"
+        name = max((pieces[i], pieces[k]), key=lambda p: _hull_volume(_cloud(p))).name.split("+")[0] + f"+{len(links) - 1}"
         hull = convex_from_vertices(cloud, name=name)
         joined = _piece(name, links, pieces[i].joint, hull, np.eye(4))
         pieces = [p for j, p in enumerate(pieces) if j not in (i, k)] + [joined]

@@ -121,13 +121,14 @@ class Certifier:
         self._between = Kinematics(bodies.tree, 64)
         self._ends = Kinematics(bodies.tree, 64)
 
-    def certify(self, kin: Kinematics, v: Array, *, clearance: float, scene: Scene) -> Certificate:
+    def certify(self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene) -> Certificate:
         """Certify the segments between the nodes of ``kin``.
 
         Args:
             kin: kinematics of the nodes (N), as last given to the proximities.
             v: (N−1, nv) tangents of the segments.
-            clearance: required distance [m], > 0, to obstacles and between links.
+            clearance: required distance [m], > 0, to obstacles.
+            self_clearance: required distance [m], > 0, between the robot's own links.
             scene: the snapshot, as last given to the obstacle proximity.
         """
         n = kin.n - 1
@@ -136,11 +137,11 @@ class Certifier:
         worst: list[BrokenSegment] = []
         self._colliding_nodes(clearance, states, worst)
         open_obstacles = self._open_obstacles(kin, v, travel, clearance, states)
-        open_self = self._open_self(kin, v, clearance)
+        open_self = self._open_self(kin, v, self_clearance)
         checks = 0
         for triples, is_self in ((open_obstacles, False), (open_self, True)):
             if len(triples):
-                checks += self._bisect(kin, v, triples, clearance, states, worst, is_self)
+                checks += self._bisect(kin, v, triples, self_clearance if is_self else clearance, states, worst, is_self)
         checks += self._uncovered(kin, v, travel, clearance, scene, states, worst)
         worst.sort(key=lambda b: (not b.certain, b.clearance))
         return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)

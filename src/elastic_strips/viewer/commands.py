@@ -41,7 +41,7 @@ def material(color: ArrayLike = (1.0, 1.0, 1.0), *, opacity: float = 1.0, lit: b
         lit: Whether light shades it.
         **more: Further three.js material properties.
     """
-    r, g, b = (int(round(255 * float(c))) for c in np.asarray(color))
+    r, g, b = (round(255 * float(c)) for c in np.asarray(color))
     data: dict[str, Any] = {
         "type": "MeshStandardMaterial" if lit else "MeshBasicMaterial",
         "color": r << 16 | g << 8 | b,
@@ -54,7 +54,15 @@ def material(color: ArrayLike = (1.0, 1.0, 1.0), *, opacity: float = 1.0, lit: b
     return data | more
 
 
-def mesh(path: str, data: MeshData, look: Mapping[str, Any], *, instances: int | None = None, cast: bool = True, veiled: bool = False) -> Command:
+def mesh(
+    path: str,
+    data: MeshData,
+    look: Mapping[str, Any],
+    *,
+    instances: int | None = None,
+    cast: bool = True,
+    veiled: bool = False,
+) -> Command:
     """Put a mesh at a path, in the place of what was there.
 
     Args:
@@ -144,14 +152,17 @@ def animation(tracks: Sequence[Mapping[str, Any]], fps: float) -> Command:
     for track in tracks:
         values = np.asarray(track["values"])
         packed = umsgpack.Ext(_UINT8, values.tobytes()) if values.dtype == np.uint8 else floats(values)
-        one = {"name": "." + track["property"], "type": track["type"], "times": floats(track["times"]), "values": packed}
+        one = {
+            "name": "." + track["property"],
+            "type": track["type"],
+            "times": floats(track["times"]),
+            "values": packed,
+        }
         clips.append(
             {"path": track["path"], "clip": {"fps": fps, "name": track["path"] + track["property"], "tracks": [one]}}
         )
     options = {"play": True, "repetitions": 1_000_000}
-    return key("", "animation"), _pack(
-        {"type": "set_animation", "animations": clips, "options": options, "path": ""}
-    )
+    return key("", "animation"), _pack({"type": "set_animation", "animations": clips, "options": options, "path": ""})
 
 
 def no_animation() -> Command:

@@ -100,7 +100,9 @@ class Drawing:
         out += [commands.mesh(p, b.mesh, look) for p, b in zip(self.body_paths, self.bodies, strict=True)]
         look = commands.material(hexcolor(GHOST), opacity=0.27, roughness=0.9)
         for body in ghost_bodies(self.bodies):
-            out.append(commands.mesh(f"/ghosts/{body.joint}", body.mesh, look, instances=self.ghosts, cast=False, veiled=True))
+            out.append(
+                commands.mesh(f"/ghosts/{body.joint}", body.mesh, look, instances=self.ghosts, cast=False, veiled=True)
+            )
         return self.poses, out
 
     def stop(self) -> list[Command]:
@@ -209,9 +211,13 @@ class Drawing:
         out: list[Command] = []
         if "forces" not in self._made:
             self._made.add("forces")
-            out.append(commands.mesh("/forces", meshes.arrow(), commands.material(hexcolor(FORCE)), instances=64, cast=False))
+            out.append(
+                commands.mesh("/forces", meshes.arrow(), commands.material(hexcolor(FORCE)), instances=64, cast=False)
+            )
         none = np.zeros((0, 16), dtype=np.float32)
-        out.append(commands.instances("/forces", none if forces is None else geometry.arrows(forces.points, forces.vectors)))
+        out.append(
+            commands.instances("/forces", none if forces is None else geometry.arrows(forces.points, forces.vectors))
+        )
         return out
 
     def _tunnel(self, report: Any, points: Doubles) -> list[Command]:

@@ -1,4 +1,4 @@
-"""Geometry: where the threads, arrows, spheres and ribbons of a strip are, as arrays and without loops where it counts."""
+"""Geometry: where the threads, arrows, spheres and ribbons of a strip are, as arrays."""
 
 from __future__ import annotations
 
@@ -53,9 +53,11 @@ def between(starts: ArrayLike, ends: ArrayLike, radius: ArrayLike) -> Floats:
     starts, ends = np.asarray(starts, dtype=np.float32), np.asarray(ends, dtype=np.float32)
     along = ends - starts
     length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
-    along = np.where(length > 1e-6, along, np.float32([0, 0, 1e-6]))
+    along = np.where(length > 1e-6, along, np.array([0, 0, 1e-6], dtype=np.float32))
     unit = along / length
-    helper = np.where(np.abs(unit[:, 2:]) < 0.9, np.float32([0, 0, 1]), np.float32([1, 0, 0]))
+    helper = np.where(
+        np.abs(unit[:, 2:]) < 0.9, np.array([0, 0, 1], dtype=np.float32), np.array([1, 0, 0], dtype=np.float32)
+    )
     x = np.cross(helper, unit)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     y = np.cross(unit, x)
@@ -79,7 +81,8 @@ def arrows(points: ArrayLike, vectors: ArrayLike, longest: float = 0.45) -> Floa
     """Matrices (K, 16) of arrows, the longest of them ``longest`` [m]; very small ones are left out."""
     points, vectors = np.asarray(points, dtype=float).reshape(-1, 3), np.asarray(vectors, dtype=float).reshape(-1, 3)
     size = np.linalg.norm(vectors, axis=1)
-    keep = np.isfinite(size) & (size > 0.03 * size.max(initial=0.0)) & (size > 1e-9)
+    size = np.where(np.isfinite(size), size, 0.0)
+    keep = (size > 0.03 * size.max(initial=0.0)) & (size > 1e-9)
     if not keep.any():
         return np.zeros((0, 16), dtype=np.float32)
     scale = longest / size[keep].max()
@@ -144,7 +147,7 @@ def ribbon(
     vertices[0::2, :2], vertices[1::2, :2] = flat + side, flat - side
     i = 2 * (np.arange(len(chart) - 1)[:, None] * (steps + 1) + np.arange(steps)[None]).reshape(-1)
     faces = np.vstack((np.column_stack((i, i + 1, i + 3)), np.column_stack((i, i + 3, i + 2)))).astype(np.uint32)
-    normals = np.tile(np.float32([0, 0, 1]), (len(vertices), 1))
+    normals = np.tile(np.array([0, 0, 1], dtype=np.float32), (len(vertices), 1))
     return MeshData(vertices, normals, faces, np.repeat(colors, 2 * (steps + 1), axis=0).astype(np.float32))
 
 

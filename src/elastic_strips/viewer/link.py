@@ -43,7 +43,7 @@ class Link:
         try:
             self._process = subprocess.Popen(
                 [sys.executable, str(script), str(port or 0)],
-                stdin=theirs,
+                stdin=theirs.fileno(),
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C in a terminal or a notebook is not for the server

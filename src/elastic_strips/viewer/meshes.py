@@ -169,15 +169,17 @@ def ring(inner: float, outer: float) -> MeshData:
     tip, width = outer + 0.22, 0.11
     head = np.array([[tip, 0, 0], [outer + 0.03, width, 0], [outer + 0.03, -width, 0]])
     vertices, faces = np.vstack((vertices, head)), np.vstack((faces, [[98, 99, 100]]))
-    normals = np.tile(np.float32([0, 0, 1]), (len(vertices), 1))
+    normals = np.tile(np.array([0, 0, 1], dtype=np.float32), (len(vertices), 1))
     return MeshData(vertices.astype(np.float32), normals, faces.astype(np.uint32))
 
 
 def capsule(radius: float, length: float, segments: int = 24) -> MeshData:
     """Capsule along z: a cylinder of ``length`` [m] between two half spheres of ``radius`` [m]."""
-    angles = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 2)
-    profile = [(radius * np.cos(a), radius * np.sin(a) + np.copysign(length / 2, a)) for a in angles]
-    return _revolved(profile, segments, crease=0.5)
+    upper = [
+        (radius * np.cos(a), radius * np.sin(a) + length / 2) for a in np.linspace(0.0, np.pi / 2, segments // 4 + 1)
+    ]
+    lower = [(r, -z) for r, z in reversed(upper)]
+    return _revolved(lower + upper, segments, crease=0.5)
 
 
 def hull(points: ArrayLike) -> MeshData:

@@ -95,7 +95,8 @@ function look(points, direction) {
     distance = 1;
     for (const q of list) {
       p.subVectors(q, center);
-      distance = Math.max(distance, p.dot(n) + Math.max(Math.abs(p.dot(right)) / horizontal, Math.abs(p.dot(up)) / vertical));
+      const reach = Math.max(Math.abs(p.dot(right)) / horizontal, Math.abs(p.dot(up)) / vertical);
+      distance = Math.max(distance, p.dot(n) + reach);
     }
     const x = [Infinity, -Infinity], y = [Infinity, -Infinity];
     for (const q of list) {
@@ -122,7 +123,8 @@ function look(points, direction) {
 }
 
 // Objects that are drawn many times at once.
-const at = (path) => viewer.scene_tree.find(path.split("/").filter((x) => x)).object;
+const names = (path) => path.split("/").filter((x) => x);
+const at = (path) => viewer.scene_tree.find(names(path)).object;
 const room = (object, name, size, count) => {
   if (!object[name] || object[name].count < count)
     object[name] = new T.InstancedBufferAttribute(new Float32Array(size * Math.ceil(1.5 * count)), size);
@@ -189,7 +191,10 @@ const animator = viewer.animator, slider = byId("es-time");
 byId("es-toggle").onclick = () => { animator.playing ? animator.pause() : animator.play(); };
 slider.oninput = () => { animator.pause(); animator.seek(+slider.value); animator.display_progress(+slider.value); };
 const progress = animator.display_progress.bind(animator);
-animator.display_progress = (time) => { progress(time); if (document.activeElement !== slider || animator.playing) slider.value = time; };
+animator.display_progress = (time) => {
+  progress(time);
+  if (document.activeElement !== slider || animator.playing) slider.value = time;
+};
 setInterval(() => {
   byId("es-toggle").textContent = animator.playing ? "\\u275a\\u275a" : "\\u25b6";
   byId("es-now").textContent = (+slider.value).toFixed(1) + " s";
@@ -205,7 +210,7 @@ viewer.handle_command = (cmd) => {
   switch (cmd.type) {
     case "instances": place(cmd); break;
     case "transforms":
-      cmd.paths.forEach((p, i) => viewer.set_transform(p.split("/").filter((x) => x), cmd.matrices.subarray(16 * i, 16 * i + 16)));
+      cmd.paths.forEach((p, i) => viewer.set_transform(names(p), cmd.matrices.subarray(16 * i, 16 * i + 16)));
       break;
     case "hud": card(cmd); break;
     case "camera": look(cmd.points, cmd.direction); break;

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from elastic_strips.errors import InputError
@@ -151,7 +152,7 @@ def _strips(
     return out
 
 
-def _motion(path: str, times: Doubles, matrices: Floats) -> list[Mapping[str, Any]]:
+def _motion(path: str, times: ArrayLike, matrices: Floats) -> list[Mapping[str, Any]]:
     """Tracks of position and orientation through (F, 16) column-major matrices."""
     T = np.swapaxes(matrices.reshape(-1, 4, 4), -1, -2)
     quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat()

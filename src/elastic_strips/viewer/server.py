@@ -103,6 +103,7 @@ def serve(port: int) -> None:
 
     class Client(tornado.websocket.WebSocketHandler):
         pending: Record
+        task: asyncio.Future[None] | None = None
         sending = False
 
         def prepare(self) -> None:
@@ -125,7 +126,7 @@ def serve(port: int) -> None:
         def push(self) -> None:
             if not self.sending and len(self.pending):
                 self.sending = True
-                asyncio.ensure_future(self.drain())
+                self.task = asyncio.ensure_future(self.drain())
 
         async def drain(self) -> None:
             try:

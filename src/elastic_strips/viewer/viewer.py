@@ -22,8 +22,8 @@ from elastic_strips.viewer.playback import Playback
 from elastic_strips.viewer.server import Record
 
 _log = logging.getLogger(__name__)
-_RATE = 30.0
-_PATIENCE = 60.0
+_RATE = 30.0  # pictures per second
+_PATIENCE = 60.0  # [s]
 
 
 class Viewer:
@@ -31,7 +31,7 @@ class Viewer:
 
     ``show``, ``update`` and ``animate`` hand over the newest picture and return at once; a thread of the viewer's own
     draws it, and a process of its own serves it to browsers, on 127.0.0.1 only. If one of them dies, the trouble is
-    logged once, ``alive`` turns False and later calls do nothing.
+    logged once, ``alive`` turns False and ``update`` does nothing any more; ``save_html`` still works.
 
     Example:
         >>> with Viewer(server=False) as viewer:  # doctest: +SKIP
@@ -72,14 +72,16 @@ class Viewer:
         self._posted = self._drawn = 0
         self._robot: RobotModel | None = None
         self._scene = Scene()
-        self._failed = self._closed = False
+        self._failed = self._lost = self._closed = False
+        self._missed: Snapshot | None = None
         self._link: Link | None = None
         if server:
             try:
                 self._link = Link(port=port, page=page.live_page(title))
                 _log.info("the viewer shows its picture at %s", self._link.url)
             except (LinkError, OSError) as error:
-                self._fail("the viewer could not start; planning goes on without pictures: %s", error)
+                self._lost = True
+                _log.warning("the viewer could not start; planning goes on without live pictures: %s", error)
         self._thread = threading.Thread(target=self._work, name="elastic-strips viewer", daemon=True)
         self._thread.start()
         if open_browser and self._link is not None:
@@ -93,7 +95,7 @@ class Viewer:
     @property
     def alive(self) -> bool:
         """Whether pictures are still drawn (and served)."""
-        return not (self._failed or self._closed) and (self._link is None or self._link.alive)
+        return not (self._failed or self._lost or self._closed) and (self._link is None or self._link.alive)
 
     def show(self, robot: RobotModel, scene: Scene, strip_or_report: Any) -> Viewer:
         """Show a strip, or a report with its certificate, forces and tunnel, and turn the camera to it.
@@ -120,7 +122,11 @@ class Viewer:
         if scene is not None:
             self._scene = scene
         strip = getattr(report, "strip", report)
-        self._post(Snapshot(strip.robot, self._scene, strip, None if strip is report else report))
+        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report)
+        if self._lost:
+            self._missed = job  # nobody looks; save_html may want it
+        else:
+            self._post(job)
 
     def animate(self, robot: RobotModel, scene: Scene, strips: Any, duration: float = 8.0) -> Viewer:
         """Play the robot driving along a strip; the page has buttons to stop and to go back.
@@ -143,6 +149,9 @@ class Viewer:
 
     def html(self) -> str:
         """Return the picture as a standalone page that needs neither a server nor a network."""
+        missed, self._missed = self._missed, None
+        if missed is not None:
+            self._post(missed)
         self._flush()
         with self._record_lock:
             return page.static_page(self._title, self._record)
@@ -211,23 +220,29 @@ class Viewer:
         with self._condition:
             self._condition.wait_for(lambda: self._drawn >= self._posted or self._failed or self._closed, timeout)
 
-    def _fail(self, message: str, *args: object) -> None:
-        self._failed = True
-        _log.warning(message, *args)
-
     def _work(self) -> None:
         try:
             while self._turn():
                 pass
-        except LinkError as error:
-            if not self._closed:
-                self._fail("the viewer has lost its server; planning goes on without pictures: %s", error)
         except Exception:
             self._failed = True
             _log.exception("the viewer cannot draw; planning goes on without pictures")
         finally:
             with self._condition:
                 self._condition.notify_all()
+
+    def _send(self, commands: list[Command]) -> None:
+        if self._link is None or self._lost:
+            return
+        try:
+            if not self._link.alive:
+                raise LinkError("the process has ended")
+            if commands:
+                self._link.send(commands)
+        except LinkError as error:
+            self._lost = True
+            if not self._closed:
+                _log.warning("the viewer has lost its server; planning goes on without live pictures: %s", error)
 
     def _turn(self) -> bool:
         """Draw what is pending; False at the end."""
@@ -237,8 +252,7 @@ class Viewer:
             if self._closed:
                 return False
         if job is None:
-            if self._link is not None and not self._link.alive:
-                raise LinkError("the process has ended")
+            self._send([])  # look whether the server is there
             return True
         begin = time.monotonic()
         commands: list[Command] = (
@@ -249,7 +263,6 @@ class Viewer:
         with self._condition:
             self._drawn = number
             self._condition.notify_all()
-        if self._link is not None:
-            self._link.send(commands)
+        self._send(commands)
         time.sleep(max(0.0, 1.0 / _RATE - (time.monotonic() - begin)))
         return True

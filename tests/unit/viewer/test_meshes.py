@@ -90,7 +90,10 @@ def test_clustered_is_coarser_and_about_as_large():
     coarse = meshes.clustered(fine, 0.15)
     assert len(coarse.faces) < len(fine.faces) / 4
     assert abs(volume(coarse)) == pytest.approx(volume(fine), rel=0.15)
-    assert meshes.clustered(meshes.box(), 10.0) is meshes.box()  # nothing would be left
+    small = meshes.scaled(meshes.box(), (0.1, 0.1, 0.1)).transformed(
+        [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1], [0, 0, 0, 1]]
+    )
+    assert meshes.clustered(small, 10.0) is small  # nothing would be left
 
 
 def test_linear_colours():

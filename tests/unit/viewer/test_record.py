@@ -36,7 +36,9 @@ _log = st.lists(st.tuples(st.sampled_from(_PATHS), st.sampled_from(_KINDS), st.b
 @given(_log)
 def test_a_new_browser_sees_the_same_picture(log):
     items = [(commands.key(path, kind), payload) for path, kind, payload in log]
-    items = [item for k, item in enumerate(items) if not item[0].endswith("instances") or _has_object(items[:k], item[0])]
+    items = [
+        item for k, item in enumerate(items) if not item[0].endswith("instances") or _has_object(items[:k], item[0])
+    ]
     record = Record()
     record.extend(items)
     assert executed(record.items()) == executed(items)
@@ -46,7 +48,9 @@ def test_a_new_browser_sees_the_same_picture(log):
 @given(_log, _log)
 def test_a_slow_browser_ends_with_the_same_picture(first, second):
     items = [(commands.key(path, kind), payload) for path, kind, payload in first + second]
-    items = [item for k, item in enumerate(items) if not item[0].endswith("instances") or _has_object(items[:k], item[0])]
+    items = [
+        item for k, item in enumerate(items) if not item[0].endswith("instances") or _has_object(items[:k], item[0])
+    ]
     cut = len(items) // 2
     pending = Record(deletions=True)
     pending.extend(items[cut:])

@@ -1,0 +1,335 @@
+"""Viewer: on the loopback only, cheap for the caller, and never in the way of planning."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+import umsgpack
+from tornado.websocket import websocket_connect
+
+from elastic_strips.errors import InputError, ParameterError
+from elastic_strips.viewer import Viewer, page
+
+linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc")
+
+
+def eventually(condition, timeout=10.0):
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def listening(pid):
+    """Addresses (hexadecimal, as in /proc/net/tcp) at which a process listens."""
+    inodes = set()
+    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            target = os.readlink(descriptor)
+        except OSError:
+            continue
+        if target.startswith("socket:["):
+            inodes.add(target[8:-1])
+    found = []
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == "0A" and fields[9] in inodes:
+                found.append(fields[1].split(":")[0])
+    return found
+
+
+def received(url, count=1):
+    async def read():
+        client = await websocket_connect(url.replace("http", "ws") + "ws", max_message_size=1 << 28)
+        messages = []
+        for _ in range(count):
+            data = await asyncio.wait_for(client.read_message(), 10.0)
+            assert isinstance(data, bytes)
+            messages.append(umsgpack.unpackb(data))
+        client.close()
+        return messages
+
+    return asyncio.run(read())
+
+
+@pytest.fixture
+def viewer():
+    with Viewer() as viewer:
+        assert viewer.alive
+        yield viewer
+
+
+@linux
+def test_listens_on_the_loopback_only(viewer, robot, scene, make_report):
+    viewer.show(robot, scene, make_report())
+    assert listening(viewer._link.pid) == ["0100007F"]
+    assert "0100007F" not in listening(os.getpid())  # nothing in our own process
+    assert viewer.url.startswith("http://127.0.0.1:")
+
+
+def test_serves_the_page_and_refuses_foreign_names(viewer):
+    with urllib.request.urlopen(viewer.url, timeout=10) as answer:
+        assert "MeshCat.Viewer" in answer.read().decode()
+    request = urllib.request.Request(viewer.url, headers={"Host": "evil.example"})
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(request, timeout=10)
+
+
+def test_a_late_browser_gets_the_whole_picture(viewer, robot, scene, make_report):
+    viewer.show(robot, scene, make_report())
+    viewer._flush()
+    assert eventually(lambda: len(received(viewer.url)[0]) == len(viewer._record))
+    (batch,) = received(viewer.url)
+    paths = {command.get("path") for command in batch if command["type"] == "set_object"}
+    assert {"/forces", "/tunnel", "/strip/threads", "/strip/base", "/markers/start"} <= paths
+    assert len(paths) < 150
+    card = next(command for command in batch if command["type"] == "hud")
+    assert ["clearance", "0.123 m"] in card["rows"]
+    assert ["certified", "38 of 39 segments"] in card["rows"]
+    assert card["chip"][0] == "deforming"
+
+
+def test_update_costs_the_caller_little_and_the_picture_is_fluent(viewer, robot, scene, make_report):
+    reports = [make_report(shift=0.01 * k) for k in range(50)]
+    scenes = [scene.at(0.02 * k) for k in range(50)]
+    viewer.show(robot, scene, reports[0])
+    viewer._flush()
+    draws, draw = [], viewer._drawing.draw
+    viewer._drawing.draw = lambda job: (draws.append(time.perf_counter()), draw(job))[1]
+    costs = []
+    end = time.perf_counter() + 2.0
+    k = 0
+    while time.perf_counter() < end:
+        begin = time.perf_counter()
+        viewer.update(reports[k % 50], scenes[k % 50])
+        costs.append(time.perf_counter() - begin)
+        time.sleep(0.002)
+        k += 1
+    assert viewer.alive
+    assert np.median(costs) < 0.2e-3
+    assert len(draws) >= 2 * 20 * 0.75  # 20 Hz, with allowance for a busy machine
+    assert len(draws) < 0.5 * k  # the newest won
+
+
+def test_an_update_sends_transforms_not_meshes(robot, scene, make_report):
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, make_report())
+        viewer._flush()
+        before = dict(viewer._record.items())
+        viewer.update(make_report(shift=0.1), scene.at(1.0))
+        viewer._flush()
+        after = dict(viewer._record.items())
+    changed = {key.split("\0")[0] for key in after if key.endswith("object") and after[key] != before.get(key)}
+    assert changed == {"/strip/base"}
+    capsule = next(path for path in after if "capsule" in path and path.endswith("transforms"))
+    assert after[capsule] != before[capsule]
+
+
+def test_obstacles_come_and_go(robot, scene, make_report):
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, make_report())
+        viewer._flush()
+        paths = {key.split("\0")[0] for key, _ in viewer._record.items()}
+        cloud = "/obstacles/<\N{DIVISION SLASH}script><b>cloud<\N{DIVISION SLASH}b>\N{DIVISION SLASH}1"
+        assert cloud in paths
+        smaller = scene.without("</script><b>cloud</b>/1").without("sphere-1")
+        viewer.update(make_report(), smaller)
+        viewer._flush()
+        after = dict(viewer._record.items())
+    assert cloud + "\0object" not in after
+    assert umsgpack.unpackb(after["/obstacles/all sphere\0instances"])["matrices"].data == b""
+    assert len(umsgpack.unpackb(after["/obstacles/all box\0instances"])["matrices"].data) == 64
+
+
+def test_a_plain_strip_is_shown_as_not_checked(robot, scene, make_report):
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, make_report().strip)
+        viewer._flush()
+        card = next(umsgpack.unpackb(p) for k, p in viewer._record.items() if k.endswith("hud"))
+        assert viewer.alive
+    assert card["chip"] is None
+    assert any("not checked" in name for name, _ in card["legend"])
+
+
+def test_a_strip_of_one_node_and_of_two(robot, scene, make_report):
+    with Viewer(server=False) as viewer:
+        for nodes in (1, 2):
+            viewer.show(robot, scene, make_report(nodes=2).strip.q[:nodes])
+            viewer.animate(robot, scene, make_report(nodes=2).strip.q[:nodes], 1.0)
+            viewer._flush()
+        assert viewer.alive
+
+
+def test_a_killed_server_is_reported_once_and_disturbs_nobody(viewer, robot, scene, make_report, caplog, tmp_path):
+    viewer.show(robot, scene, make_report())
+    viewer._flush()
+    with caplog.at_level(logging.WARNING):
+        os.kill(viewer._link.pid, signal.SIGKILL)
+        assert eventually(lambda: not viewer.alive)
+        for k in range(200):
+            viewer.update(make_report(shift=0.01 * k))
+            time.sleep(0.001)
+        viewer.show(robot, scene, make_report())
+        viewer.update(make_report(clearance=0.777))
+        assert eventually(lambda: len(caplog.records) > 0)
+        viewer.save_html(tmp_path / "last.html")
+    assert len([r for r in caplog.records if r.name.startswith("elastic_strips.viewer")]) == 1
+    assert b"0.777 m" in dict(viewer._record.items())["\0hud"]  # the page has the newest picture nevertheless
+
+
+def test_a_stopped_server_does_not_block(viewer, robot, scene, make_report):
+    os.kill(viewer._link.pid, signal.SIGSTOP)
+    begin = time.perf_counter()
+    for k in range(100):
+        viewer.show(robot, scene, make_report(shift=0.01 * k))
+        viewer.update(make_report())
+    assert time.perf_counter() - begin < 2.0
+    os.kill(viewer._link.pid, signal.SIGKILL)
+
+
+def test_an_error_in_drawing_is_logged_once(robot, scene, make_report, caplog):
+    with Viewer(server=False) as viewer, caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            viewer.update(make_report(hull_radius="nonsense"))
+            viewer._flush()
+        assert not viewer.alive
+        assert len(caplog.records) == 1
+        viewer.update(make_report())
+        assert "<html" in viewer.html()
+
+
+def test_a_taken_port_is_no_error(robot, scene, make_report, caplog):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with caplog.at_level(logging.WARNING), Viewer(port=taken.getsockname()[1]) as viewer:
+            assert not viewer.alive
+            viewer.show(robot, scene, make_report())
+            viewer.update(make_report(clearance=0.777))
+            assert "<html" in viewer.html()
+    assert len(caplog.records) == 1
+    assert b"0.777 m" in dict(viewer._record.items())["\0hud"]
+
+
+def test_two_viewers_take_two_ports(viewer):
+    with Viewer() as other:
+        assert other.url != viewer.url
+
+
+def test_the_server_ends_with_its_parent():
+    script = """
+        import os, sys
+        from elastic_strips.viewer import Viewer
+        viewer = Viewer()
+        print(viewer._link.pid, flush=True)
+        os.kill(os.getpid(), 9)
+    """
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, env=environment, timeout=60
+    )
+    pid = int(done.stdout)
+
+    def gone():
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        status = Path(f"/proc/{pid}/stat")
+        return status.exists() and status.read_text().split(") ")[1][0] == "Z"
+
+    assert eventually(gone)
+
+
+def test_close_ends_the_server_and_can_be_repeated(robot, scene, make_report):
+    viewer = Viewer()
+    viewer.show(robot, scene, make_report())
+    viewer.close()
+    viewer.close()
+    assert not viewer.alive
+    assert not viewer._link.alive
+    viewer.show(robot, scene, make_report())
+    viewer.update(make_report())
+    assert "<html" in viewer.html()
+
+
+def test_save_html_is_standalone_and_whole_or_not_there(robot, scene, make_report, tmp_path, monkeypatch):
+    with Viewer(server=False, title="<a & b>") as viewer:
+        assert viewer.url is None
+        viewer.show(robot, scene, make_report())
+        target = viewer.save_html(tmp_path / "strip.html")
+        text = target.read_text(encoding="utf-8")
+        assert "<title>&lt;a &amp; b&gt;</title>" in text
+        assert "WebSocket(`" not in text
+        assert "src=" not in text.split("</style>")[0]
+        before = target.read_bytes()
+        monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+        with pytest.raises(OSError, match="disk full"):
+            viewer.save_html(target)
+        assert target.read_bytes() == before
+        assert list(tmp_path.iterdir()) == [target]
+        with pytest.raises(OSError, match="nowhere"):
+            viewer.save_html(tmp_path / "nowhere" / "x.html")
+
+
+def test_notebooks_get_an_inline_frame(robot, scene, make_report):
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, make_report())
+        frame = viewer._repr_html_()
+    assert frame.startswith('<iframe srcdoc="<!DOCTYPE html>')
+    source = frame.split('srcdoc="')[1].split('" style')[0]
+    assert '"' not in source
+    assert source.replace("&quot;", '"').replace("&amp;", "&") == viewer.html()
+
+
+def test_animate_moves_robot_and_obstacles_and_stops_again(robot, scene, make_report):
+    with Viewer(server=False) as viewer:
+        viewer.animate(robot, scene, [make_report(shift=0.05 * k) for k in range(10)], 2.0)
+        viewer._flush()
+        play = next(umsgpack.unpackb(p) for k, p in viewer._record.items() if k.endswith("animation"))
+        targets = {one["path"] for one in play["animations"]}
+        assert any(path.startswith("/robot/") for path in targets)
+        assert any("capsule" in path for path in targets)
+        assert sum(path.startswith("/playback/") for path in targets) == 10
+        ends = {np.frombuffer(c["clip"]["tracks"][0]["times"].data, "<f4")[-1] for c in play["animations"]}
+        assert ends == {60.0}  # all of the same length: each repeats by itself
+        viewer.update(make_report())
+        viewer._flush()
+        assert not any(key.startswith("/playback") for key, _ in viewer._record.items())
+        assert viewer.alive
+
+
+def test_wrong_input_raises(robot, scene, make_report):
+    with pytest.raises(ParameterError, match="port = 70000"):
+        Viewer(port=70000)
+    with pytest.raises(ParameterError, match="ghosts = -1"):
+        Viewer(ghosts=-1)
+    with Viewer(server=False) as viewer:
+        with pytest.raises(InputError, match="duration"):
+            viewer.animate(robot, scene, make_report(), 0.0)
+        with pytest.raises(InputError, match="shape"):
+            viewer.animate(robot, scene, np.zeros((3, 2)))
+        with pytest.raises(InputError, match="no strip"):
+            viewer.animate(robot, scene, [])
+        with pytest.raises(InputError, match="shape"):
+            viewer.show(robot, scene, np.zeros((3, 2)))
+
+
+def test_the_page_does_not_end_its_script_early():
+    assert page._meshcat_script().lower().count("</script") == 0
