@@ -59,11 +59,12 @@ class Deformer:
     def _self_proximity(self) -> SelfProximity:
         """Self pairs, with repulsion that begins no further than 0.8 of what separates a pair at home by design."""
         params, pairs = self.params, self.robot.self_pairs
-        reach = max(params.self_influence, 2.0 * params.self_clearance)
+        reach = max(params.self_influence, params.self_margin, 2.0 * params.self_clearance)
         home = SelfProximity(self.bodies, pairs, self.bounds, influence=reach)
         kin = Kinematics(self.robot.tree, 1)
         kin.update(self.robot.space.to_chart(self.robot.home_q)[None])
         home.update(kin)
+        self._self_floor = float(0.8 * home.bound[0].min(initial=reach))
         repulsion = np.clip(0.8 * np.minimum(home.exact[0], reach), 0.0, params.self_influence)
         return SelfProximity(self.bodies, pairs, self.bounds, influence=reach, repulsion=repulsion)
 
@@ -187,10 +188,38 @@ class Deformer:
 
     def _iterate(self, scene: Scene) -> tuple[Array, float, dict[str, float], ForceField]:
         if self._paper is not None:
-            chart, energies, field = self._paper.iterate(self.kin, scene)
-            self._clock.mark("forces")
-            return chart, 0.0, energies, field
+            return self._paper_updates(self._paper, scene)
         return self._default.iterate(self.kin, self.obstacles, self.self_pairs, self._clock)
+
+    def _paper_updates(
+        self, paper: PaperStep, scene: Scene
+    ) -> tuple[Array, float, dict[str, float], ForceField]:
+        """The explicit updates of one tick; the last one is left to :meth:`_accept`."""
+        turn = 0.0
+        for k in range(self.params.updates):
+            chart, energies, field = paper.iterate(self.kin, scene)
+            turn = max(turn, paper.heading_step)
+            self._clock.mark("forces")
+            if not self.params.mobile_only:
+                chart = self._check_joint_angles(chart)
+            if k < self.params.updates - 1:
+                self.kin.update(chart)
+                self._clock.mark("kinematics")
+        paper.heading_step = turn
+        return chart, 0.0, energies, field
+
+    def _check_joint_angles(self, chart: Array) -> Array:
+        """The paper's *check of joint angles*: nodes whose own links would come too close keep their joints."""
+        previous, b = self.kin.chart[: self.kin.n].copy(), self.robot.space.base_nv
+        self.kin.update(chart)
+        self.self_pairs.update(self.kin)
+        close = self.self_pairs.bound.min(axis=1, initial=np.inf) < np.minimum(self._self_floor, self.params.self_margin)
+        if close.any():
+            chart = chart.copy()
+            chart[close, b:] = previous[close, b:]
+        self.kin.update(previous)
+        self._clock.mark("self-collision")
+        return chart
 
     def _accept(self, chart: Array, scene: Scene) -> float:
         """Make the new nodes current; returns how far the fastest base or joint moved."""

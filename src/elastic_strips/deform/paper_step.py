@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..forces import contraction_force, control_point_repulsion, map_to_joints, repulsive_potential
+from ..errors import ParameterError
+from ..forces import (
+    contraction_force,
+    contraction_torque,
+    control_point_repulsion,
+    map_to_joints,
+    repulsive_potential,
+)
 from ..proximity import BodySet, ObstacleProximity
 from ..relax import explicit_step
 from ..robot import Kinematics, RobotModel
@@ -20,10 +27,14 @@ class PaperStep:
 
     def __init__(self, robot: RobotModel, params: DeformParams) -> None:
         self.robot, self.params = robot, params
-        self.bodies = BodySet.control_points(robot)
-        self.proximity = ObstacleProximity(self.bodies, influence=params.influence, slack=1.0)
         space = robot.space
-        self.alpha = np.full(space.nv, params.alpha)
+        if params.mobile_only and not space.planar:
+            raise ParameterError(f"mobile_only=True, but the base of {robot.name!r} is fixed")
+        self.bodies = BodySet.control_points(robot)
+        if params.mobile_only:
+            self.bodies = self.bodies.first(1)
+        self.proximity = ObstacleProximity(self.bodies, influence=params.influence, slack=1.0)
+        self.alpha = np.full(space.nv, 0.0 if params.mobile_only else params.alpha)
         self.alpha[: space.base_nv] = 0.0
         self.heading_step = 0.0
 
@@ -37,12 +48,18 @@ class PaperStep:
         force = repulsion + contraction_force(points, params.k_c)
         torque = map_to_joints(kin, self.bodies.joint, points, force)
         chart = kin.chart[: kin.n]
+        if space.planar:
+            torque[:, 2] += contraction_torque(chart[:, 2], points[:, 0], params.k_c)
         delta = explicit_step(
-            torque, force[:, 0], planar=space.planar, alpha=self.alpha, alpha_m=params.alpha_m,
-            transfer_tilt=params.transfer_tilt, yaw=chart[:, 2] if space.planar else np.zeros(kin.n),
+            torque, force[:, 0], planar=space.planar, alpha=self.alpha, transfer_tilt=params.transfer_tilt,
+            yaw=chart[:, 2] if space.planar else np.zeros(kin.n),
         )  # fmt: skip
         self.heading_step = float(np.abs(delta[:, 2]).max(initial=0.0)) if space.planar else 0.0
         moved = space.integrate(chart, delta)
+        if space.planar:  # Eq. 9 displaces along a straight line, not along the arc of a twist
+            cos, sin = np.cos(chart[:, 2]), np.sin(chart[:, 2])
+            moved[:, 0] = chart[:, 0] + cos * delta[:, 0] - sin * delta[:, 1]
+            moved[:, 1] = chart[:, 1] + sin * delta[:, 0] + cos * delta[:, 1]
         np.clip(moved, space.lower, space.upper, out=moved)
         nearest = np.full(points.shape[:2], params.influence)
         np.minimum.at(nearest, (contacts.node, contacts.body), contacts.distance)

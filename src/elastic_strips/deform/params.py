@@ -35,8 +35,12 @@ class DeformParams:
         max_spacing, min_spacing: node spacing that maintenance keeps.
         max_nodes: upper bound of nodes.
         max_ticks: most ticks of ``settle``.
-        alpha: joints' rotation coefficient (Eq. 8); alpha_m: the mobile's (Eq. 9). Paper preset only.
-        transfer_tilt: bound on the mobile's turn |δφ| in one update (Table 2). Paper preset only.
+        alpha: joints' rotation coefficient (Eq. 8). Paper preset only, as are the next four.
+        transfer_tilt: Table 2's number, which the paper does not define. Here it is the mobile's rotation coefficient α_m (Eq. 9,
+            [rad] per unit of torque) and at the same time the bound of its turn |δφ| in one update.
+        mobile_only: whether only the mobile's control point moves, as in the paper's cases 1–6.
+        self_margin: a node's joints are not updated where that would bring its own links nearer than this.
+        updates: explicit updates in one tick.
     """
 
     preset: str = "default"
@@ -63,8 +67,10 @@ class DeformParams:
     max_nodes: int = 512
     max_ticks: int = 200
     alpha: float = 0.5
-    alpha_m: float = 0.5
     transfer_tilt: float = np.pi / 3
+    mobile_only: bool = False
+    self_margin: float = 0.02
+    updates: int = 10
 
     def __post_init__(self) -> None:
         if self.preset not in PRESETS:
@@ -73,11 +79,16 @@ class DeformParams:
             value = getattr(self, f.name)
             if f.name == "preset":
                 continue
+            if f.name == "mobile_only":
+                if not isinstance(value, bool):
+                    raise ParameterError(f"mobile_only={value!r} must be True or False")
+                continue
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
                 raise ParameterError(f"{f.name}={value!r} is not a number")
             if not np.isfinite(value) or value < 0:
                 raise ParameterError(f"{f.name}={value!r} must be finite and ≥ 0")
-        for name in ("influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks"):
+        for name in ("influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks",
+                     "updates"):  # fmt: skip
             if getattr(self, name) <= 0:
                 raise ParameterError(f"{name}={getattr(self, name)!r} must be > 0")
         if self.clearance >= self.influence:
@@ -99,7 +110,7 @@ class DeformParams:
         base: dict[str, Any] = {"preset": preset}
         if preset == "paper":
             base |= {"influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4,
-                     "max_ticks": 1500}  # fmt: skip
+                     "max_ticks": 400}  # fmt: skip
         valid = {f.name for f in fields(DeformParams)}
         for name in overrides:
             if name not in valid:

@@ -8,7 +8,7 @@ from .external import (
     repulsive_magnitude,
     repulsive_potential,
 )
-from .internal import add_elastic, add_rolling, contraction_force
+from .internal import add_elastic, add_rolling, contraction_force, contraction_torque
 from .posture import add_joint_limits, add_posture
 from .system import System
 
@@ -21,6 +21,7 @@ __all__ = [
     "add_rolling",
     "add_self_repulsion",
     "contraction_force",
+    "contraction_torque",
     "control_point_repulsion",
     "map_to_joints",
     "repulsive_magnitude",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..robot import ConfigurationSpace
-from ..robot.space import Array
+from ..robot.space import Array, wrap_angle
 from .system import System
 
 
@@ -78,3 +78,24 @@ def contraction_force(points: Array, k_c: float) -> Array:
     ratio = np.divide(d_back, total, out=np.full_like(total, 0.5), where=total > 0)
     force[1:-1] = k_c * (ratio[..., None] * (points[2:] - points[:-2]) - back)
     return force
+
+
+def contraction_torque(yaw: Array, points: Array, k_c: float) -> Array:
+    """Eq. 4 for the heading of the mobile, whose position vector in the paper is [x, y, φ].
+
+    Args:
+        yaw: (N,) headings [rad].
+        points: (N, 3) the mobile's control point, whose spacing gives the ratio [m].
+        k_c: contraction gain.
+
+    Returns:
+        Torques (N,); zero at the two ends.
+    """
+    torque = np.zeros_like(yaw)
+    d_back = np.linalg.norm(points[1:-1] - points[:-2], axis=1)
+    d_ahead = np.linalg.norm(points[2:] - points[1:-1], axis=1)
+    total = d_back + d_ahead
+    ratio = np.divide(d_back, total, out=np.full_like(total, 0.5), where=total > 0)
+    back, ahead = wrap_angle(yaw[1:-1] - yaw[:-2]), wrap_angle(yaw[2:] - yaw[1:-1])
+    torque[1:-1] = k_c * (ratio * (back + ahead) - back)
+    return torque

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -28,7 +29,8 @@ class PlanReport:
     """How an initial strip came about.
 
     Attributes:
-        strip: the strip; certified if ``certified``, else the best that was reached, as it is.
+        strip: the strip; initial: what it was relaxed from. It is certified if
+            ``certified``, else the best that was reached, as it is.
         certified: whether every segment is certified.
         method: ``"line"``, ``"ompl"``, or ``"none"`` where nothing was certified.
         reason: what happened, for people.
@@ -40,6 +42,7 @@ class PlanReport:
     """
 
     strip: Strip
+    initial: Strip
     certified: bool
     method: str
     reason: str
@@ -104,6 +107,7 @@ def plan_report(
     line_ticks: int = 6,
     deformer: Deformer | None = None,
     line: bool = True,
+    watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
     """Plan an initial strip and tell how it went.
 
@@ -117,6 +121,7 @@ def plan_report(
         line_ticks: most ticks that the straight line gets.
         deformer: a workspace of the same robot to use again.
         line: whether to try the straight line at all.
+        watch: called with every tick's report.
 
     Raises:
         ConfigurationError: start or goal is not sound, or in collision; names the pair.
@@ -138,12 +143,13 @@ def plan_report(
 
     def done(report: DeformReport, method: str, reason: str) -> PlanReport:
         return PlanReport(
-            report.strip, report.certified, method, reason, report, attempts, ticks, perf_counter() - began, timings
+            report.strip, initial, report.certified, method, reason, report, attempts, ticks, perf_counter() - began, timings
         )
 
     mark = perf_counter()
     rows = straight_line(robot, q_start, q_goal, spacing=spacing)
-    report = _relax_line(deformer, Strip.from_chart(robot, rows), scene, line_ticks if line else 0)
+    initial = Strip.from_chart(robot, rows)
+    report = _relax_line(deformer, initial, scene, line_ticks if line else 0, watch)
     ticks += report.ticks if line else 0
     timings["line"] += perf_counter() - mark
     if report.certified:
@@ -167,10 +173,12 @@ def plan_report(
             reasons.append(found.reason)
             continue
         mark = perf_counter()
-        report = relax_path(deformer, robot, found.chart, scene)
+        path = path_strip(robot, found.chart)
+        report = relax_path(deformer, path, scene, watch=watch)
         ticks += report.ticks
         timings["relaxation"] += perf_counter() - mark
         if report.certified:
+            initial = path
             return done(report, "ompl", f"OMPL path {attempts} relaxed to a certified strip in {report.ticks} ticks")
         reasons.append(f"path {attempts}: {report.reason}")
         if report.clearance > best.clearance:
@@ -180,30 +188,51 @@ def plan_report(
     return done(best, "none", reason)
 
 
-def _relax_line(deformer: Deformer, strip: Strip, scene: Scene, ticks: int) -> DeformReport:
+def _relax_line(
+    deformer: Deformer, strip: Strip, scene: Scene, ticks: int, watch: Callable[[DeformReport], object] | None
+) -> DeformReport:
     """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
     report = deformer.assess(strip, scene)
     for tick in range(1, ticks + 1):
         if report.certified:
             break
         step = deformer.step(report.strip, scene, nodes=tick > 3)
-        report = _counted(step, tick)
+        report = replace(step, ticks=tick)
+        if watch is not None:
+            watch(step)
         if tick >= 3 and step.clearance < 0.0:
             break  # nodes on both sides of an obstacle: more ticks would not bring them together
     return report
 
 
-def _counted(report: DeformReport, ticks: int) -> DeformReport:
-    from dataclasses import replace
-
-    return replace(report, ticks=ticks)
-
-
-def relax_path(deformer: Deformer, robot: RobotModel, chart: Array, scene: Scene, *, max_ticks: int = 30) -> DeformReport:
-    """Turn a planner's waypoints (N, nv) into a drivable strip and relax it until it is certified."""
+def path_strip(robot: RobotModel, chart: Array) -> Strip:
+    """A planner's waypoints (N, nv) as a strip; drivable for a differential drive."""
     if robot.base_kind is BaseKind.DIFF_DRIVE:
         chart, _ = project_rolling(robot.space, chart)
-    return deformer.settle(Strip.from_chart(robot, chart), scene, until="certified", max_ticks=max_ticks)
+    return Strip.from_chart(robot, chart)
+
+
+def relax_path(
+    deformer: Deformer,
+    strip: Strip,
+    scene: Scene,
+    *,
+    max_ticks: int = 30,
+    extra_ticks: int = 4,
+    watch: Callable[[DeformReport], object] | None = None,
+) -> DeformReport:
+    """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle."""
+    report = deformer.settle(strip, scene, until="certified", max_ticks=max_ticks, watch=watch)
+    for _ in range(extra_ticks):
+        if not report.certified or report.clearance >= deformer.params.near:
+            break
+        further = deformer.step(report.strip, scene)
+        if watch is not None:
+            watch(further)
+        if not further.certified or further.clearance <= report.clearance:
+            break
+        report = replace(further, ticks=report.ticks + 1, reason=report.reason)
+    return report
 
 
 def plan(
@@ -230,4 +259,4 @@ def plan(
     return plan_report(robot, scene, start, goal, seed=seed, params=params, timeout=timeout).strip
 
 
-__all__ = ["DeformStatus", "PlanReport", "check_ends", "plan", "plan_report", "relax_path"]
+__all__ = ["DeformStatus", "PlanReport", "check_ends", "path_strip", "plan", "plan_report", "relax_path"]

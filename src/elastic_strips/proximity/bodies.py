@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import coal
 import numpy as np
@@ -76,6 +76,14 @@ class BodySet:
             radius=np.full(n, _POINT_RADIUS),
             skin=_POINT_RADIUS,
         )
+
+    def first(self, count: int) -> BodySet:
+        """The first ``count`` bodies alone."""
+        k = slice(0, count)
+        return replace(
+            self, names=self.names[k], geometries=self.geometries[k], joint=self.joint[k], rotation=self.rotation[k],
+            translation=self.translation[k], ends=self.ends[k], radius=self.radius[k],
+        )  # fmt: skip
 
     def capsule_ends(self, kin: Kinematics) -> Array:
         """World capsule ends (N, G, 2, 3) [m] at the nodes of ``kin``."""

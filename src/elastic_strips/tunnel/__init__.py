@@ -1,6 +1,7 @@
 """Tunnel: protective hulls, their connectivity, and the motion-bound certificate of every segment."""
 
 from .certificate import BrokenSegment, Certificate, Certifier, SegmentState
+from .clearance import strip_clearance
 from .hulls import Tunnel, protective_hulls
 
-__all__ = ["BrokenSegment", "Certificate", "Certifier", "SegmentState", "Tunnel", "protective_hulls"]
+__all__ = ["BrokenSegment", "Certificate", "Certifier", "SegmentState", "Tunnel", "protective_hulls", "strip_clearance"]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from elastic_strips.viewer.meshes import MeshData
 
 Command = tuple[str, bytes]
-_FLOAT32, _UINT32, _UINT8 = 0x17, 0x16, 0x12
+_FLOAT32, _UINT32 = 0x17, 0x16
 _serial = itertools.count()
 
 
@@ -151,7 +151,7 @@ def animation(tracks: Sequence[Mapping[str, Any]], fps: float) -> Command:
     clips = []
     for track in tracks:
         values = np.asarray(track["values"])
-        packed = umsgpack.Ext(_UINT8, values.tobytes()) if values.dtype == np.uint8 else floats(values)
+        packed = values.tolist() if values.dtype == bool else floats(values)  # three.js wants true, not 1
         one = {
             "name": "." + track["property"],
             "type": track["type"],

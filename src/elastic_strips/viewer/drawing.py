@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -170,10 +170,11 @@ class Drawing:
             chip = [status.lower(), _CHIP.get(status, UNCHECKED)]
             if np.isfinite(report.clearance):
                 rows.append(["clearance", f"{report.clearance:.3f} m"])
-            segments = np.asarray(report.certificate.segments, dtype=bool)
-            rows.append(["certified", f"{int(segments.sum())} of {len(segments)} segments"])
+            segments = checked(report, nodes)
+            if segments is not None:
+                rows.append(["certified", f"{int(segments.sum())} of {len(segments)} segments"])
             legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
-            if report.forces is not None:
+            if getattr(report, "forces", None) is not None and len(report.forces.points):
                 legend.append(["forces", FORCE])
         else:
             rows.append(["nodes", str(nodes)])
@@ -205,7 +206,7 @@ class Drawing:
         return out
 
     def _forces(self, report: Any) -> list[Command]:
-        forces = None if report is None else report.forces
+        forces = getattr(report, "forces", None)
         if forces is None and "forces" not in self._made:
             return []
         out: list[Command] = []
@@ -221,8 +222,8 @@ class Drawing:
         return out
 
     def _tunnel(self, report: Any, points: Doubles) -> list[Command]:
-        radii = None if report is None else report.hull_radius
-        if radii is None and "tunnel" not in self._made:
+        found = hulls(report, points)
+        if found is None and "tunnel" not in self._made:
             return []
         out: list[Command] = []
         if "tunnel" not in self._made:
@@ -230,20 +231,34 @@ class Drawing:
             look = commands.material(hexcolor(HULL), opacity=0.07, depthWrite=False)
             out.append(commands.mesh("/tunnel", meshes.sphere(16), look, instances=64, cast=False))
             out.append(commands.visible("/tunnel", False))  # many: the viewer's controls show them on demand
-        if radii is None:
+        if found is None:
             return [*out, commands.instances("/tunnel", np.zeros((0, 16)))]
-        radii = np.asarray(radii, dtype=float)
+        points, radii = found
         every = max(1, -(-radii.size // _MAX_HULLS))
         centers, radii = points[::every].reshape(-1, 3), radii[::every].reshape(-1)
         keep = np.isfinite(radii) & (radii > 0.0)
         return [*out, commands.instances("/tunnel", geometry.spheres(centers[keep], radii[keep]))]
 
 
+def checked(report: Any, nodes: int) -> NDArray[np.bool_] | None:
+    """Which of the segments are certified, (N - 1,); None if nobody looked."""
+    certificate = getattr(report, "certificate", None)
+    segments = None if certificate is None else np.asarray(certificate.segments, dtype=bool)
+    return segments if segments is not None and len(segments) == nodes - 1 else None
+
+
+def hulls(report: Any, points: Doubles) -> tuple[Doubles, Doubles] | None:
+    """Centres (N, C, 3) and radii (N, C) [m] of a report's protective hulls; None where it has none."""
+    tunnel = getattr(report, "tunnel", None)
+    if tunnel is not None:
+        return np.asarray(tunnel.points, dtype=float), np.asarray(tunnel.radius, dtype=float)
+    radii = getattr(report, "hull_radius", None)
+    return None if radii is None else (points, np.asarray(radii, dtype=float))
+
+
 def segment_colors(report: Any, nodes: int) -> Doubles:
     """Colours (N - 1, 3) of the segments: certified, not certified, or not checked at all."""
-    colors = np.tile(np.array(hexcolor(UNCHECKED)), (max(nodes - 1, 0), 1))
-    segments: Sequence[bool] | None = None if report is None else report.certificate.segments
-    if segments is not None and len(segments) == len(colors):
-        chosen = np.asarray(segments, dtype=bool)[:, None]
-        colors = np.where(chosen, np.array(hexcolor(CERTIFIED)), np.array(hexcolor(REFUSED)))
-    return colors
+    segments = checked(report, nodes)
+    if segments is None:
+        return np.tile(np.array(hexcolor(UNCHECKED)), (max(nodes - 1, 0), 1))
+    return np.where(segments[:, None], np.array(hexcolor(CERTIFIED)), np.array(hexcolor(REFUSED)))

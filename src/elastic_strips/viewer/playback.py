@@ -147,7 +147,7 @@ def _strips(
         end = begins[k + 1] if k + 1 < len(chosen) else frames + 1
         # All of the same length, because each repeats by itself.
         times = np.unique([0, begins[k], min(end, frames), frames])
-        values = ((times >= begins[k]) & (times < end)).astype(np.uint8)
+        values = (times >= begins[k]) & (times < end)
         tracks.append({"path": path, "property": "visible", "type": "bool", "times": times, "values": values})
     return out
 

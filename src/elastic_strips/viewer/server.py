@@ -9,6 +9,7 @@ carries the HTML; an empty key ends a batch; any other one is a command (see ``c
 
 from __future__ import annotations
 
+import asyncio
 import os
 import struct
 import sys
@@ -77,16 +78,14 @@ def _read(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-def serve(port: int) -> None:
+async def serve(port: int) -> None:
     """Serve until standard input ends."""
-    import asyncio
-
     import tornado.httpserver
     import tornado.netutil
     import tornado.web
     import tornado.websocket
 
-    page: list[bytes] = [b""]
+    page: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
     record = Record()
     clients: set[Any] = set()
 
@@ -95,11 +94,11 @@ def serve(port: int) -> None:
         return request.host.rsplit(":", 1)[0] in (HOST, "localhost")
 
     class Page(tornado.web.RequestHandler):
-        def get(self) -> None:
+        async def get(self) -> None:
             if not local(self.request):
                 raise tornado.web.HTTPError(403)
             self.set_header("Cache-Control", "no-store")
-            self.write(page[0])
+            self.write(await page)
 
     class Client(tornado.websocket.WebSocketHandler):
         pending: Record
@@ -140,7 +139,7 @@ def serve(port: int) -> None:
     def receive(frames: list[tuple[str, bytes]]) -> None:
         for key, payload in frames:
             if key == "page":
-                page[0] = payload
+                page.set_result(payload)
                 continue
             record.put(key, payload)
             for client in clients:
@@ -163,33 +162,30 @@ def serve(port: int) -> None:
         finally:
             os._exit(0)
 
-    async def main() -> None:
-        app = tornado.web.Application([("/", Page), ("/ws", Client)], log_function=lambda _: None)
-        server = tornado.httpserver.HTTPServer(app)
-        wanted = [port] if port else [*range(FIRST_PORT, FIRST_PORT + PORTS), 0]
-        sockets: list[Any] = []
-        for candidate in wanted:
-            try:
-                sockets = tornado.netutil.bind_sockets(candidate, HOST)
-                break
-            except OSError as error:
-                problem = error
-        else:
-            sys.stdout.write(f"error={problem}\n")
-            sys.stdout.flush()
-            os._exit(1)
-        server.add_sockets(sockets)
-        sys.stdout.write(f"url=http://{HOST}:{sockets[0].getsockname()[1]}/\n")
+    app = tornado.web.Application([("/", Page), ("/ws", Client)], log_function=lambda _: None)
+    server = tornado.httpserver.HTTPServer(app)
+    wanted = [port] if port else [*range(FIRST_PORT, FIRST_PORT + PORTS), 0]
+    sockets: list[Any] = []
+    for candidate in wanted:
+        try:
+            sockets = tornado.netutil.bind_sockets(candidate, HOST)
+            break
+        except OSError as error:
+            problem = error
+    else:
+        sys.stdout.write(f"error={problem}\n")
         sys.stdout.flush()
-        threading.Thread(target=pump, args=(asyncio.get_running_loop(),), daemon=True).start()
-        parent = os.getppid()
-        while os.getppid() == parent:  # a sibling may hold our standard input open
-            await asyncio.sleep(1.0)
-        os._exit(0)
-
-    asyncio.run(main())
+        os._exit(1)
+    server.add_sockets(sockets)
+    sys.stdout.write(f"url=http://{HOST}:{sockets[0].getsockname()[1]}/\n")
+    sys.stdout.flush()
+    threading.Thread(target=pump, args=(asyncio.get_running_loop(),), daemon=True).start()
+    parent = os.getppid()
+    while os.getppid() == parent:  # a sibling may hold our standard input open
+        await asyncio.sleep(1.0)
+    os._exit(0)
 
 
 if __name__ == "__main__":
     sys.path.pop(0)  # the modules next to this file are no top-level modules
-    serve(int(sys.argv[1]))
+    asyncio.run(serve(int(sys.argv[1])))

@@ -14,6 +14,7 @@ import time
 import urllib.error
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -167,6 +168,21 @@ def test_a_plain_strip_is_shown_as_not_checked(robot, scene, make_report):
     assert any("not checked" in name for name, _ in card["legend"])
 
 
+def test_the_tunnel_is_drawn_where_the_report_has_one(robot, scene, make_report):
+    points, radius = np.ones((4, 2, 3)), np.array([[0.1, 0.2], [0.0, 0.3], [0.1, np.nan], [0.2, 0.2]])
+    report = make_report(tunnel=SimpleNamespace(points=points, radius=radius))
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, report)
+        viewer._flush()
+        first = dict(viewer._record.items())["/tunnel\0instances"]
+        viewer.update(SimpleNamespace(**{k: v for k, v in vars(report).items() if k not in ("tunnel", "hull_radius")}))
+        viewer._flush()
+        second = dict(viewer._record.items())["/tunnel\0instances"]
+        assert viewer.alive
+    assert len(umsgpack.unpackb(first)["matrices"].data) == 6 * 64
+    assert umsgpack.unpackb(second)["matrices"].data == b""
+
+
 def test_a_strip_of_one_node_and_of_two(robot, scene, make_report):
     with Viewer(server=False) as viewer:
         for nodes in (1, 2):
@@ -309,6 +325,8 @@ def test_animate_moves_robot_and_obstacles_and_stops_again(robot, scene, make_re
         assert sum(path.startswith("/playback/") for path in targets) == 10
         ends = {np.frombuffer(c["clip"]["tracks"][0]["times"].data, "<f4")[-1] for c in play["animations"]}
         assert ends == {60.0}  # all of the same length: each repeats by itself
+        shown = [c["clip"]["tracks"][0]["values"] for c in play["animations"] if c["path"].startswith("/playback")]
+        assert all(value is True or value is False for values in shown for value in values)  # 0 does not hide
         viewer.update(make_report())
         viewer._flush()
         assert not any(key.startswith("/playback") for key, _ in viewer._record.items())

@@ -1,0 +1,96 @@
+"""The paper's seven simulated cases, in metres, from its Tables 1 and 2.
+
+The paper's figures place the obstacles, its text does not; so they stand here where its sentences hold: two round obstacles on
+both sides of the way from (−3, −3) to (6, 6), Table 2's distance apart, staggered along the way, and in cases 1, 2 and 7
+obstacle 2 comes within the safe distance at (−1.5, −1.5).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..io import PoseSpec
+from ..scene import Box, Cylinder, Obstacle, Scene
+from .scenario import Scenario
+
+RADIUS = 0.5
+"""Radius of the two obstacles [m]."""
+_HEIGHT = 1.3
+_STAGGER = 0.8
+_START = (-3.0, -3.0, np.pi / 6)
+_GOAL = (6.0, 6.0, np.pi / 4)
+_SENSED = (-1.5, -1.5)
+_WAY = np.array([1.0, 1.0]) / np.sqrt(2.0)
+_LEFT = np.array([-1.0, 1.0]) / np.sqrt(2.0)
+
+# arm stretched out to the right, hand at shoulder height
+_ARM_OUT = {
+    "arm_1_joint": -0.35, "arm_2_joint": 1.09, "arm_3_joint": 1.43, "arm_4_joint": 0.46,
+    "arm_5_joint": -0.92, "arm_6_joint": 0.94, "arm_7_joint": 0.71,
+}  # fmt: skip
+_TIAGO_OUT = {"arm_1_joint": 0.2, "arm_2_joint": -0.3, "arm_3_joint": -0.2, "arm_4_joint": 0.6}
+
+TABLE_2 = {
+    "case-1": (np.pi / 6, 1.5, 2.1),
+    "case-2": (np.pi / 3, 1.5, 2.1),
+    "case-3": (np.pi / 3, 1.5, 1.0),
+    "case-4": (np.pi / 3, 0.8, 1.0),
+    "case-5": (np.pi / 3, 1.5, 0.1),
+    "case-6": (np.pi / 3, 1.0, None),
+    "case-7": (np.pi / 3, 1.5, 2.1),
+}
+"""Case → transfer tilt [rad], safe distance [m], distance between the two obstacles [m]."""
+
+_SUMMARY = {
+    "case-1": "two obstacles 2.1 m apart, slow turning: pass between",
+    "case-2": "as case 1, fast turning",
+    "case-3": "two obstacles 1.0 m apart, safe distance 1.5 m: the paper's strip is blocked",
+    "case-4": "as case 3 with safe distance 0.8 m: pass between",
+    "case-5": "two obstacles 0.1 m apart: go around both",
+    "case-6": "obstacles scattered at will",
+    "case-7": "the whole robot in 3D: a shelf that the base passes and the arm must avoid",
+}
+
+
+def paper_case(name: str) -> Scenario:
+    """One of ``case-1`` … ``case-7``."""
+    tilt, safe, gap = TABLE_2[name]
+    arm = _ARM_OUT if name == "case-7" else {}
+    return Scenario(
+        name=name,
+        summary=_SUMMARY[name],
+        scene=Scene(_obstacles(name, gap)),
+        start=PoseSpec(*_START, joints=arm),
+        goal=PoseSpec(*_GOAL, joints=arm),
+        params={"paper": {"k_r": 0.3, "k_c": 0.5, "influence": safe, "transfer_tilt": tilt,
+                          "mobile_only": name != "case-7"}},  # fmt: skip
+        postures={"tiago": _TIAGO_OUT} if name == "case-7" else {},
+        gap=None if gap is None else ("obstacle-1", "obstacle-2"),
+    )
+
+
+def _obstacles(name: str, gap: float | None) -> list[Obstacle]:
+    if gap is None:
+        return [
+            Cylinder(RADIUS * 0.6, _HEIGHT, at=(*(s * _WAY + w * _LEFT), _HEIGHT / 2), name=f"obstacle-{k + 1}")
+            for k, (s, w) in enumerate([(-1.6, 0.9), (0.3, -1.0), (1.9, 1.05), (3.7, -0.95), (5.4, 1.1), (6.3, -1.2)])
+        ]
+    apart = gap + 2 * RADIUS
+    side = 0.5 * np.sqrt(apart**2 - _STAGGER**2)
+    first = _near_obstacle()
+    pair = []
+    for label, along, across in (("obstacle-1", first + _STAGGER, side), ("obstacle-2", first, -side)):
+        at = along * _WAY + across * _LEFT
+        pair.append(Cylinder(RADIUS, _HEIGHT, at=(at[0], at[1], _HEIGHT / 2), name=label))
+    if name == "case-7":
+        at = 3.2 * _WAY - 0.85 * _LEFT
+        turn = (0.0, 0.0, np.sin(np.pi / 8), np.cos(np.pi / 8))
+        pair.append(Box((0.7, 0.5, 0.3), at=(at[0], at[1], 0.95), quat=turn, name="shelf"))
+    return pair
+
+
+def _near_obstacle() -> float:
+    """How far along the way obstacle 2 stands so that, with the gap of case 1, it is sensed at (−1.5, −1.5)."""
+    side = 0.5 * np.sqrt((2.1 + 2 * RADIUS) ** 2 - _STAGGER**2)
+    reach = TABLE_2["case-1"][1] + RADIUS
+    return float(np.dot(_SENSED, _WAY) + np.sqrt(reach**2 - side**2))

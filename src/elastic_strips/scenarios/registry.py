@@ -1,0 +1,51 @@
+"""The registry of named scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import ScenarioError, nearest_name
+from ..io import PoseSpec, read_scenario
+from .corridor import LENGTH, corridor_scene
+from .paper_cases import TABLE_2, paper_case
+from .scenario import Scenario
+
+
+def _corridor(seed: int) -> Scenario:
+    return Scenario(
+        name="corridor",
+        summary="8 m of clutter, 32 obstacles of mixed shapes and heights (seeded generator)",
+        scene=corridor_scene(seed),
+        start=PoseSpec(0.0, 0.0, 0.0),
+        goal=PoseSpec(LENGTH, 0.0, 0.0),
+        seed=seed,
+    )
+
+
+def _case(name: str) -> Callable[[int], Scenario]:
+    return lambda seed: paper_case(name)
+
+
+REGISTRY: dict[str, Callable[[int], Scenario]] = {name: _case(name) for name in TABLE_2} | {"corridor": _corridor}
+"""Scenario name → maker, given a seed."""
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Names that :func:`get_scenario` knows."""
+    return tuple(REGISTRY)
+
+
+def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
+    """A scenario by name, or from a YAML file (a path that ends in .yaml or .yml, or holds a separator).
+
+    Raises:
+        ScenarioError: an unknown name, or a fault in the file.
+    """
+    text = str(name_or_path)
+    if text in REGISTRY:
+        return REGISTRY[text](seed)
+    path = Path(text)
+    if path.suffix.lower() in (".yaml", ".yml") or "/" in text or path.exists():
+        return Scenario.from_spec(read_scenario(path))
+    raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, REGISTRY)} Or give a .yaml file.")

@@ -1,0 +1,170 @@
+"""Running a scenario: plan, deform, certify, and measure the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ..deform import Deformer, DeformParams, DeformReport, DeformStatus
+from ..planning import check_ends, plan_report, straight_line
+from ..planning.ompl_planner import ompl_path
+from ..robot import RobotModel
+from ..robot.space import Array
+from ..strip import Strip
+from ..tunnel import strip_clearance
+from .passage import passage
+from .scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunResult:
+    """What came of a scenario.
+
+    Attributes:
+        scenario, robot, params: what was run.
+        initial: the strip that the relaxation started from.
+        report: last report; its strip is the result.
+        method: where the initial strip came from: ``"line"``, ``"ompl"`` or ``"none"``.
+        reason: what happened, for people.
+        clearance: of the interpolated strip [m].
+        passage: see :func:`passage`.
+        ticks: all ticks; tick_seconds: the duration of each.
+        time_to_certified: from nothing to the first certified strip [s], or None.
+        frames: strips along the deformation, for animation (first and last included).
+    """
+
+    scenario: Scenario
+    robot: RobotModel
+    params: DeformParams
+    initial: Strip
+    report: DeformReport
+    method: str
+    reason: str
+    clearance: float
+    passage: str | None
+    ticks: int
+    tick_seconds: Array
+    time_to_certified: float | None
+    frames: tuple[Strip, ...] = field(default_factory=tuple)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the strip is certified and its tunnel connected."""
+        return self.report.certified and self.report.status is DeformStatus.SETTLED
+
+
+def run_scenario(
+    scenario: Scenario,
+    *,
+    robot: RobotModel | None = None,
+    preset: str | None = None,
+    seed: int | None = None,
+    overrides: dict[str, Any] | None = None,
+    watch: Callable[[DeformReport], object] | None = None,
+    timeout: float = 20.0,
+) -> RunResult:
+    """Plan an initial strip, deform it to rest and measure it.
+
+    Args:
+        scenario: the problem.
+        robot: another robot than the scenario's.
+        preset: ``"default"`` or ``"paper"``; the scenario's where None.
+        seed: of the planner; the scenario's where None.
+        overrides: further parameter overrides.
+        watch: called with every tick's report.
+        timeout: longest planning [s].
+
+    Raises:
+        InputError: start or goal in collision, unknown parameters, …
+    """
+    preset = preset or scenario.preset
+    robot = scenario.load_robot(preset=preset) if robot is None else robot
+    values = {**scenario.params.get(preset, {}), **(overrides or {})}
+    params = DeformParams.for_preset(preset, **values)
+    seed = scenario.seed if seed is None else seed
+    ticks: list[float] = []
+    frames: list[Strip] = []
+
+    def note(report: DeformReport) -> None:
+        ticks.append(report.seconds)
+        if len(frames) < 400:
+            frames.append(report.strip)
+        if watch is not None:
+            watch(report)
+
+    runner = _run_paper if preset == "paper" else _run_default
+    initial, report, method, reason, first = runner(scenario, robot, params, seed, note, timeout)
+    clearance = strip_clearance(report.strip, scenario.scene)
+    return RunResult(
+        scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
+        clearance=clearance, passage=passage(report.strip, scenario.scene, scenario.gap), ticks=len(ticks),
+        tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
+    )  # fmt: skip
+
+
+_Outcome = tuple[Strip, DeformReport, str, str, float | None]
+
+
+def _run_default(
+    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
+    timeout: float,
+) -> _Outcome:  # fmt: skip
+    deformer = Deformer(robot, params)
+    start, goal = scenario.ends(robot)
+    planned = plan_report(robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note)
+    if not planned.certified:
+        return planned.initial, planned.report, planned.method, planned.reason, None
+    report = deformer.settle(planned.strip, scenario.scene, watch=note)
+    if not report.certified:  # what was certified is kept; relaxing further must not lose it
+        report = planned.report
+    return planned.initial, report, planned.method, report.reason, planned.seconds
+
+
+def _run_paper(
+    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
+    timeout: float,
+) -> _Outcome:  # fmt: skip
+    """The initial trajectory comes from a planner, as in the paper: the straight line if it is free, else OMPL's path."""
+    began = perf_counter()
+    deformer = Deformer(robot, params)
+    start, goal = scenario.ends(robot)
+    check_ends(robot, scenario.scene, start, goal, params)
+    spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
+    rows = straight_line(robot, start, goal, spacing=spacing)
+    initial, method = Strip.from_chart(robot, rows), "line"
+    first: list[float] = []
+
+    def watch(report: DeformReport) -> None:
+        if not first and report.certified and (report.tunnel is None or report.tunnel.connected.all()):
+            first.append(perf_counter() - began)
+        note(report)
+
+    def relax(strip: Strip) -> DeformReport:
+        first.clear()
+        return deformer.settle(strip, scenario.scene, watch=watch)
+
+    attempts: list[str] = []
+    report = deformer.assess(initial, scenario.scene)
+    if report.certified:
+        report = relax(initial)
+    else:
+        attempts.append("the straight line is not free")
+        for k in range(4):
+            found = ompl_path(
+                robot, scenario.scene, start, goal, seed=seed + 7919 * k, margin=0.04, timeout=timeout / 4, spacing=spacing
+            )
+            if found.chart is None:
+                attempts.append(found.reason)
+                continue
+            initial, method = Strip.from_chart(robot, found.chart), "ompl"
+            report = relax(initial)
+            if report.status is DeformStatus.SETTLED:
+                break
+            attempts.append(report.reason)
+    certified = report.status is DeformStatus.SETTLED
+    reason = report.reason if not attempts or certified else "; ".join(attempts)
+    return initial, report, method, reason, first[0] if first and certified else None

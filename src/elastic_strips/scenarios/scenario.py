@@ -1,0 +1,85 @@
+"""Scenario: a scene with a start and a goal, for a robot and a preset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import ScenarioError
+from ..io import PoseSpec, ScenarioSpec
+from ..robot import BaseKind, RobotModel, load_robot
+from ..robot.space import Array
+from ..scene import Scene
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A problem to run.
+
+    Attributes:
+        name, summary: what it is called and about.
+        scene: the obstacles.
+        start, goal: base poses and joint values.
+        robot: name or URDF path of the robot that it was made for.
+        base: base kind, or None for the robot's own.
+        preset: preset to use where none is asked for.
+        params: preset → parameter overrides.
+        postures: robot name → joint values of both ends, for robots that the joints of ``start`` and ``goal`` do not fit.
+        gap: names of two obstacles whose gap tells the passage (between, around-left, around-right), or None.
+        seed: of everything random.
+    """
+
+    name: str
+    summary: str
+    scene: Scene
+    start: PoseSpec
+    goal: PoseSpec
+    robot: str = "silvermate"
+    base: str | None = None
+    preset: str = "default"
+    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    gap: tuple[str, str] | None = None
+    seed: int = 0
+
+    @staticmethod
+    def from_spec(spec: ScenarioSpec) -> Scenario:
+        """The scenario that a file describes."""
+        overrides = dict(spec.params)
+        return Scenario(
+            name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
+            robot=spec.robot, base=spec.base, preset=spec.preset or "default",
+            params={"default": overrides, "paper": overrides}, seed=spec.seed,
+        )  # fmt: skip
+
+    def load_robot(self, robot: str | None = None, preset: str | None = None) -> RobotModel:
+        """The robot, or another one; preset ``paper`` moves a planar base by Eq. 9, so it is ``omni`` there.
+
+        Raises:
+            RobotError: unknown robot or a fault in its files.
+        """
+        base = self.base
+        if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:
+            base = BaseKind.OMNI.value
+        return load_robot(robot or self.robot, base=base)
+
+    def ends(self, robot: RobotModel) -> tuple[Array, Array]:
+        """Start and goal configurations (nq,) of a robot.
+
+        Raises:
+            ConfigurationError: a joint that the robot does not plan (for the robot that the scenario was made for).
+        """
+        return self._configuration(robot, self.start), self._configuration(robot, self.goal)
+
+    def _configuration(self, robot: RobotModel, pose: PoseSpec) -> Array:
+        joints = dict(pose.joints)
+        if robot.name != self.robot and not set(joints) <= set(robot.joint_names):
+            joints = dict(self.postures.get(robot.name, {}))
+        if not robot.space.planar:
+            if (pose.x, pose.y, pose.yaw) != (0.0, 0.0, 0.0):
+                raise ScenarioError(
+                    f"scenario {self.name!r} moves the base, but the base of {robot.name!r} is fixed; use diff_drive or omni"
+                )
+            return robot.home(**joints)
+        return robot.home(pose.x, pose.y, pose.yaw, **joints)

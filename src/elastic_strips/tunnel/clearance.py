@@ -1,0 +1,71 @@
+"""Clearance of the interpolated strip, not only of its nodes: branch and bound with the motion bound."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..proximity import BodySet, MotionBounds, ObstacleProximity
+from ..robot import Kinematics
+from ..scene import Scene
+from ..strip import Strip
+
+_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0)
+
+
+def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
+    """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
+
+    A lower bound of the true value, at most ``tolerance`` [m] below it. Infinite without obstacles.
+
+    Args:
+        strip: the strip.
+        scene: the obstacles.
+        tolerance: accuracy [m].
+    """
+    if len(scene) == 0:
+        return float("inf")
+    bodies = BodySet.links(strip.robot)
+    bounds = MotionBounds(bodies)
+    kin = Kinematics(bodies.tree, len(strip))
+    kin.update(strip.chart)
+    for reach in _REACHES:
+        proximity = ObstacleProximity(bodies, influence=reach)
+        proximity.update(kin, scene)
+        travel = bounds.travel(strip.velocities)
+        lowest = float(proximity.bound.min(initial=reach))
+        if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _REACHES[-1]:
+            return _refine(strip, kin, bodies, bounds, proximity, tolerance)
+    raise AssertionError("unreachable")
+
+
+def _refine(
+    strip: Strip, kin: Kinematics, bodies: BodySet, bounds: MotionBounds, proximity: ObstacleProximity, tolerance: float
+) -> float:
+    space, v = strip.robot.space, strip.velocities
+    bound = proximity.bound
+    best = float(bound.min())  # found at a node: an upper bound of the answer (up to the GJK excess)
+    travel = bounds.travel(v)
+    low = 0.5 * (bound[:-1] + bound[1:] - travel[:, :, None])
+    segment, body, part = np.nonzero(low < best - tolerance)
+    tight = bounds.tight_travel(kin, segment, body, v[segment]) if len(segment) else np.zeros(0)
+    d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
+    start, end = np.zeros(len(segment)), np.ones(len(segment))
+    between = Kinematics(bodies.tree, 64)
+    while len(segment):
+        keep = 0.5 * (d_low + d_high - tight) < best - tolerance
+        segment, body, part = segment[keep], body[keep], part[keep]
+        d_low, d_high, tight, start, end = d_low[keep], d_high[keep], tight[keep], start[keep], end[keep]
+        if len(segment) == 0:
+            break
+        middle = 0.5 * (start + end)
+        key, inverse = np.unique(segment + 1j * middle, return_inverse=True)
+        s = key.real.astype(np.intp)
+        between.update(space.integrate(kin.chart[s], key.imag[:, None] * v[s]), jacobians=False)
+        # a value is exact only where it matters: below what could still lower the answer
+        d = proximity.measure(between, inverse, body, part, np.full(len(segment), best + 0.5 * float(tight.max())))
+        best = min(best, float(d.min()))
+        half = 0.5 * tight
+        segment, body, part = np.r_[segment, segment], np.r_[body, body], np.r_[part, part]
+        start, end = np.r_[start, middle], np.r_[middle, end]
+        d_low, d_high, tight = np.r_[d_low, d], np.r_[d, d_high], np.r_[half, half]
+    return best - tolerance

@@ -1,0 +1,83 @@
+"""What all tests share: one of each robot per session, and the oracles on the import path."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_strips.robot import RobotModel, load_robot
+
+sys.path.insert(0, str(Path(__file__).parent / "oracle"))
+
+GANTRY = """<robot name="gantry">
+  <link name="rail"><collision><origin xyz="0 0 0.05"/><geometry><box size="0.6 0.3 0.1"/></geometry></collision></link>
+  <link name="carriage">
+    <collision><origin xyz="0.02 0 0.03" rpy="0.2 0 0"/><geometry><box size="0.12 0.1 0.2"/></geometry></collision>
+  </link>
+  <link name="spindle">
+    <collision><origin xyz="0 0 0.1" rpy="0.3 -0.4 0.1"/><geometry><cylinder radius="0.04" length="0.2"/></geometry></collision>
+  </link>
+  <link name="finger">
+    <collision><origin xyz="0.1 0 0" rpy="0 1.5708 0"/><geometry><cylinder radius="0.03" length="0.2"/></geometry></collision>
+    <collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
+  </link>
+  <link name="camera"><collision><geometry><sphere radius="0.06"/></geometry></collision></link>
+  <link name="tip"/>
+  <joint name="slide" type="prismatic"><parent link="rail"/><child link="carriage"/>
+    <origin xyz="0.05 0.02 0.3" rpy="0.1 -0.3 0.4"/><axis xyz="0.3 -0.4 0.866"/>
+    <limit lower="-0.2" upper="0.35" velocity="1" effort="10"/></joint>
+  <joint name="spin" type="continuous"><parent link="carriage"/><child link="spindle"/>
+    <origin xyz="0.01 0.1 0.15" rpy="-0.2 0.5 0"/><axis xyz="1 0 0"/></joint>
+  <joint name="bend" type="revolute"><parent link="spindle"/><child link="finger"/>
+    <origin xyz="0 0.05 0.25" rpy="0 0.2 1"/><axis xyz="0 0 -1"/>
+    <limit lower="-1.5" upper="2.5" velocity="1" effort="10"/></joint>
+  <joint name="nod" type="revolute"><parent link="carriage"/><child link="camera"/>
+    <origin xyz="-0.25 -0.1 0.3" rpy="0.7 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="0.1" upper="0.9" velocity="1" effort="10"/></joint>
+  <joint name="tip_joint" type="fixed"><parent link="finger"/><child link="tip"/><origin xyz="0.25 0.01 0"/></joint>
+</robot>
+"""
+"""A branched robot with every kind of planned joint: prismatic, continuous (nq = 2), revolute about −z, oblique axes."""
+
+
+@pytest.fixture(scope="session")
+def silvermate() -> RobotModel:
+    return load_robot("silvermate")
+
+
+@pytest.fixture(scope="session")
+def tiago() -> RobotModel:
+    return load_robot("tiago")
+
+
+@pytest.fixture(scope="session")
+def gantry_urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("urdf") / "gantry.urdf"
+    path.write_text(GANTRY)
+    return path
+
+
+@pytest.fixture(scope="session")
+def gantry(gantry_urdf: Path) -> RobotModel:
+    """The gantry on a fixed base."""
+    return load_robot(gantry_urdf, base="fixed")
+
+
+@pytest.fixture(scope="session")
+def rover(gantry_urdf: Path) -> RobotModel:
+    """The gantry on an omnidirectional base."""
+    return load_robot(gantry_urdf, base="omni")
+
+
+@pytest.fixture(params=["silvermate", "tiago", "gantry", "rover"])
+def robot(request: pytest.FixtureRequest) -> RobotModel:
+    """Each robot in turn."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20240607)

@@ -1,0 +1,194 @@
+"""Brute force: every distance by Coal at Pinocchio's placements, sharing nothing with the library's proximity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Mesh,
+    Obstacle,
+    Points,
+    Scene,
+    Sphere,
+    Voxels,
+)
+
+Array = npt.NDArray[np.float64]
+SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh", "voxels", "points")
+_REQUEST = coal.DistanceRequest(True)
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """One convex Coal shape of a scene in the world; ``part`` is its row of ``scene.table``."""
+
+    obstacle: str
+    part: int
+    geometry: Any
+    T: Array
+
+
+def distance(one: Any, T_one: Array, two: Any, T_two: Array) -> tuple[float, Array, Array, Array]:
+    """Signed distance, Coal's normal (from one to two) and the witness points on one and on two."""
+    result = coal.DistanceResult()
+    d = coal.distance(one, transform(T_one), two, transform(T_two), _REQUEST, result)
+    return (
+        float(d),
+        np.array(result.normal),
+        np.array(result.getNearestPoint1()),
+        np.array(result.getNearestPoint2()),
+    )
+
+
+def transform(T: Array) -> Any:
+    """A homogeneous matrix (4, 4) for Coal."""
+    return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3]))
+
+
+def scene_pieces(scene: Scene) -> list[Piece]:
+    """All convex shapes of a scene, blocks of boxes taken apart; from the obstacles, not from the scene's table."""
+    pieces: list[Piece] = []
+    row = 0
+    for obstacle in scene:
+        for part in obstacle.parts:
+            T = obstacle.pose @ part.T_obstacle_part
+            if part.geometry is not None:
+                pieces.append(Piece(str(obstacle.name), row, part.geometry, T))
+            for box, at in part.boxes:
+                shift = np.eye(4)
+                shift[:3, 3] = at
+                pieces.append(Piece(str(obstacle.name), row, box, T @ shift))
+            row += 1
+    return pieces
+
+
+def link_poses(robot: RobotModel, q: Array, data: Any = None) -> Array:
+    """World poses (G, 4, 4) of the robot's convex pieces, by Pinocchio."""
+    data = robot.model.createData() if data is None else data
+    pin.forwardKinematics(robot.model, data, q)
+    joints = [data.oMi[i].homogeneous for i in range(robot.model.njoints)]
+    return np.array([joints[g.joint] @ g.placement for g in robot.geometries])
+
+
+def link_distances(robot: RobotModel, scene: Scene, q: Array) -> Array:
+    """Signed distances (G, P) [m] of every link to every part; of a block, to its nearest box."""
+    poses = link_poses(robot, q)
+    out = np.full((len(robot.geometries), len(scene.table.parts)), np.inf)
+    for piece in scene_pieces(scene):
+        for g, link in enumerate(robot.geometries):
+            d = distance(link.geometry, poses[g], piece.geometry, piece.T)[0]
+            out[g, piece.part] = min(out[g, piece.part], d)
+    return out
+
+
+def self_distances(robot: RobotModel, q: Array) -> Array:
+    """Signed distances (S,) [m] of the robot's self pairs."""
+    poses, links = link_poses(robot, q), robot.geometries
+    return np.array(
+        [distance(links[i].geometry, poses[i], links[k].geometry, poses[k])[0] for i, k in robot.self_pairs]
+    )
+
+
+def random_pose(rng: np.random.Generator, low: Any, high: Any) -> tuple[Array, Array]:
+    """Position (3,) in a box and a uniform unit quaternion (4,)."""
+    quat = rng.normal(size=4)
+    return rng.uniform(low, high), quat / np.linalg.norm(quat)
+
+
+_L_PROFILE = np.array([[0, 0], [0.5, 0], [0.5, 0.15], [0.15, 0.15], [0.15, 0.5], [0, 0.5]])
+
+
+def l_profile() -> tuple[Array, npt.NDArray[np.int64]]:
+    """Vertices and faces of a closed L-shaped prism 0.3 m high: the smallest solid mesh that is not convex."""
+    n = len(_L_PROFILE)
+    vertices = np.vstack([np.column_stack((_L_PROFILE, np.full(n, z))) for z in (0.0, 0.3)])
+    top = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]
+    faces = [[a, c, b] for a, b, c in top] + [[a + n, b + n, c + n] for a, b, c in top]
+    for i in range(n):
+        j = (i + 1) % n
+        faces += [[i, j, j + n], [i, j + n, i + n]]
+    return vertices, np.array(faces)
+
+
+def make_obstacle(shape: str, rng: np.random.Generator, low: Any, high: Any) -> Obstacle:
+    """A random obstacle of a shape, its origin in the box ``low``, ``high``, turned at random."""
+    at, quat = random_pose(rng, low, high)
+    where = {"at": at, "quat": quat}
+    size = rng.uniform(0.05, 0.4, 3)
+    if shape == "box":
+        return Box(size, **where)
+    if shape == "sphere":
+        return Sphere(size[0] / 2, **where)
+    if shape == "cylinder":
+        return Cylinder(size[0] / 2, 2 * size[1], **where)
+    if shape == "capsule":
+        return Capsule(size[0] / 3, 2 * size[1], **where)
+    if shape == "cone":
+        return Cone(size[0] / 2, 2 * size[1], **where)
+    if shape == "convex":
+        return ConvexHull(rng.normal(size=(12, 3)) * size / 2, **where)
+    if shape == "mesh":
+        return Mesh(*l_profile(), **where)
+    cells = np.unique(rng.integers(0, 6, (60, 3)), axis=0) * 0.1 - 0.3
+    if shape == "voxels":
+        return Voxels(cells, 0.1, **where)
+    if shape == "points":
+        return Points(rng.uniform(-0.3, 0.3, (25, 3)), 0.02, **where)
+    raise ValueError(f"no shape {shape!r}")
+
+
+def make_scene(
+    rng: np.random.Generator,
+    count: int = len(SHAPES),
+    *,
+    low: Any = (-1.5, -1.5, 0.0),
+    high: Any = (1.5, 1.5, 1.5),
+    shapes: tuple[str, ...] = SHAPES,
+) -> Scene:
+    """A random scene of ``count`` obstacles, all shapes in turn."""
+    return Scene([make_obstacle(shapes[k % len(shapes)], rng, low, high) for k in range(count)])
+
+
+def random_chart(
+    robot: RobotModel, rng: np.random.Generator, count: int, *, low: Any = (-1.0, -1.0), high: Any = (1.0, 1.0)
+) -> Array:
+    """Chart rows (count, nv): joints anywhere within their limits, the base in a rectangle at any heading."""
+    space = robot.space
+    lower, upper = space.lower.copy(), space.upper.copy()
+    wide = ~np.isfinite(lower) | ~np.isfinite(upper)
+    lower[wide], upper[wide] = -np.pi, np.pi
+    if space.planar:
+        lower[:2], upper[:2] = low, high
+    return rng.uniform(lower, upper, (count, space.nv))
+
+
+def random_configurations(robot: RobotModel, rng: np.random.Generator, count: int, **region: Any) -> Array:
+    """Configurations (count, nq), built without the library's own chart."""
+    chart = random_chart(robot, rng, count, **region)
+    return np.array([configuration(robot, row) for row in chart])
+
+
+def configuration(robot: RobotModel, chart: Array) -> Array:
+    """Pinocchio's configuration (nq,) of a chart row (nv,), joint by joint."""
+    q = np.zeros(robot.model.nq)
+    for joint in robot.model.joints:
+        iq, iv = joint.idx_q, joint.idx_v
+        if joint.nv == 3:
+            q[iq : iq + 4] = chart[iv], chart[iv + 1], np.cos(chart[iv + 2]), np.sin(chart[iv + 2])
+        elif joint.nq == 2:
+            q[iq : iq + 2] = np.cos(chart[iv]), np.sin(chart[iv])
+        elif joint.nq == 1:
+            q[iq] = chart[iv]
+    return q
