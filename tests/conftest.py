@@ -18,10 +18,12 @@ GANTRY = """<robot name="gantry">
     <collision><origin xyz="0.02 0 0.03" rpy="0.2 0 0"/><geometry><box size="0.12 0.1 0.2"/></geometry></collision>
   </link>
   <link name="spindle">
-    <collision><origin xyz="0 0 0.1" rpy="0.3 -0.4 0.1"/><geometry><cylinder radius="0.04" length="0.2"/></geometry></collision>
+    <collision><origin xyz="0 0 0.1" rpy="0.3 -0.4 0.1"/>
+      <geometry><cylinder radius="0.04" length="0.2"/></geometry></collision>
   </link>
   <link name="finger">
-    <collision><origin xyz="0.1 0 0" rpy="0 1.5708 0"/><geometry><cylinder radius="0.03" length="0.2"/></geometry></collision>
+    <collision><origin xyz="0.1 0 0" rpy="0 1.5708 0"/>
+      <geometry><cylinder radius="0.03" length="0.2"/></geometry></collision>
     <collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
   </link>
   <link name="camera"><collision><geometry><sphere radius="0.06"/></geometry></collision></link>
@@ -40,7 +42,7 @@ GANTRY = """<robot name="gantry">
   <joint name="tip_joint" type="fixed"><parent link="finger"/><child link="tip"/><origin xyz="0.25 0.01 0"/></joint>
 </robot>
 """
-"""A branched robot with every kind of planned joint: prismatic, continuous (nq = 2), revolute about −z, oblique axes."""
+"""A branched robot with every planned kind of joint: prismatic, continuous (nq = 2), revolute; about oblique axes."""
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,71 @@
+"""Elastic strips: certified collision-free whole-body paths of mobile manipulators that give way to obstacles.
+
+::
+
+    import elastic_strips as es
+
+    robot = es.load_robot("silvermate")
+    scene = es.Scene([es.Box((0.6, 0.6, 1.4), at=(1.5, 0.1, 0.7)), es.Sphere(0.25, at=(2.4, 0.8, 1.0))])
+    strip = es.plan(robot, scene, start=robot.home(x=-1.0), goal=robot.home(x=6.0))
+    report = es.Deformer(robot).settle(strip, scene)
+    print(report.status, report.clearance, report.certificate.certified)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ._version import __version__
+from .deform import Deformer, DeformParams, DeformReport, DeformStatus
+from .errors import (
+    ConfigurationError,
+    ElasticStripsError,
+    InputError,
+    ParameterError,
+    RobotError,
+    ScenarioError,
+    SceneError,
+)
+from .io import read_scene, write_scene
+from .planning import PlanReport, plan, plan_report
+from .robot import RobotModel, load_robot, robot_names
+from .scenarios import get_scenario, run_scenario, scenario_names
+from .scene import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Keyframes,
+    Mesh,
+    Points,
+    Scene,
+    Sphere,
+    Twist,
+    Voxels,
+)
+from .strip import Strip
+from .tunnel import Certificate, strip_clearance
+
+if TYPE_CHECKING:
+    from .viewer import Viewer
+
+__all__ = [
+    "__version__",
+    "load_robot", "robot_names", "RobotModel",
+    "Scene", "Box", "Sphere", "Cylinder", "Capsule", "Cone", "ConvexHull", "Mesh", "Voxels", "Points", "Twist", "Keyframes",
+    "read_scene", "write_scene",
+    "Strip", "plan", "plan_report", "PlanReport",
+    "Deformer", "DeformParams", "DeformReport", "DeformStatus", "Certificate", "strip_clearance",
+    "get_scenario", "scenario_names", "run_scenario",
+    "Viewer",
+    "ElasticStripsError", "InputError", "RobotError", "SceneError", "ScenarioError", "ConfigurationError", "ParameterError",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Viewer":  # loaded when asked for: planning needs no viewer
+        from .viewer import Viewer
+
+        return Viewer
+    raise AttributeError(f"module 'elastic_strips' has no attribute {name!r}")

@@ -64,7 +64,7 @@ class Deformer:
         kin = Kinematics(self.robot.tree, 1)
         kin.update(self.robot.space.to_chart(self.robot.home_q)[None])
         home.update(kin)
-        self._self_floor = float(0.8 * home.bound[0].min(initial=reach))
+        self._self_floor = np.minimum(0.8 * home.bound[0], params.self_margin)
         repulsion = np.clip(0.8 * np.minimum(home.exact[0], reach), 0.0, params.self_influence)
         return SelfProximity(self.bodies, pairs, self.bounds, influence=reach, repulsion=repulsion)
 
@@ -213,7 +213,7 @@ class Deformer:
         previous, b = self.kin.chart[: self.kin.n].copy(), self.robot.space.base_nv
         self.kin.update(chart)
         self.self_pairs.update(self.kin)
-        close = self.self_pairs.bound.min(axis=1, initial=np.inf) < np.minimum(self._self_floor, self.params.self_margin)
+        close = (self.self_pairs.bound < self._self_floor).any(axis=1)
         if close.any():
             chart = chart.copy()
             chart[close, b:] = previous[close, b:]

@@ -36,8 +36,8 @@ class DeformParams:
         max_nodes: upper bound of nodes.
         max_ticks: most ticks of ``settle``.
         alpha: joints' rotation coefficient (Eq. 8). Paper preset only, as are the next four.
-        transfer_tilt: Table 2's number, which the paper does not define. Here it is the mobile's rotation coefficient α_m (Eq. 9,
-            [rad] per unit of torque) and at the same time the bound of its turn |δφ| in one update.
+        transfer_tilt: Table 2's number, which the paper does not define. Here a quarter of it is the mobile's rotation
+            coefficient α_m (Eq. 9), and it bounds the turn |δφ| of one update [rad].
         mobile_only: whether only the mobile's control point moves, as in the paper's cases 1–6.
         self_margin: a node's joints are not updated where that would bring its own links nearer than this.
         updates: explicit updates in one tick.
@@ -66,7 +66,7 @@ class DeformParams:
     min_spacing: float = 0.06
     max_nodes: int = 512
     max_ticks: int = 200
-    alpha: float = 0.5
+    alpha: float = 0.25
     transfer_tilt: float = np.pi / 3
     mobile_only: bool = False
     self_margin: float = 0.02
@@ -110,7 +110,7 @@ class DeformParams:
         base: dict[str, Any] = {"preset": preset}
         if preset == "paper":
             base |= {"influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4,
-                     "max_ticks": 400}  # fmt: skip
+                     "max_ticks": 120}  # fmt: skip
         valid = {f.name for f in fields(DeformParams)}
         for name in overrides:
             if name not in valid:

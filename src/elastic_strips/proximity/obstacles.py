@@ -129,7 +129,9 @@ class ObstacleProximity:
 
     def _rebuild(self, ends: Array, scene: Scene) -> None:
         n, g = ends.shape[:2]
-        self.window = Window.build(scene, *self._boxes(ends), self.slack)
+        low, high = self._boxes(ends)
+        low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
+        self.window = Window.build(scene, low, high, self.slack)
         p = len(self.window)
         self.bound = np.full((n, g, p), -_FAR)
         self._since = np.full((n, g, p), _FAR)

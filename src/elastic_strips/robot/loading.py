@@ -38,7 +38,7 @@ class KnownRobot:
 
 _TIAGO_HOME = {
     "torso_lift_joint": 0.15, "arm_1_joint": 0.2, "arm_2_joint": -1.34, "arm_3_joint": -0.2,
-    "arm_4_joint": 1.94, "arm_5_joint": -1.57, "arm_6_joint": 1.37, "arm_7_joint": 0.0,
+    "arm_4_joint": 1.94, "arm_5_joint": -1.57, "arm_6_joint": 0.6, "arm_7_joint": 0.0,
 }  # fmt: skip
 
 _KNOWN = {

@@ -13,22 +13,17 @@ from ..io import PoseSpec
 from ..scene import Box, Cylinder, Obstacle, Scene
 from .scenario import Scenario
 
-RADIUS = 0.5
+RADIUS = 0.3
 """Radius of the two obstacles [m]."""
 _HEIGHT = 1.3
-_STAGGER = 0.8
+_STAGGER = 0.4
 _START = (-3.0, -3.0, np.pi / 6)
 _GOAL = (6.0, 6.0, np.pi / 4)
 _SENSED = (-1.5, -1.5)
+_SHELF_ALONG = 3.6
+_SHELF_EDGE = 0.28  # from the straight line [m]: the base (0.27) passes, the arm on the right does not
 _WAY = np.array([1.0, 1.0]) / np.sqrt(2.0)
 _LEFT = np.array([-1.0, 1.0]) / np.sqrt(2.0)
-
-# arm stretched out to the right, hand at shoulder height
-_ARM_OUT = {
-    "arm_1_joint": -0.35, "arm_2_joint": 1.09, "arm_3_joint": 1.43, "arm_4_joint": 0.46,
-    "arm_5_joint": -0.92, "arm_6_joint": 0.94, "arm_7_joint": 0.71,
-}  # fmt: skip
-_TIAGO_OUT = {"arm_1_joint": 0.2, "arm_2_joint": -0.3, "arm_3_joint": -0.2, "arm_4_joint": 0.6}
 
 TABLE_2 = {
     "case-1": (np.pi / 6, 1.5, 2.1),
@@ -55,16 +50,14 @@ _SUMMARY = {
 def paper_case(name: str) -> Scenario:
     """One of ``case-1`` … ``case-7``."""
     tilt, safe, gap = TABLE_2[name]
-    arm = _ARM_OUT if name == "case-7" else {}
     return Scenario(
         name=name,
         summary=_SUMMARY[name],
         scene=Scene(_obstacles(name, gap)),
-        start=PoseSpec(*_START, joints=arm),
-        goal=PoseSpec(*_GOAL, joints=arm),
+        start=PoseSpec(*_START),
+        goal=PoseSpec(*_GOAL),
         params={"paper": {"k_r": 0.3, "k_c": 0.5, "influence": safe, "transfer_tilt": tilt,
                           "mobile_only": name != "case-7"}},  # fmt: skip
-        postures={"tiago": _TIAGO_OUT} if name == "case-7" else {},
         gap=None if gap is None else ("obstacle-1", "obstacle-2"),
     )
 
@@ -72,7 +65,7 @@ def paper_case(name: str) -> Scenario:
 def _obstacles(name: str, gap: float | None) -> list[Obstacle]:
     if gap is None:
         return [
-            Cylinder(RADIUS * 0.6, _HEIGHT, at=(*(s * _WAY + w * _LEFT), _HEIGHT / 2), name=f"obstacle-{k + 1}")
+            Cylinder(RADIUS, _HEIGHT, at=(*(s * _WAY + w * _LEFT), _HEIGHT / 2), name=f"obstacle-{k + 1}")
             for k, (s, w) in enumerate([(-1.6, 0.9), (0.3, -1.0), (1.9, 1.05), (3.7, -0.95), (5.4, 1.1), (6.3, -1.2)])
         ]
     apart = gap + 2 * RADIUS
@@ -83,9 +76,9 @@ def _obstacles(name: str, gap: float | None) -> list[Obstacle]:
         at = along * _WAY + across * _LEFT
         pair.append(Cylinder(RADIUS, _HEIGHT, at=(at[0], at[1], _HEIGHT / 2), name=label))
     if name == "case-7":
-        at = 3.2 * _WAY - 0.85 * _LEFT
+        at = _SHELF_ALONG * _WAY - (_SHELF_EDGE + 0.25) * _LEFT
         turn = (0.0, 0.0, np.sin(np.pi / 8), np.cos(np.pi / 8))
-        pair.append(Box((0.7, 0.5, 0.3), at=(at[0], at[1], 0.95), quat=turn, name="shelf"))
+        pair.append(Box((0.5, 0.5, 0.5), at=(at[0], at[1], 0.85), quat=turn, name="shelf"))
     return pair
 
 

@@ -32,6 +32,7 @@ class RunResult:
         reason: what happened, for people.
         clearance: of the interpolated strip [m].
         passage: see :func:`passage`.
+        seed: of the planner.
         ticks: all ticks; tick_seconds: the duration of each.
         time_to_certified: from nothing to the first certified strip [s], or None.
         frames: strips along the deformation, for animation (first and last included).
@@ -46,6 +47,7 @@ class RunResult:
     reason: str
     clearance: float
     passage: str | None
+    seed: int
     ticks: int
     tick_seconds: Array
     time_to_certified: float | None
@@ -101,7 +103,7 @@ def run_scenario(
     clearance = strip_clearance(report.strip, scenario.scene)
     return RunResult(
         scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
-        clearance=clearance, passage=passage(report.strip, scenario.scene, scenario.gap), ticks=len(ticks),
+        clearance=clearance, passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
         tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
     )  # fmt: skip
 
@@ -135,6 +137,8 @@ def _run_paper(
     check_ends(robot, scenario.scene, start, goal, params)
     spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
     rows = straight_line(robot, start, goal, spacing=spacing)
+    if robot.space.planar:
+        rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
     initial, method = Strip.from_chart(robot, rows), "line"
     first: list[float] = []
 
@@ -148,11 +152,10 @@ def _run_paper(
         return deformer.settle(strip, scenario.scene, watch=watch)
 
     attempts: list[str] = []
-    report = deformer.assess(initial, scenario.scene)
-    if report.certified:
-        report = relax(initial)
-    else:
-        attempts.append("the straight line is not free")
+    free = deformer.assess(initial, scenario.scene).certified
+    report = relax(initial)
+    if not free and report.status is not DeformStatus.SETTLED:
+        attempts.append(f"straight line, which is not free: {report.reason}")
         for k in range(4):
             found = ompl_path(
                 robot, scenario.scene, start, goal, seed=seed + 7919 * k, margin=0.04, timeout=timeout / 4, spacing=spacing

@@ -81,7 +81,9 @@ def test_points_and_to_aligned(robot, kin, chart, rng):
 
 def test_point_jacobians_equal_finite_differences(robot, kin, chart, rng):
     node, joint, local = random_points(robot, rng, 25)
-    points = np.array([reference(robot, chart[n]).oMi[int(j)].act(p) for n, j, p in zip(node, joint, local)])
+    points = np.array(
+        [reference(robot, chart[n]).oMi[int(j)].act(p) for n, j, p in zip(node, joint, local, strict=True)]
+    )
     J = kin.point_jacobians(node, joint, points)
     assert J.shape == (25, 3, robot.nv)
     h = 1e-6

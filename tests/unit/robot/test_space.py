@@ -71,9 +71,7 @@ def test_integrate_equals_pinocchio(robot, pairs):
     v = robot.space.difference(a, b)
     for scale in (1.0, -0.3, 2.7):
         got = robot.space.from_chart(robot.space.integrate(a, scale * v))
-        expected = [
-            pin.integrate(robot.model, configuration(robot, x), scale * w) for x, w in zip(a, v, strict=True)
-        ]
+        expected = [pin.integrate(robot.model, configuration(robot, x), scale * w) for x, w in zip(a, v, strict=True)]
         np.testing.assert_allclose(got, expected, atol=1e-10)
 
 
@@ -84,10 +82,12 @@ def test_interpolate_equals_pinocchio(robot, pairs):
     half_turn = (np.abs(wrap_angle(b - a)[:, circular]) > np.pi - 2e-6).any(axis=1)
     for s in (0.0, 0.25, 0.5, 1.0):
         got = robot.space.from_chart(robot.space.interpolate(a, b, s))
-        by_twist = [pin.integrate(robot.model, x, s * pin.difference(robot.model, x, y)) for x, y in zip(*ends)]
+        by_twist = [
+            pin.integrate(robot.model, x, s * pin.difference(robot.model, x, y)) for x, y in zip(*ends, strict=True)
+        ]
         np.testing.assert_allclose(got, by_twist, atol=1e-7)
         # pin.interpolate leaves a continuous joint where it is when its turn is within 1e-6 of π
-        expected = np.array([pin.interpolate(robot.model, x, y, s) for x, y in zip(*ends)])
+        expected = np.array([pin.interpolate(robot.model, x, y, s) for x, y in zip(*ends, strict=True)])
         np.testing.assert_allclose(got[~half_turn], expected[~half_turn], atol=1e-7)
 
 

@@ -1,0 +1,83 @@
+"""Planning benchmark: from nothing to a certified strip on seeded corridors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..deform import Deformer
+from ..planning import PlanReport, plan_report
+from ..robot import RobotModel
+from ..scenarios import get_scenario
+from ..scene import Scene
+from ..tunnel import strip_clearance
+from .measure import machine, percentiles
+
+
+def planned_corridors(
+    robot: RobotModel, seeds: int, step: Callable[[str], object]
+) -> list[tuple[int, Scene, PlanReport]]:
+    """Plan the corridors of seeds 0 … ``seeds`` − 1, each with a new workspace; one warm-up is not counted."""
+    _plan(robot, 10_000)
+    out = []
+    for seed in range(seeds):
+        scene, report = _plan(robot, seed)
+        out.append((seed, scene, report))
+        step(f"seed {seed}: {report.method}")
+    return out
+
+
+def _plan(robot: RobotModel, seed: int) -> tuple[Scene, PlanReport]:
+    problem = get_scenario("corridor", seed=seed)
+    start, goal = problem.ends(robot)
+    return problem.scene, plan_report(robot, problem.scene, start, goal, seed=seed, deformer=Deformer(robot))
+
+
+def bench_plan(robot: RobotModel, seeds: int, step: Callable[[str], object] = lambda note: None) -> dict[str, Any]:
+    """Success, time to the first certified strip, clearance and slip on ``corridor``.
+
+    Args:
+        robot: the robot.
+        seeds: number of corridors.
+        step: called after each with a note, for a progress bar.
+    """
+    runs = []
+    for seed, scene, report in planned_corridors(robot, seeds, step):
+        strip = report.strip
+        runs.append(
+            {
+                "seed": seed,
+                "certified": report.certified,
+                "method": report.method,
+                "ms": 1e3 * report.seconds,
+                "phases_ms": {k: 1e3 * t for k, t in report.timings.items()},
+                "attempts": report.attempts,
+                "ticks": report.ticks,
+                "nodes": len(strip),
+                "clearance_m": float(strip_clearance(strip, scene)),
+                "max_lateral_slip_m": float(strip.lateral_slip.max(initial=0.0)),
+                "length_m": strip.length,
+                "reason": report.reason,
+            }
+        )
+    good = [r for r in runs if r["certified"]]
+    return {
+        "benchmark": "plan",
+        "machine": machine(),
+        "robot": robot.name,
+        "base": robot.base_kind.value,
+        "seeds": seeds,
+        "certified": len(good) / max(len(runs), 1),
+        "line_alone": sum(r["method"] == "line" for r in runs) / max(len(runs), 1),
+        "time_to_certified_ms": percentiles([r["ms"] for r in good]),
+        "clearance_m": {
+            "min": float(min((r["clearance_m"] for r in good), default=np.nan)),
+            "p50": float(np.median([r["clearance_m"] for r in good])) if good else None,
+            "at_least_2cm": sum(r["clearance_m"] >= 0.02 for r in good) / max(len(good), 1),
+        },
+        "max_lateral_slip_m": float(max((r["max_lateral_slip_m"] for r in good), default=0.0)),
+        "failures": [{"seed": r["seed"], "reason": r["reason"]} for r in runs if not r["certified"]],
+        "runs": runs,
+    }

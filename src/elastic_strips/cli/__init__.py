@@ -1,0 +1,5 @@
+"""Command line: ``elastic-strips run | view | bench | list``."""
+
+from .main import main
+
+__all__ = ["main"]

@@ -1,0 +1,89 @@
+"""``elastic-strips run``: plan, deform, certify; write the result and show it."""
+
+from __future__ import annotations
+
+import sys
+from time import perf_counter
+
+import click
+
+from ..deform import DeformReport
+from ..io import check_writable, write_json
+from ..scenarios import RunResult, get_scenario, result_document, run_scenario
+from .progress import LateProgress
+
+EXIT_CERTIFIED = 0
+EXIT_NOT_CERTIFIED = 3
+
+
+@click.command(short_help="Run a scenario: plan, deform, certify.")
+@click.argument("scenario", metavar="NAME|FILE.yaml")
+@click.option("--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default.")
+@click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the planner and of generated scenes.  [default: 0]")
+@click.option("--timeout", type=click.FloatRange(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s].")
+@click.option("--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/result-format.md).")
+@click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the result.")
+@click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
+def run(
+    scenario: str, preset: str | None, robot: str | None, seed: int | None, timeout: float, json_file: str | None,
+    html_file: str | None, view: bool,
+) -> int:  # fmt: skip
+    """Plan an initial strip, deform it away from the obstacles until it is at rest, and certify it.
+
+    NAME is one of "elastic-strips list"; FILE.yaml is a scenario file (docs/scene-files.md).
+
+    Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
+    """
+    for path in (json_file, html_file):
+        if path is not None:
+            check_writable(path)
+    problem = get_scenario(scenario, seed=seed or 0)
+    model = problem.load_robot(robot, preset)
+    result = _run(problem, model, preset, seed, timeout)
+    _summary(result)
+    if json_file is not None:
+        click.echo(f"result  {write_json(json_file, result_document(result))}")
+    if html_file is not None or view:
+        _show(result, html_file, view)
+    return EXIT_CERTIFIED if result.certified else EXIT_NOT_CERTIFIED
+
+
+def _run(problem, model, preset, seed, timeout) -> RunResult:  # type: ignore[no-untyped-def]
+    with LateProgress(f"{problem.name}: deforming") as bar:
+
+        def watch(report: DeformReport) -> None:
+            bar.step(f"{report.status.value}, clearance {report.clearance:.3f} m")
+
+        return run_scenario(problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch)
+
+
+def _summary(result: RunResult) -> None:
+    report = result.report
+    verdict = "certified" if result.certified else report.status.value
+    click.echo(f"{result.scenario.name} · {result.robot.name} · preset {result.params.preset}: {verdict}")
+    click.echo(f"  {result.reason}")
+    first = "-" if result.time_to_certified is None else f"{1e3 * result.time_to_certified:.0f} ms"
+    click.echo(
+        f"  clearance {result.clearance:.3f} m, length {report.strip.length:.2f} m, {len(report.strip)} nodes, "
+        f"{result.ticks} ticks, first certified after {first}"
+        + (f", passes {result.passage}" if result.passage else "")
+    )
+    if not result.certified and report.certificate.broken is not None:
+        click.echo(f"  {report.certificate.broken}")
+
+
+def _show(result: RunResult, html_file: str | None, view: bool) -> None:
+    from ..viewer import Viewer
+
+    with Viewer(server=view, open_browser=view and sys.stdout.isatty()) as viewer:
+        viewer.animate(result.robot, result.scenario.scene, result.report, duration=10.0)
+        if html_file is not None:
+            click.echo(f"page    {viewer.save_html(html_file)}")
+        if view:
+            click.echo(f"viewer  {viewer.url}  (Ctrl-C ends)")
+            began = perf_counter()
+            try:
+                viewer.wait()
+            except KeyboardInterrupt:
+                click.echo(f"viewer closed after {perf_counter() - began:.0f} s")

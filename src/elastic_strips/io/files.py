@@ -1,0 +1,51 @@
+"""IO room, files: whole files or none."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from elastic_strips.errors import InputError
+
+
+def check_writable(path: str | os.PathLike[str]) -> Path:
+    """The path, if a file can be made there.
+
+    Raises:
+        InputError: it is a folder, or its folder is missing or not writable.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; give the name of a file")
+    folder = target.parent
+    if not folder.is_dir():
+        raise InputError(f"{target}: there is no folder {folder}")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{target}: the folder {folder} is not writable")
+    return target
+
+
+def write_json(path: str | os.PathLike[str], document: Any) -> Path:
+    """Write a document as JSON: the whole file or none (NaN and infinity are refused).
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    target = check_writable(path)
+    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+        os.chmod(name, 0o644)
+        os.replace(name, target)
+    except OSError as error:
+        os.unlink(name)
+        raise InputError(f"{target}: cannot write: {error.strerror}") from None
+    except BaseException:
+        os.unlink(name)
+        raise
+    return target
