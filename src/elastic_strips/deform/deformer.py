@@ -53,6 +53,7 @@ class Deformer:
         self._default = DefaultStep(robot, params)
         self._paper = PaperStep(robot, params) if params.preset == "paper" else None
         self._strip: Strip | None = None
+        self._held = False
         self._iteration = 0.0
         self._clock = PhaseClock()
 
@@ -91,13 +92,18 @@ class Deformer:
         clock = self._clock
         clock.start()
         asked = self.obstacles.narrow.queries + self.self_pairs.queries
+        held = self._paper is None and strip is self._strip and self._held
         self._sync(strip, scene)
         iterations = 0
         while True:
             began = clock.elapsed
+            before = self.kin.chart[: self.kin.n].copy()
             chart, residual, energies, field = self._iterate(scene)
             moved = self._accept(chart, scene)
             certificate = self._certify(scene)
+            if held and not certificate.certified:
+                certificate, residual, moved = self._hold(before, chart, scene, certificate, residual, moved)
+            held = held and certificate.certified
             iterations += 1
             self._iteration = clock.elapsed - began
             rest = moved < self.params.rest_step
@@ -232,6 +238,24 @@ class Deformer:
         self._clock.mark("self-collision")
         return moved
 
+    def _hold(
+        self, before: Array, chart: Array, scene: Scene, certificate: Certificate, residual: float, moved: float
+    ) -> tuple[Certificate, float, float]:
+        """A step from a certified strip must not lose the certificate where a shorter one, or none, would keep it."""
+        space = self.robot.space
+        for scale in (0.5, 0.0):
+            nodes, slip = before, 0.0
+            if scale > 0.0:
+                nodes = space.integrate(before, scale * space.difference(before, chart))
+                if self._default.rolling:
+                    nodes, slip = project_rolling(space, nodes)
+            self._accept(nodes, scene)
+            attempt = self._certify(scene)
+            if attempt.certified and slip <= SLIP_LIMIT:
+                return attempt, slip, scale * moved
+        self._accept(chart, scene)  # nothing holds: the full step is the way out
+        return certificate, residual, moved
+
     def _certify(self, scene: Scene) -> Certificate:
         chart = self.kin.chart[: self.kin.n]
         v = self.robot.space.difference(chart[:-1], chart[1:])
@@ -282,6 +306,7 @@ class Deformer:
     ) -> DeformReport:  # fmt: skip
         strip = Strip.from_chart(self.robot, self.kin.chart[: self.kin.n])
         self._strip = strip
+        self._held = certificate.certified and residual <= SLIP_LIMIT
         rest = moved < self.params.rest_step
         tunnel = self._tunnel(scene) if detail or self._paper is not None else None
         status, reason = self._status(certificate, residual, rest, tunnel)

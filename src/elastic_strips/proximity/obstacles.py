@@ -52,9 +52,15 @@ class ObstacleProximity:
         influence: distances below this [m] are computed exactly.
         tolerance: an exact distance is asked again once its body or part has moved by more than this [m].
         slack: how far [m] the strip may drift before the window of near parts is collected anew.
+
+    Attributes:
+        bound: (N, G, P) lower bounds [m].
+        exact: (N, G, P) distances [m] where they were asked for, else ∞.
+        direction, witness: (N, G, P, 3) away from the obstacle, and nearest point on the robot.
+        margin: (N,) every part outside the window is at least this far [m] from the node's bodies.
     """
 
-    def __init__(self, bodies: BodySet, *, influence: float, tolerance: float = 1e-4, slack: float = 0.4) -> None:
+    def __init__(self, bodies: BodySet, *, influence: float, tolerance: float = 3e-4, slack: float = 0.4) -> None:
         self.bodies = bodies
         self.influence = influence
         self.tolerance = tolerance
@@ -63,6 +69,8 @@ class ObstacleProximity:
         self.window: Window | None = None
         self.pairs = 0
         self.asked = 0
+        self.margin = np.zeros(0)
+        self._cover = np.zeros(0, dtype=np.intp)
         self._chart = np.zeros((0, 0))
         self._ends = np.zeros((0, len(bodies), 2, 3))
         self._frames = np.zeros((0, len(bodies), 3, 3))
@@ -86,7 +94,8 @@ class ObstacleProximity:
             return
         take = np.maximum(source, 0)
         new = source < 0
-        for name in ("_chart", "_ends", "_frames", "bound", "exact", "direction", "witness", "_since"):
+        self._cover = np.where(new, -1, self._cover[take])
+        for name in ("_chart", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
             setattr(self, name, getattr(self, name)[take])
         self.bound[new] = -_FAR
         self._since[new] = _FAR
@@ -100,7 +109,7 @@ class ObstacleProximity:
         moved_nodes = None
         if columns is not None and self._chart.shape == chart.shape:
             moved_nodes = np.flatnonzero((chart != self._chart).any(axis=1))
-            if len(moved_nodes) and not self._covered(ends[moved_nodes]):
+            if len(moved_nodes) and not self._keep_margin(ends, moved_nodes):
                 columns = None
         if columns is None or moved_nodes is None:
             self._rebuild(ends, scene)
@@ -114,24 +123,44 @@ class ObstacleProximity:
         self.refine(kin)
 
     def _boxes(self, ends: Array) -> tuple[Array, Array]:
-        grow = (self.bodies.radius + self.influence)[None, :, None]
-        low = (ends.min(axis=2) - grow).min(axis=1)
-        high = (ends.max(axis=2) + grow).max(axis=1)
+        """Boxes (M, 3) that hold all bodies at configurations with these capsule ends (M, G, 2, 3)."""
+        radius = self.bodies.radius[:, None]
+        low = (np.minimum(ends[:, :, 0], ends[:, :, 1]) - radius).min(axis=1)
+        high = (np.maximum(ends[:, :, 0], ends[:, :, 1]) + radius).max(axis=1)
         return low, high
 
-    def _covered(self, ends: Array) -> bool:
-        assert self.window is not None
-        return self.window.covers(*self._boxes(ends))
+    def _keep_margin(self, ends: Array, moved: npt.NDArray[np.intp]) -> bool:
+        """Update how far moved nodes are inside their window boxes; False where one is no longer deep enough inside any."""
+        window = self.window
+        assert window is not None
+        low, high = self._boxes(ends[moved])
+        cover = self._cover[moved]
+        depth = np.minimum((low - window.cover_low[cover]).min(axis=1), (window.cover_high[cover] - high).min(axis=1))
+        depth[cover < 0] = -1.0
+        lost = np.flatnonzero(depth < self.influence)
+        if len(lost):
+            grow = self.influence
+            if not window.covered(low[lost] - grow, high[lost] + grow).all():
+                return False
+            depth[lost] = grow
+            self._cover[moved[lost]] = -1
+        self.margin[moved] = depth
+        return True
 
-    def cover(self, kin: Kinematics, scene: Scene, ends: Array) -> bool:
-        """Whether configurations with these capsule ends (M, G, 2, 3) stay inside the window."""
-        return self._covered(ends)
+    def covered(self, kin: Kinematics) -> npt.NDArray[np.bool_]:
+        """(M,) whether all parts within the influence distance of configurations that are no nodes are in the window."""
+        assert self.window is not None
+        low, high = self._boxes(self.bodies.capsule_ends(kin))
+        return self.window.covered(low - self.influence, high + self.influence)
 
     def _rebuild(self, ends: Array, scene: Scene) -> None:
         n, g = ends.shape[:2]
-        low, high = self._boxes(ends)
+        body_low, body_high = self._boxes(ends)
+        low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
         self.window = Window.build(scene, low, high, self.slack)
+        inner = np.minimum(body_low - self.window.cover_low, self.window.cover_high - body_high)
+        self.margin, self._cover = inner.min(axis=1), np.arange(n)
         p = len(self.window)
         self.bound = np.full((n, g, p), -_FAR)
         self._since = np.full((n, g, p), _FAR)

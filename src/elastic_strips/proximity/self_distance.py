@@ -75,7 +75,7 @@ class SelfProximity:
         *,
         influence: float,
         repulsion: Array | None = None,
-        tolerance: float = 1e-4,
+        tolerance: float = 3e-4,
     ) -> None:
         self.repulsion = np.full(len(pairs), influence) if repulsion is None else np.minimum(repulsion, influence)
         self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance

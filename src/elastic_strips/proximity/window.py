@@ -68,14 +68,10 @@ class Window:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def covers(self, low: Array, high: Array) -> bool:
-        """Whether every box (M, 3) lies in one of the window's boxes."""
-        if len(low) == len(self.cover_low) and bool(
-            (low >= self.cover_low).all() and (high <= self.cover_high).all()
-        ):
-            return True
+    def covered(self, low: Array, high: Array) -> npt.NDArray[np.bool_]:
+        """(M,) whether each box (M, 3) lies in one of the window's boxes."""
         inside = (low[:, None] >= self.cover_low[None]).all(axis=2) & (high[:, None] <= self.cover_high[None]).all(axis=2)
-        return bool(inside.any(axis=1).all())
+        return inside.any(axis=1)
 
     def follow(self, scene: Scene) -> npt.NDArray[np.intp] | None:
         """Move to another snapshot of the same obstacles.
@@ -84,15 +80,13 @@ class Window:
             The window's columns whose pose changed, or None where the window must be built anew: other obstacles, or one
             that came in from outside.
         """
-        if scene is self.scene:
-            return np.zeros(0, dtype=np.intp)
-        old, new = self.scene.table, scene.table
-        if new.parts is not old.parts and not (len(new.parts) == len(old.parts) and new.parts == old.parts):
+        changed = scene.rows_changed_since(self.scene)
+        if changed is None:
             return None
-        changed = _changed_rows(old, new)
         if len(changed) == 0:
             self.scene = scene
             return changed
+        new = scene.table
         position = np.searchsorted(self.rows, changed)
         known = (position < len(self.rows)) & (self.rows[np.minimum(position, len(self.rows) - 1)] == changed) if len(
             self.rows
@@ -114,15 +108,6 @@ class Window:
         gap = np.abs(local - self.box_center[part]) - self.box_half[part]
         np.maximum(gap, 0.0, out=gap)
         return np.sqrt(np.einsum("...i,...i->...", gap, gap))
-
-
-def _changed_rows(old: Any, new: Any) -> npt.NDArray[np.intp]:
-    if new.translation is old.translation and new.rotation is old.rotation:
-        return np.zeros(0, dtype=np.intp)
-    changed = (new.translation != old.translation).any(axis=1)
-    if new.rotation is not old.rotation:
-        changed |= (new.rotation != old.rotation).any(axis=(1, 2))
-    return np.flatnonzero(changed)
 
 
 def _overlapping(table: Any, rows: npt.NDArray[np.intp], low: Array, high: Array) -> npt.NDArray[np.intp]:

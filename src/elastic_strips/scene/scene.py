@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.scene import checks
 from elastic_strips.scene.obstacle import Obstacle
@@ -117,6 +120,24 @@ class Scene:
         new = object.__new__(Scene)
         _set(new, obstacles, self.time, {o.name or "": i for i, o in enumerate(obstacles)}, None, ())
         return new
+
+    def rows_changed_since(self, earlier: Scene) -> NDArray[np.intp] | None:
+        """Rows of `table` whose pose differs from an ``earlier`` snapshot's; None if the scenes have other obstacles.
+
+        Costs next to nothing for a snapshot derived directly from ``earlier``.
+        """
+        if earlier is self:
+            return np.zeros(0, dtype=np.intp)
+        if self._source is not None and self._source is earlier._table:
+            offsets = self._source.offsets
+            rows = [np.arange(offsets[k], offsets[k + 1], dtype=np.intp) for k in self._changed]
+            return np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp)
+        old, new = earlier.table, self.table
+        if new.parts is not old.parts and new.parts != old.parts:
+            return None
+        moved = np.flatnonzero((new.translation != old.translation).ravel()) // 3
+        turned = np.flatnonzero((new.rotation != old.rotation).ravel()) // 9
+        return np.union1d(moved, turned).astype(np.intp)
 
     def _place(self, name: str) -> int:
         try:

@@ -119,7 +119,6 @@ class Certifier:
         self.bodies, self.bounds, self.obstacles, self.self_pairs = bodies, bounds, obstacles, self_pairs
         self.max_depth = max_depth
         self._between = Kinematics(bodies.tree, 64)
-        self._ends = Kinematics(bodies.tree, 64)
 
     def certify(self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene) -> Certificate:
         """Certify the segments between the nodes of ``kin``.
@@ -309,21 +308,21 @@ class Certifier:
         states: npt.NDArray[np.int8],
         worst: list[BrokenSegment],
     ) -> int:
-        """Parts outside the window are at least the influence distance away at the nodes: enough unless a segment is long."""
-        far = self.obstacles.influence
-        long = np.flatnonzero((travel.max(axis=1) + 2.0 * clearance >= 2.0 * far) & (states == 0))
+        """Parts outside the window are known to be far from the nodes: enough, unless a segment is long."""
+        margin = self.obstacles.margin
+        long = np.flatnonzero((travel.max(axis=1) + 2.0 * clearance >= margin[:-1] + margin[1:]) & (states == 0))
         if len(long) == 0 or len(scene) == 0:
             return 0
+        far = self.obstacles.influence
         counts = np.ceil(travel.max(axis=1)[long] / max(far - clearance, 1e-3)).astype(int) + 1
         counts = np.minimum(counts, 256)
         s = np.repeat(long, counts)
         fraction = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])
         space = self.bodies.tree.space
         self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
-        ends = self.bodies.capsule_ends(self._between)
-        inside = np.array([self.obstacles.cover(self._between, scene, e[None]) for e in ends])
-        for j in np.unique(s[~inside]):
-            states[j] = max(states[j], SegmentState.UNKNOWN)
+        outside = np.unique(s[~self.obstacles.covered(self._between)])
+        states[outside] = np.maximum(states[outside], SegmentState.UNKNOWN)
+        for j in outside:
             worst.append(
                 BrokenSegment(int(j), self.bodies.names[0], "obstacles beyond the segment's ends", far, "obstacle", False)
             )
