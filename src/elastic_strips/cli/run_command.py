@@ -9,7 +9,8 @@ import click
 
 from ..deform import DeformReport
 from ..io import check_writable, write_json
-from ..scenarios import RunResult, get_scenario, result_document, run_scenario
+from ..robot import RobotModel
+from ..scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
 from .progress import LateProgress
 
 EXIT_CERTIFIED = 0
@@ -20,13 +21,14 @@ EXIT_NOT_CERTIFIED = 3
 @click.argument("scenario", metavar="NAME|FILE.yaml")
 @click.option("--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default.")
 @click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
+@click.option("--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option("--timeout", type=click.FloatRange(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s].")
 @click.option("--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/result-format.md).")
 @click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the result.")
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
 def run(
-    scenario: str, preset: str | None, robot: str | None, seed: int | None, timeout: float, json_file: str | None,
+    scenario: str, preset: str | None, robot: str | None, base: str | None, seed: int | None, timeout: float, json_file: str | None,
     html_file: str | None, view: bool,
 ) -> int:  # fmt: skip
     """Plan an initial strip, deform it away from the obstacles until it is at rest, and certify it.
@@ -39,7 +41,7 @@ def run(
         if path is not None:
             check_writable(path)
     problem = get_scenario(scenario, seed=seed or 0)
-    model = problem.load_robot(robot, preset)
+    model = problem.load_robot(robot, preset, base)
     result = _run(problem, model, preset, seed, timeout)
     _summary(result)
     if json_file is not None:
@@ -49,7 +51,9 @@ def run(
     return EXIT_CERTIFIED if result.certified else EXIT_NOT_CERTIFIED
 
 
-def _run(problem, model, preset, seed, timeout) -> RunResult:  # type: ignore[no-untyped-def]
+def _run(
+    problem: Scenario, model: RobotModel, preset: str | None, seed: int | None, timeout: float
+) -> RunResult:
     with LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:

@@ -20,9 +20,10 @@ from ..strip import Strip
 @click.command(short_help="Look at a scenario, or at a result of run --json.")
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json")
 @click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
+@click.option("--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Seed of generated scenes.")
 @click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone page instead of serving one.")
-def view(what: str, robot: str | None, seed: int, html_file: str | None) -> None:
+def view(what: str, robot: str | None, base: str | None, seed: int, html_file: str | None) -> None:
     """Show a scenario with the straight strip from start to goal, or the strip of a result file, in the browser.
 
     The server listens on this machine only; Ctrl-C ends it.
@@ -33,7 +34,7 @@ def view(what: str, robot: str | None, seed: int, html_file: str | None) -> None
         model, scene, strip = _from_result(Path(what), robot)
     else:
         problem = get_scenario(what, seed=seed)
-        model, scene = problem.load_robot(robot), problem.scene
+        model, scene = problem.load_robot(robot, base=base), problem.scene
         strip = Strip.from_chart(model, straight_line(model, *problem.ends(model), spacing=0.13))
     with Viewer(server=html_file is None, open_browser=html_file is None and sys.stdout.isatty()) as viewer:
         viewer.animate(model, scene, strip, duration=10.0)

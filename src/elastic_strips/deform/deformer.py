@@ -94,6 +94,7 @@ class Deformer:
         asked = self.obstacles.narrow.queries + self.self_pairs.queries
         held = self._paper is None and strip is self._strip and self._held
         self._sync(strip, scene)
+        self._strip = None  # until the report: an exception in between must not leave half a tick for the next
         iterations = 0
         while True:
             began = clock.elapsed
@@ -186,6 +187,7 @@ class Deformer:
     def _sync(self, strip: Strip, scene: Scene) -> None:
         if strip is not self._strip:
             self.kin.update(strip.chart)
+            self._strip, self._held = strip, False
         self._clock.mark("kinematics")
         self.obstacles.update(self.kin, scene)
         self._clock.mark("proximity")

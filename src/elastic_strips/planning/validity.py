@@ -88,7 +88,7 @@ class Validity:
         assert self._manager is not None
         for link, query in enumerate(self._queries):
             pose = self._geometry.oMg[link]
-            query.setTransform(pose.rotation, pose.translation)
+            query.setTransform(coal.Transform3s(pose.rotation, pose.translation))
             query.computeAABB()
             callback = coal.CollisionCallBackDefault()
             self._manager.collide(query, callback)

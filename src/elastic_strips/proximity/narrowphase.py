@@ -118,7 +118,7 @@ class Narrowphase:
         if query is None:
             query = self._objects[g] = coal.CollisionObject(self.bodies.geometries[g])
         local = part_rotation.T @ (translation - part_translation)
-        query.setTransform(part_rotation.T @ rotation, local)
+        query.setTransform(coal.Transform3s(part_rotation.T @ rotation, local))
         query.computeAABB()
         callback = coal.DistanceCallBackDefault()
         callback.data.request.enable_signed_distance = True

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import coal
+import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from ..errors import RobotError, nearest_name
 from ..resources import urdf_dir
 from .base import BaseKind
 from .model import RobotModel, model_from_urdf
-from .srdf import read_srdf
+from .srdf import Srdf, read_srdf
 from .urdf import UrdfSource, read_urdf
 
 
@@ -131,8 +134,22 @@ def _build(
     semantics = None
     if srdf is not None:
         semantics = read_srdf(srdf, links=set(source.links), joints=set(source.joints))
+        _check_states(semantics, source)
         home = {**home, **semantics.states.get("home", {})}
-    model, collision, visual = model_from_urdf(source.path, kind, source.package_dirs)
+    try:
+        model, collision, visual = model_from_urdf(source.path, kind, source.package_dirs)
+        _check_vertices(collision)
+        return _planned(model, collision, visual, source, kind, semantics, control_points, locked, home, hand, name)
+    except RobotError as error:
+        said = " ".join(str(error).split())
+        raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
+
+
+def _planned(
+    model: pin.Model, collision: pin.GeometryModel, visual: pin.GeometryModel, source: UrdfSource, kind: BaseKind,
+    semantics: Srdf | None, control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None,
+    locked: Mapping[str, float] | None, home: Mapping[str, float], hand: str | None, name: str,
+) -> RobotModel:  # fmt: skip
     if locked is None:
         wheels = {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
         locked = {j: home.get(j, _clip(0.0, source, j)) for j in sorted(wheels | source.mimic) if model.existJointName(j)}
@@ -144,6 +161,23 @@ def _build(
         control_points=control_points, hand_frame=hand,
         urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
     )  # fmt: skip
+
+
+def _check_states(semantics: Srdf, source: UrdfSource) -> None:
+    for state, values in semantics.states.items():
+        for joint, value in values.items():
+            low, high = source.joint_limits.get(joint, (-float("inf"), float("inf")))
+            if not low - 1e-9 <= value <= high + 1e-9:
+                raise RobotError(
+                    f"{semantics.path}: <group_state> {state!r}: joint {joint!r} = {value:g} is outside its limits "
+                    f"[{low:g}, {high:g}]"
+                )
+
+
+def _check_vertices(collision: pin.GeometryModel) -> None:
+    for shape in collision.geometryObjects:
+        if isinstance(shape.geometry, coal.BVHModelBase) and not np.isfinite(shape.geometry.vertices()).all():
+            raise RobotError(f"collision mesh {shape.meshPath} of {shape.name!r} has vertices that are not finite")
 
 
 def _moving_joints(source: UrdfSource) -> set[str]:

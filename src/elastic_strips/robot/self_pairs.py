@@ -16,6 +16,7 @@ from .space import Array
 _log = logging.getLogger(__name__)
 _SAMPLES = 300
 _ALWAYS = 0.95
+_TOUCH = 1.5e-3  # pieces nearer than this [m] count as touching
 
 
 def self_pairs(
@@ -35,7 +36,7 @@ def self_pairs(
     for i in range(len(pieces)):
         for k in range(i + 1, len(pieces)):
             a, b = pieces[i].joint, pieces[k].joint
-            if a == b or model.parents[a] == b and a > 0 or model.parents[b] == a and b > 0:
+            if a == b or (model.parents[a] == b and a > 0) or (model.parents[b] == a and b > 0):
                 continue
             if ignored is not None and all(
                 frozenset((la, lb)) in ignored for la in pieces[i].links for lb in pieces[k].links
@@ -59,6 +60,7 @@ def _without_permanent(
     wide = ~((np.abs(lower) < 1e6) & (np.abs(upper) < 1e6))
     lower[wide], upper[wide] = -np.pi, np.pi
     request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request.security_margin = _TOUCH
     for sample in range(_SAMPLES + 1):
         q = home if sample == 0 else pin.normalize(model, rng.uniform(lower, upper))
         pin.forwardKinematics(model, data, q)

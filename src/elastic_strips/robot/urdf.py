@@ -19,6 +19,8 @@ from .xml_source import read_xml
 
 _log = logging.getLogger(__name__)
 _JOINT_TYPES = {"revolute", "continuous", "prismatic", "fixed", "floating", "planar"}
+_RESERVED = ("root_joint", "universe")  # names that Pinocchio's models give themselves
+_MIN_SIZE, _MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
 _SHAPES = {"box": ("size", 3), "sphere": ("radius", 1), "cylinder": ("radius length", 1), "capsule": ("radius length", 1)}
 
 
@@ -81,6 +83,8 @@ def _names(root: Any, tag: str, source: Path) -> set[str]:
         name = element.get("name")
         if not name:
             raise RobotError(f"{source}:{element.sourceline}: a <{tag}> has no name")
+        if tag == "joint" and name in _RESERVED:
+            raise RobotError(f"{source}:{element.sourceline}: <joint> {name!r}: this name is reserved; give it another")
         if name in names:
             raise RobotError(f"{source}:{element.sourceline}: <{tag}> {name!r} is defined twice")
         names.add(name)
@@ -120,7 +124,13 @@ def _check_tree(root: Any, links: set[str], joints: set[str], source: Path) -> N
             seen.add(link)
 
 
-def _floats(element: Any, key: str, count: int, source: Path, what: str, default: str | None = None) -> list[float]:
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= 80 else text[:77] + "...")
+
+
+def _floats(
+    element: Any, key: str, count: int, source: Path, what: str, default: str | None = None, *, bound: float = math.inf
+) -> list[float]:
     text = element.get(key, default)
     where = f"{source}:{element.sourceline}: {what}"
     if text is None:
@@ -128,9 +138,11 @@ def _floats(element: Any, key: str, count: int, source: Path, what: str, default
     try:
         values = [float(t) for t in text.split()]
     except ValueError:
-        raise RobotError(f"{where}: <{element.tag} {key}={text!r}> is not {count} number(s)") from None
+        raise RobotError(f"{where}: <{element.tag} {key}={_shown(text)}> is not {count} number(s)") from None
     if len(values) != count or not all(math.isfinite(v) for v in values):
-        raise RobotError(f"{where}: <{element.tag} {key}={text!r}> is not {count} finite number(s)")
+        raise RobotError(f"{where}: <{element.tag} {key}={_shown(text)}> is not {count} finite number(s)")
+    if any(abs(v) > bound for v in values):
+        raise RobotError(f"{where}: <{element.tag} {key}={_shown(text)}> is beyond ±{bound:g}")
     return values
 
 
@@ -147,8 +159,8 @@ def _check_joints(
             hint = nearest_name(kind, _JOINT_TYPES)
             raise RobotError(f"{source}:{joint.sourceline}: {what} has unknown type {kind!r}{hint}")
         for origin in joint.findall("origin"):
-            _floats(origin, "xyz", 3, source, what, "0 0 0")
-            _floats(origin, "rpy", 3, source, what, "0 0 0")
+            _floats(origin, "xyz", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
+            _floats(origin, "rpy", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
         if kind in ("revolute", "continuous", "prismatic"):
             axis = joint.find("axis")
             if axis is not None and math.hypot(*_floats(axis, "xyz", 3, source, what, "1 0 0")) < 1e-9:
@@ -174,6 +186,10 @@ def _check_joints(
             if leader not in joints:
                 hint = nearest_name(leader, joints)
                 raise RobotError(f"{source}:{follower.sourceline}: {what} mimics unknown joint {leader!r}{hint}")
+            if leader == name:
+                raise RobotError(f"{source}:{follower.sourceline}: {what} has a <mimic> of itself")
+            _floats(follower, "multiplier", 1, source, what, "1")
+            _floats(follower, "offset", 1, source, what, "0")
             mimic.add(name)
     return limits, mimic, continuous
 
@@ -230,20 +246,26 @@ def _check_geometry(root: Any, source: Path, folders: list[Path]) -> None:
             for element in link.findall(tag):
                 what = f"link {link.get('name')!r} <{tag}>"
                 for origin in element.findall("origin"):
-                    _floats(origin, "xyz", 3, source, what, "0 0 0")
-                    _floats(origin, "rpy", 3, source, what, "0 0 0")
+                    _floats(origin, "xyz", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
+                    _floats(origin, "rpy", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
                 geometry = element.find("geometry")
                 if geometry is None or len(geometry) == 0:
                     raise RobotError(f"{source}:{element.sourceline}: {what} has no <geometry>")
+                shapes = [shape for each in element.findall("geometry") for shape in each]
+                if len(shapes) > 1:  # all but the first would be ignored in silence
+                    raise RobotError(
+                        f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; give it its own <{tag}>"
+                    )
                 shape = geometry[0]
                 if shape.tag == "mesh":
                     _check_mesh(shape, source, folders, what)
                 elif shape.tag in _SHAPES:
                     keys, count = _SHAPES[shape.tag]
                     for key in keys.split():
-                        values = _floats(shape, key, count, source, what)
-                        if min(values) <= 0:
-                            raise RobotError(f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be > 0")
+                        values = _floats(shape, key, count, source, what, bound=_MAX_LENGTH)
+                        if min(values) < _MIN_SIZE:
+                            least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
+                            raise RobotError(f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}")
                 else:
                     hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
                     raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")

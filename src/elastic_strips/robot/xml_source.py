@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -26,26 +27,41 @@ def read_xml(path: Path, *, root: str, kind: str) -> Any:
     try:
         if path.is_dir():
             raise RobotError(f"{path}: is a folder, not a {kind} file")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise RobotError(f"{path}: {size} bytes; a {kind} file may have at most {MAX_BYTES}")
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):  # reading a pipe or a device may never end
+            raise RobotError(f"{path}: is not a regular file, so no {kind} file")
+        if status.st_size > MAX_BYTES:
+            raise RobotError(f"{path}: {status.st_size} bytes; a {kind} file may have at most {MAX_BYTES}")
         text = path.read_bytes()
+    except RobotError:
+        raise
     except FileNotFoundError:
         raise RobotError(f"{path}: no such {kind} file") from None
     except (OSError, ValueError) as error:
         raise RobotError(f"{path}: cannot read the {kind} file: {getattr(error, 'strerror', None) or error}") from None
     if not text.strip():
         raise RobotError(f"{path}: the {kind} file is empty")
+    if b"\0" in text or not _is_utf8(text):  # Pinocchio reads nothing else
+        raise RobotError(f"{path}: the {kind} file is not UTF-8 text")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise RobotError(f"{path}: the {kind} file has a document type or entities, which are not accepted")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True)
     try:
         element = etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise RobotError(f"{path}: the {kind} file is not well-formed XML: {error}") from None
+        said = " ".join(str(error).split())
+        raise RobotError(f"{path}: the {kind} file is not well-formed XML: {said}") from None
     docinfo = element.getroottree().docinfo
     if docinfo.doctype or docinfo.internalDTD is not None:  # another encoding hides it from the search above
         raise RobotError(f"{path}: the {kind} file has a document type, which is not accepted")
     if element.tag != root:
         raise RobotError(f"{path}:{element.sourceline}: root element is <{element.tag}>; a {kind} file has <{root}>")
     return element
+
+
+def _is_utf8(text: bytes) -> bool:
+    try:
+        text.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True

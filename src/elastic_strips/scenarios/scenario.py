@@ -53,13 +53,15 @@ class Scenario:
             params={"default": overrides, "paper": overrides}, seed=spec.seed,
         )  # fmt: skip
 
-    def load_robot(self, robot: str | None = None, preset: str | None = None) -> RobotModel:
-        """The robot, or another one; preset ``paper`` moves a planar base by Eq. 9, so it is ``omni`` there.
+    def load_robot(
+        self, robot: str | None = None, preset: str | None = None, base: str | None = None
+    ) -> RobotModel:
+        """The robot, or another one, perhaps with another base; preset ``paper`` moves a planar base by Eq. 9, so it is ``omni`` there.
 
         Raises:
             RobotError: unknown robot or a fault in its files.
         """
-        base = self.base
+        base = base or self.base
         if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:
             base = BaseKind.OMNI.value
         return load_robot(robot or self.robot, base=base)

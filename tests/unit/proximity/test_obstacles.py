@@ -20,6 +20,8 @@ from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
 
 INFLUENCE = 0.3
+GJK_NOISE = 3e-6
+"""What Coal itself scatters by when both shapes are expressed in another frame [m]."""
 
 
 class Bench:
@@ -38,7 +40,7 @@ class Bench:
         """Distances (N, G, P) to all parts of the scene."""
         return np.array([link_distances(self.robot, self.scene, configuration(self.robot, row)) for row in self.chart])
 
-    def check(self, *, tolerance: float = 1e-6) -> int:
+    def check(self, *, tolerance: float = GJK_NOISE) -> int:
         """Compare bounds, exact distances, contacts and clearance with brute force; returns the number of contacts."""
         proximity, truth = self.proximity, self.truth()
         rows = proximity.window.rows
@@ -64,7 +66,7 @@ class Bench:
         clearance = proximity.clearance()
         free = nearest > 0.0
         assert (clearance <= np.minimum(nearest, INFLUENCE) + 1e-9)[free].all()
-        assert (clearance >= np.minimum(nearest, INFLUENCE) - tolerance - 2.0 * GJK_EXCESS)[free].all()
+        assert (clearance >= np.minimum(nearest, INFLUENCE) - 2.0 * (tolerance + GJK_EXCESS))[free].all()
         return len(contacts)
 
 
@@ -79,7 +81,7 @@ def test_equals_brute_force_on_every_shape(robot, seed):
     rng = np.random.default_rng(seed)
     bench = start(robot, rng, nodes=6)
     assert {o.shape for o in bench.scene} == set(SHAPES)
-    assert bench.check() > 40
+    assert bench.check() > 25
     contacts = bench.proximity.contacts()
     assert (contacts.distance < 0).any()
     assert (contacts.distance > 0).any()
@@ -125,13 +127,13 @@ def test_bounds_hold_through_any_history(name, request):
             bench.proximity.remap(np.array(source))
             bench.chart = np.array(rows)
         else:  # far away: the window is collected anew
-            bench.chart = random_chart(robot, rng, n)
+            side = 2.0 * (turn % 4)
+            bench.chart = random_chart(robot, rng, n, low=(-1.0 - side, -1.0), high=(1.0 - side, 1.0))
         bench.update()
         rebuilt += bench.proximity.window is not windows
         windows = bench.proximity.window
         bench.check(tolerance=tolerance)
-    assert rebuilt >= 3
-    assert rebuilt < 24
+    assert 3 <= rebuilt < 24
 
 
 def test_scenes_come_and_go(silvermate, rng):
@@ -278,7 +280,7 @@ def test_measure_gives_bounds_that_are_exact_where_they_must(silvermate, rng):
     solid = ~(block & (truth <= 0.0))
     assert (bound <= truth + 1e-9)[solid].all()
     near = solid & (bound < need)
-    np.testing.assert_allclose(bound[near], truth[near] - GJK_EXCESS, atol=1e-6)
+    np.testing.assert_allclose(bound[near], truth[near] - GJK_EXCESS, atol=GJK_NOISE)
     assert (~near & solid).sum() > 100
 
 
@@ -292,7 +294,8 @@ def test_many_scenes_do_not_mix_up_their_blocks(silvermate):
     for turn in range(60):
         if turn == 30:  # as after very many scenes
             proximity.narrow._functors.update({(-1, k): None for k in range(200_001)})
-        scene = Scene([Voxels(np.zeros((1, 3)), 0.1, at=(rng.uniform(0.5, 0.7), 0.0, 0.5))])
+        size = rng.uniform(0.05, 0.3)
+        scene = Scene([Voxels(np.zeros((1, 3)), size, at=(0.65, 0.0, 0.5))])
         proximity.update(kin, scene)
         truth = link_distances(silvermate, scene, silvermate.home())
         near = truth < INFLUENCE
