@@ -49,7 +49,8 @@ def maintain(
         space: configuration space.
         chart: (N, nv) nodes.
         weight: (nv,) metric of the spacing.
-        max_spacing: a longer segment is divided; min_spacing: a node is dropped where both its segments together are shorter.
+        max_spacing: a longer segment is divided; min_spacing: a node is dropped where both its segments together are
+            shorter.
         split: (N−1,) segments to halve in any case (those without a certificate).
         max_nodes: no node is put in above this number.
 

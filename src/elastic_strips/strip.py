@@ -31,7 +31,8 @@ class Strip:
         """Check and freeze the nodes.
 
         Raises:
-            ConfigurationError: fewer than two nodes, wrong size, not finite, not normalised, or outside the joint limits.
+            ConfigurationError: fewer than two nodes, wrong size, not finite, not normalised, or outside the joint
+                limits.
         """
         array = robot.check_q(q, what="strip q")
         if array.ndim != 2 or len(array) < 2:

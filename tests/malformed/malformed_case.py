@@ -24,7 +24,7 @@ class FileCase:
         error: type of the error that it has to raise.
         says: what the message has to contain.
         beside: further files of the same folder, by name.
-        names_file: whether the message has to contain the file's name.
+        names_file: whether the message has to contain the file's name (without suffix).
     """
 
     name: str

@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+from scipy import spatial
 
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import (
@@ -55,6 +56,25 @@ def distance(one: Any, T_one: Array, two: Any, T_two: Array) -> tuple[float, Arr
 def transform(T: Array) -> Any:
     """A homogeneous matrix (4, 4) for Coal."""
     return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3]))
+
+
+def outside(points: Array, shape: Any) -> Array:
+    """How far (V,) [m] points in a shape's frame stick out of it, 0 on its surface: without Coal's solvers."""
+    if isinstance(shape, coal.Box):
+        return (np.abs(points) - np.asarray(shape.halfSide)).max(axis=1)
+    if isinstance(shape, coal.Sphere):
+        return np.linalg.norm(points, axis=1) - shape.radius
+    around = np.hypot(points[:, 0], points[:, 1])
+    if isinstance(shape, coal.Capsule):
+        return np.hypot(around, np.maximum(np.abs(points[:, 2]) - shape.halfLength, 0.0)) - shape.radius
+    if isinstance(shape, coal.Cylinder):
+        return np.maximum(around - shape.radius, np.abs(points[:, 2]) - shape.halfLength)
+    if isinstance(shape, coal.Cone):
+        height = 2.0 * shape.halfLength
+        side = (around - shape.radius * (shape.halfLength - points[:, 2]) / height) * height
+        return np.maximum(side / np.hypot(height, shape.radius), -shape.halfLength - points[:, 2])
+    hull = spatial.ConvexHull(np.asarray(shape.points()))
+    return (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
 
 
 def scene_pieces(scene: Scene) -> list[Piece]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .._version import __version__
 
 
-def percentiles(values: Sequence[float] | npt.NDArray[np.float64], *, scale: float = 1.0) -> dict[str, float | None]:
+def percentiles(values: Sequence[float] | npt.NDArray[np.float64], *, scale: float = 1.0) -> dict[str, Any]:
     """p50, p90, p95, p99 and max of values, times ``scale``."""
     array = np.asarray(values, dtype=float) * scale
     if len(array) == 0:

@@ -88,7 +88,7 @@ def _recover(deformer: Deformer, strip: Strip, scene: Scene) -> tuple[float, int
 def push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: float = PUSH) -> Scene | None:
     """The scene with the obstacle nearest to the strip moved ``distance`` [m] towards it; None where none is near."""
     deformer.assess(strip, scene)
-    contacts = deformer.obstacles.contacts()
+    contacts = deformer.workspace.obstacles.contacts()
     # what is nearest to the ends, which cannot give way, is left alone
     inner = (contacts.node > 0) & (contacts.node < len(strip) - 1)
     ends = {int(p) for p in contacts.part[~inner]}
@@ -96,7 +96,7 @@ def push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: float
     if not free.any():
         return None
     k = np.flatnonzero(free)[int(np.argmin(contacts.distance[free]))]
-    name = deformer.obstacles.obstacle_name(int(contacts.part[k]))
+    name = deformer.workspace.obstacles.obstacle_name(int(contacts.part[k]))
     pose = scene.obstacle(name).pose.copy()
     pose[:3, 3] += distance * contacts.direction[k]
     return scene.moved(name, pose)

@@ -53,7 +53,9 @@ def bench_tick(
     if scaling:
         document["nodes_scaling"] = {}
         for n in _NODES:
-            document["nodes_scaling"][str(n)] = _measure(robot, _strip(robot, scene, n), scene, max(ticks // 4, 20))["tick_ms"]
+            document["nodes_scaling"][str(n)] = _measure(robot, _strip(robot, scene, n), scene, max(ticks // 4, 20))[
+                "tick_ms"
+            ]
             step(f"{n} nodes")
         document["obstacles_scaling"] = {}
         near = Scene([*list(scene)[:2], *sorted(list(scene)[2:], key=lambda o: abs(o.pose[0, 3] - 4.0))[:8]])
@@ -142,10 +144,10 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
 def _mover(deformer: Deformer, strip: Strip, scene: Scene) -> tuple[str, np.ndarray]:
     """The obstacle nearest to the strip, and the horizontal direction towards it."""
     deformer.assess(strip, scene)
-    contacts = deformer.obstacles.contacts()
+    contacts = deformer.workspace.obstacles.contacts()
     inner = np.flatnonzero((contacts.node > 5) & (contacts.node < len(strip) - 6))
     k = inner[int(np.argmin(contacts.distance[inner]))]
-    return deformer.obstacles.obstacle_name(int(contacts.part[k])), contacts.direction[k] * [1.0, 1.0, 0.0]
+    return deformer.workspace.obstacles.obstacle_name(int(contacts.part[k])), contacts.direction[k] * [1.0, 1.0, 0.0]
 
 
 class _EveryPair:

@@ -12,7 +12,9 @@ from ..robot import load_robot
 from .progress import LateProgress
 
 _robot = click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")
-_seeds = click.option("--seeds", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Number of corridors.")
+_seeds = click.option(
+    "--seeds", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Number of corridors."
+)
 _json = click.option("--json", "json_file", type=click.Path(), metavar="FILE", help="Write all figures.")
 
 
@@ -58,7 +60,10 @@ def replan(robot: str, seeds: int, json_file: str | None) -> None:
     click.echo(f"{figures['robot']}, {figures['pushes']} pushes on {seeds} corridors")
     _row("certified again", f"{100 * figures['certified']:.1f} %")
     _row("time", _times(figures["time_to_certified_ms"]))
-    _row("ticks", f"p50 {figures['ticks']['p50']:.0f}, p99 {figures['ticks']['p99']:.0f}, max {figures['ticks']['max']:.0f}")
+    _row(
+        "ticks",
+        f"p50 {figures['ticks']['p50']:.0f}, p99 {figures['ticks']['p99']:.0f}, max {figures['ticks']['max']:.0f}",
+    )
     jump = figures["jump_m"]
     _row("jump of the strip", f"p50 {jump['p50']:.3f} m, p99 {jump['p99']:.3f} m")
     for failure in figures["failures"]:
@@ -72,13 +77,18 @@ def replan(robot: str, seeds: int, json_file: str | None) -> None:
 @click.option("--scaling/--no-scaling", default=True, help="Also against the numbers of nodes and obstacles.")
 @_json
 def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
-    """A tick on 64 nodes and 32 obstacles while one moves 2 cm per tick, against pin.computeDistances over every pair."""
+    """One tick on 64 nodes and 32 obstacles while one of them moves 2 cm per tick.
+
+    In the same run, for the ratio: pin.computeDistances over every pair on the same strip.
+    """
     if json_file is not None:
         check_writable(json_file)
     model = load_robot(robot)
     with LateProgress("ticking", 10 if scaling else 1) as bar:
         figures = bench_tick(model, ticks, bar.step, scaling=scaling)
-    click.echo(f"{figures['robot']}, {figures['nodes']} nodes, {figures['obstacles']} obstacles, {figures['links']} links")
+    click.echo(
+        f"{figures['robot']}, {figures['nodes']} nodes, {figures['obstacles']} obstacles, {figures['links']} links"
+    )
     _row("tick", _times(figures["tick_ms"]))
     every = figures["every_pair"]
     _row("every pair", f"{_times(every['ms'])} ({every['pairs_per_node']} pairs a node)")

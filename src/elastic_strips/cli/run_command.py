@@ -19,18 +19,37 @@ EXIT_NOT_CERTIFIED = 3
 
 @click.command(short_help="Run a scenario: plan, deform, certify.")
 @click.argument("scenario", metavar="NAME|FILE.yaml")
-@click.option("--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default.")
+@click.option(
+    "--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default."
+)
 @click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
-@click.option("--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the planner and of generated scenes.  [default: 0]")
-@click.option("--timeout", type=click.FloatRange(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s].")
-@click.option("--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/result-format.md).")
-@click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the result.")
+@click.option(
+    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default."
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the planner and of generated scenes.  [default: 0]"
+)
+@click.option(
+    "--timeout", type=click.FloatRange(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
+)
+@click.option(
+    "--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/result-format.md)."
+)
+@click.option(
+    "--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the result."
+)
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
 def run(
-    scenario: str, preset: str | None, robot: str | None, base: str | None, seed: int | None, timeout: float, json_file: str | None,
-    html_file: str | None, view: bool,
-) -> int:  # fmt: skip
+    scenario: str,
+    preset: str | None,
+    robot: str | None,
+    base: str | None,
+    seed: int | None,
+    timeout: float,
+    json_file: str | None,
+    html_file: str | None,
+    view: bool,
+) -> int:
     """Plan an initial strip, deform it away from the obstacles until it is at rest, and certify it.
 
     NAME is one of "elastic-strips list"; FILE.yaml is a scenario file (docs/scene-files.md).
@@ -51,9 +70,7 @@ def run(
     return EXIT_CERTIFIED if result.certified else EXIT_NOT_CERTIFIED
 
 
-def _run(
-    problem: Scenario, model: RobotModel, preset: str | None, seed: int | None, timeout: float
-) -> RunResult:
+def _run(problem: Scenario, model: RobotModel, preset: str | None, seed: int | None, timeout: float) -> RunResult:
     with LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:

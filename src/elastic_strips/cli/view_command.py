@@ -20,9 +20,13 @@ from ..strip import Strip
 @click.command(short_help="Look at a scenario, or at a result of run --json.")
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json")
 @click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
-@click.option("--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default.")
+@click.option(
+    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default."
+)
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Seed of generated scenes.")
-@click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone page instead of serving one.")
+@click.option(
+    "--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone page instead of serving one."
+)
 def view(what: str, robot: str | None, base: str | None, seed: int, html_file: str | None) -> None:
     """Show a scenario with the straight strip from start to goal, or the strip of a result file, in the browser.
 

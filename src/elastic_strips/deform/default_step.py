@@ -41,7 +41,12 @@ class DefaultStep:
         self._system = System(0, space.nv)
 
     def iterate(
-        self, kin: Kinematics, obstacles: ObstacleProximity, self_pairs: SelfProximity, clock: PhaseClock, scale: float = 1.0
+        self,
+        kin: Kinematics,
+        obstacles: ObstacleProximity,
+        self_pairs: SelfProximity,
+        clock: PhaseClock,
+        scale: float = 1.0,
     ) -> tuple[Array, float, dict[str, float], ForceField]:
         """One step from the nodes of ``kin``: new chart (N, nv), rolling residual [m], energies, external forces."""
         params, space = self.params, self.robot.space
@@ -58,9 +63,7 @@ class DefaultStep:
             system, kin, contacts, obstacles.bodies.joint,
             k_r=params.k_r, influence=params.influence, k_near=params.k_near, near=min(params.near, params.influence),
         )  # fmt: skip
-        add_self_repulsion(
-            system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self
-        )
+        add_self_repulsion(system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self)
         add_joint_limits(system, space, chart, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin)
         if params.k_posture > 0.0:
             fraction = np.linspace(0.0, 1.0, n)

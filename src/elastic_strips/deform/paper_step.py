@@ -20,6 +20,7 @@ from ..scene import Scene
 from ..tunnel import Tunnel, protective_hulls
 from .params import DeformParams
 from .report import ForceField
+from .workspace import Workspace
 
 
 class PaperStep:
@@ -66,6 +67,37 @@ class PaperStep:
         energies = {"repulsion": float(repulsive_potential(nearest, params.k_r, params.influence).sum())}
         node, body = np.nonzero((repulsion**2).sum(axis=2) > 0.0)
         return moved, energies, ForceField(points[node, body], repulsion[node, body])
+
+    def advance(self, work: Workspace, scene: Scene) -> tuple[Array, dict[str, float], ForceField]:
+        """The updates of one tick; the workspace's kinematics follow all but the last."""
+        turn = 0.0
+        energies: dict[str, float] = {}
+        field = ForceField(np.zeros((0, 3)), np.zeros((0, 3)))
+        chart = work.chart
+        for k in range(self.params.updates):
+            chart, energies, field = self.iterate(work.kin, scene)
+            turn = max(turn, self.heading_step)
+            work.clock.mark("forces")
+            if not self.params.mobile_only:
+                chart = self._check_joint_angles(work, chart)
+            if k < self.params.updates - 1:
+                work.kin.update(chart)
+                work.clock.mark("kinematics")
+        self.heading_step = turn
+        return chart, energies, field
+
+    def _check_joint_angles(self, work: Workspace, chart: Array) -> Array:
+        """The paper's *check of joint angles*: nodes whose own links would come too close keep their joints."""
+        previous, b = work.chart.copy(), self.robot.space.base_nv
+        work.kin.update(chart)
+        work.self_pairs.update(work.kin)
+        close = (work.self_pairs.bound < work.self_floor).any(axis=1)
+        if close.any():
+            chart = chart.copy()
+            chart[close, b:] = previous[close, b:]
+        work.kin.update(previous)
+        work.clock.mark("self-collision")
+        return chart
 
     def points(self, kin: Kinematics) -> Array:
         """Control points (N, C, 3) [m]."""

@@ -10,6 +10,13 @@ import numpy as np
 from ..errors import ParameterError, nearest_name
 
 PRESETS = ("default", "paper")
+_POSITIVE = (
+    "influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks",
+    "updates",
+)  # fmt: skip
+_PAPER = {
+    "influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4, "max_ticks": 120,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,13 +94,13 @@ class DeformParams:
                 raise ParameterError(f"{f.name}={value!r} is not a number")
             if not np.isfinite(value) or value < 0:
                 raise ParameterError(f"{f.name}={value!r} must be finite and ≥ 0")
-        for name in ("influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks",
-                     "updates"):  # fmt: skip
+        for name in _POSITIVE:
             if getattr(self, name) <= 0:
                 raise ParameterError(f"{name}={getattr(self, name)!r} must be > 0")
         if self.clearance >= self.influence:
             raise ParameterError(
-                f"clearance={self.clearance} must be below influence={self.influence}: the force has to act before the bound"
+                f"clearance={self.clearance} must be below influence={self.influence}: "
+                "the force has to act before the bound"
             )
         if self.min_spacing > self.max_spacing:
             raise ParameterError(f"min_spacing={self.min_spacing} must not exceed max_spacing={self.max_spacing}")
@@ -109,8 +116,7 @@ class DeformParams:
         """
         base: dict[str, Any] = {"preset": preset}
         if preset == "paper":
-            base |= {"influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4,
-                     "max_ticks": 120}  # fmt: skip
+            base |= _PAPER
         valid = {f.name for f in fields(DeformParams)}
         for name in overrides:
             if name not in valid:

@@ -13,8 +13,8 @@ from ..tunnel import Certificate, Tunnel
 class DeformStatus(str, Enum):
     """State of a strip after a tick.
 
-    ``SETTLED``: certified and at rest. ``DEFORMING``: still moving. ``BROKEN``: at rest (or out of ticks) with a segment that has no
-    certificate. ``BLOCKED``: the tunnel's hulls do not connect (preset ``paper``).
+    ``SETTLED``: certified and at rest. ``DEFORMING``: still moving. ``BROKEN``: at rest (or out of ticks) with a
+    segment that has no certificate. ``BLOCKED``: the tunnel's hulls do not connect (preset ``paper``).
     """
 
     SETTLED = "settled"
@@ -36,6 +36,17 @@ class ForceField:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TickResult:
+    """What the iterations of a tick came to: certificate, sideways slip [m], motion, energies, external forces."""
+
+    certificate: Certificate
+    slip: float
+    moved: float
+    energies: dict[str, float]
+    field: ForceField
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DeformReport:
     """Result of one tick, or of :meth:`Deformer.settle`.
 
@@ -50,9 +61,11 @@ class DeformReport:
         iterations: inner iterations made.
         ticks: ticks made (more than one after ``settle``).
         moved: largest displacement of any base or joint in the last iteration [m or rad].
+        slip: largest sideways travel |v_y| of a segment [m]; differential drives only.
         asked: exact distance queries made.
         forces: external forces, or None where they were not asked for.
         tunnel: protective hulls, or None where they were not asked for.
+        connectivity_counts: whether the hulls must overlap for the strip to count; preset ``paper`` only.
         heading_step: largest turn of the mobile in one update [rad]; preset ``paper`` only.
     """
 
@@ -67,12 +80,24 @@ class DeformReport:
     iterations: int = 0
     ticks: int = 1
     moved: float = 0.0
+    slip: float = 0.0
     asked: int = 0
     forces: ForceField | None = None
     tunnel: Tunnel | None = None
+    connectivity_counts: bool = False
     heading_step: float = 0.0
 
     @property
     def certified(self) -> bool:
         """Whether every segment is certified."""
         return self.certificate.certified
+
+    @property
+    def connected(self) -> bool:
+        """Whether all protective hulls overlap; True where they were not asked for."""
+        return self.tunnel is None or bool(self.tunnel.connected.all())
+
+    @property
+    def usable(self) -> bool:
+        """Whether the strip could be driven: certified, drivable, and connected where that counts."""
+        return self.certified and self.slip <= 1e-6 and (self.connected or not self.connectivity_counts)

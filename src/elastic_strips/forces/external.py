@@ -6,7 +6,7 @@ import numpy as np
 
 from ..proximity import Contacts, SelfContacts, SelfProximity
 from ..robot import Kinematics
-from ..robot.space import Array
+from ..robot.space import Array, Indices
 from .system import System
 
 
@@ -24,7 +24,7 @@ def add_repulsion(
     system: System,
     kin: Kinematics,
     contacts: Contacts,
-    joint: Array,
+    joint: Indices,
     *,
     k_r: float,
     influence: float,
@@ -101,9 +101,9 @@ def control_point_repulsion(contacts: Contacts, shape: tuple[int, int], *, k_r: 
     return force
 
 
-def map_to_joints(kin: Kinematics, joint: Array, points: Array, force: Array) -> Array:
+def map_to_joints(kin: Kinematics, joint: Indices, points: Array, force: Array) -> Array:
     """Eqs. 6–7: Γ = Σ_i J_iᵀ F_i of forces (N, C, 3) at control points (N, C, 3): generalised forces (N, nv)."""
-    n, c = force.shape[:2]
+    n = len(force)
     wrench = np.concatenate((force, np.cross(points, force)), axis=2)  # (N, C, 6) about the world origin
     mask = kin.tree.support[joint]  # (C, nv)
     return np.einsum("nvk,nck,cv->nv", kin.J[:n], wrench, mask)

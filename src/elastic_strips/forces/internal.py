@@ -9,9 +9,7 @@ from ..robot.space import Array, wrap_angle
 from .system import System
 
 
-def add_elastic(
-    system: System, space: ConfigurationSpace, v: Array, weight: Array, name: str = "elastic"
-) -> float:
+def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array, name: str = "elastic") -> float:
     """Springs between neighbouring nodes: V = ½ Σ_j v_jᵀ diag(w) v_j with v_j = ``pin.difference(q_j, q_{j+1})``.
 
     Being quadratic in the spacing itself, it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.

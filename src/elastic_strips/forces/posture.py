@@ -9,9 +9,7 @@ from ..robot.space import Array
 from .system import System
 
 
-def add_joint_limits(
-    system: System, space: ConfigurationSpace, chart: Array, *, k_l: float, margin: float
-) -> float:
+def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *, k_l: float, margin: float) -> float:
     """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊².
 
     Returns:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.space import Array
+from ..robot.space import Array, Indices
 
 
 class System:
@@ -28,7 +28,7 @@ class System:
         self.upper[:] = 0.0
         self.energies = {}
 
-    def add_rows(self, node: Array, rows: Array, force: Array, stiffness: Array) -> None:
+    def add_rows(self, node: Indices, rows: Array, force: Array, stiffness: Array) -> None:
         """Add scalar residuals that each touch one node.
 
         Args:

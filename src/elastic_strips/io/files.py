@@ -17,9 +17,17 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
     Raises:
         InputError: it is a folder, or its folder is missing or not writable.
     """
-    target = Path(path)
+    try:
+        target = Path(path)
+        target.exists()  # a name that the system refuses fails here
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path!s:.80}: is no file name: {getattr(error, 'strerror', None) or error}") from None
+    if not target.name:
+        raise InputError(f"{str(path)!r}: is no file name")
     if target.is_dir():
         raise InputError(f"{target}: is a folder; give the name of a file")
+    if target.exists() and not target.is_file():  # it would be replaced by a file
+        raise InputError(f"{target}: is a device or a pipe; give the name of a file")
     folder = target.parent
     if not folder.is_dir():
         raise InputError(f"{target}: there is no folder {folder}")

@@ -14,8 +14,9 @@ from elastic_strips.scene import Scene
 def obstacle_documents(scene: Scene) -> list[dict[str, Any]]:
     """Every convex shape of a scene: name, shape, size as in URDF, pose [x, y, z, qx, qy, qz, qw].
 
-    ``size`` is [x, y, z] of a box, [radius] of a sphere, [radius, length] of a cylinder, capsule (length without the caps) or cone,
-    and the vertices [[x, y, z], …] of a convex hull. A mesh or a set of voxels gives one entry a convex piece, ``name#k``.
+    ``size`` is [x, y, z] of a box, [radius] of a sphere, [radius, length] of a cylinder, capsule (length without the
+    caps) or cone, and the vertices [[x, y, z], …] of a convex hull. A mesh or a set of voxels gives one entry a
+    convex piece, ``name#k``.
     """
     documents = []
     table = scene.table

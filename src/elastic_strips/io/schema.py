@@ -33,7 +33,11 @@ def mapping(node: Node, valid: Iterable[str], *, needed: Iterable[str] = (), wha
     valid = tuple(valid)
     for key, entry in node.value.items():
         if key not in valid:
-            node.source.fail(f"{entry.key}: unknown key {key!r}{_of(what)}{nearest_name(key, valid)}", entry.line)
+            where = f"{node.key}.{key}" if node.key else key
+            where = where if len(where) <= 80 else where[:77] + "..."
+            node.source.fail(
+                f"{where}: unknown key {checks.shown(key)}{_of(what)}{nearest_name(key, valid)}", entry.line
+            )
     for key in needed:
         if key not in node.value or node.value[key].value is None:
             node.fail(f"the key {key!r} is missing{_of(what)}")
@@ -54,7 +58,7 @@ def string(node: Node, *, valid: Iterable[str] | None = None) -> str:
     if valid is not None:
         choices = tuple(valid)
         if node.value not in choices:
-            node.fail(f"unknown value {node.value!r}{nearest_name(node.value, choices)}")
+            node.fail(f"unknown value {checks.shown(node.value)}{nearest_name(node.value, choices)}")
     return node.value
 
 

@@ -104,6 +104,8 @@ def _read(source: Source) -> str:
             source.fail(f"is a {kind}, not a YAML file")
         with open(source.path, "rb") as stream:
             data = stream.read(MAX_BYTES + 1)
+    except InputError:
+        raise
     except (OSError, ValueError) as problem:
         source.fail(f"cannot read the file: {getattr(problem, 'strerror', None) or problem}")
     if len(data) > MAX_BYTES:

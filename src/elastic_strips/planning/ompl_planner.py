@@ -52,8 +52,8 @@ def ompl_path(
 ) -> PathResult:
     """A path found by RRTConnect, shortcut, and sampled into waypoints.
 
-    The base of a differential drive moves on Reeds–Shepp curves (arcs and lines, forwards and backwards), which its wheels
-    can follow; an omnidirectional one on straight lines of SE(2); the joints move in step.
+    The base of a differential drive moves on Reeds–Shepp curves (arcs and lines, forwards and backwards), which its
+    wheels can follow; an omnidirectional one on straight lines of SE(2); the joints move in step.
 
     Args:
         robot: the robot.
@@ -96,7 +96,9 @@ def ompl_path(
     reader.write(last, ends[1])
     for name, q in (("start", start), ("goal", goal)):
         if not valid(q):
-            return PathResult(None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, perf_counter() - began)
+            return PathResult(
+                None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, perf_counter() - began
+            )
     setup.setStartAndGoalStates(first, last, 1e-6)
     planner = og.RRTConnect(info)
     planner.setRange(1.5 if planar else 0.6)
@@ -109,7 +111,7 @@ def ompl_path(
     simplifier.reduceVertices(path, 12, 6)
     simplifier.partialShortcutPath(path, 12, 6)
     length = path.length()
-    path.interpolate(max(int(math.ceil(length / spacing)) + 1, 5))
+    path.interpolate(max(math.ceil(length / spacing) + 1, 5))
     chart = np.array([reader.chart(s) for s in path.getStates()])
     chart[0], chart[-1] = ends
     if planar:

@@ -69,17 +69,27 @@ def check_ends(
             raise ConfigurationError(f"{what} has shape {q.shape}; it must be one configuration ({robot.nq},)")
         kin = Kinematics(robot.tree, 1)
         kin.update(robot.space.to_chart(q)[None])
-        deformer.obstacles.update(kin, scene)
-        deformer.self_pairs.update(kin)
-        bound = deformer.obstacles.bound[0]
+        deformer.workspace.obstacles.update(kin, scene)
+        deformer.workspace.self_pairs.update(kin)
+        bound = deformer.workspace.obstacles.bound[0]
         if bound.size:
             body, part = np.unravel_index(int(np.argmin(bound)), bound.shape)
-            _refuse(what, bound[body, part], params.clearance, deformer.bodies.names[body], deformer.obstacles.obstacle_name(int(part)))
-        if deformer.self_pairs.bound.size:
-            pair = int(np.argmin(deformer.self_pairs.bound[0]))
-            one, two = deformer.self_pairs.pairs[pair]
             _refuse(
-                what, deformer.self_pairs.bound[0, pair], params.self_clearance, deformer.bodies.names[one], deformer.bodies.names[two]
+                what,
+                bound[body, part],
+                params.clearance,
+                deformer.workspace.bodies.names[body],
+                deformer.workspace.obstacles.obstacle_name(int(part)),
+            )
+        if deformer.workspace.self_pairs.bound.size:
+            pair = int(np.argmin(deformer.workspace.self_pairs.bound[0]))
+            one, two = deformer.workspace.self_pairs.pairs[pair]
+            _refuse(
+                what,
+                deformer.workspace.self_pairs.bound[0, pair],
+                params.self_clearance,
+                deformer.workspace.bodies.names[one],
+                deformer.workspace.bodies.names[two],
             )
         ends.append(q)
     return ends[0], ends[1]
@@ -90,8 +100,8 @@ def _refuse(what: str, distance: float, clearance: float, one: str, two: str) ->
         raise ConfigurationError(f"{what} is in collision: {one!r} is {-distance * 1000:.1f} mm deep in {two!r}")
     if distance <= clearance:
         raise ConfigurationError(
-            f"{what} is too close: {one!r} is {distance * 1000:.1f} mm from {two!r}; more than {clearance * 1000:.1f} mm "
-            "(clearance) are needed"
+            f"{what} is too close: {one!r} is {distance * 1000:.1f} mm from {two!r}; "
+            f"more than {clearance * 1000:.1f} mm (clearance) are needed"
         )
 
 
@@ -143,7 +153,16 @@ def plan_report(
 
     def done(report: DeformReport, method: str, reason: str) -> PlanReport:
         return PlanReport(
-            report.strip, initial, report.certified, method, reason, report, attempts, ticks, perf_counter() - began, timings
+            report.strip,
+            initial,
+            report.certified,
+            method,
+            reason,
+            report,
+            attempts,
+            ticks,
+            perf_counter() - began,
+            timings,
         )
 
     mark = perf_counter()
@@ -245,10 +264,11 @@ def plan(
     params: DeformParams | None = None,
     timeout: float = 10.0,
 ) -> Strip:
-    """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else OMPL's path.
+    """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else OMPL's
+    path.
 
-    Where neither gives a certified strip, the best one is returned *as it is*, a warning is logged, and every report on it
-    says where it is broken; :func:`plan_report` tells all.
+    Where neither gives a certified strip, the best one is returned *as it is*, a warning is logged, and every report
+    on it says where it is broken; :func:`plan_report` tells all.
 
     Args:
         robot, scene, start, goal, seed, params, timeout: as in :func:`plan_report`.

@@ -1,4 +1,4 @@
-"""Validity of single configurations for sampling planners: Pinocchio's and Coal's broadphase, shapes grown by a margin."""
+"""Validity of single configurations for sampling planners: Pinocchio's and Coal's broadphase, with a margin."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _MAX_PAIRED = 400
 class Validity:
     """Workspace: tells whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
-    Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many parts
-    (voxels) stand in one Coal tree that each link asks.
+    Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
+    parts (voxels) stand in one Coal tree that each link asks.
 
     Args:
         robot: the robot.
         scene: the obstacles.
         margin: distance to keep to obstacles [m].
-        low, high: (2,) region of the base that will be asked about [m]; parts that the robot cannot reach from there are
-            left out. None takes all.
+        low, high: (2,) region of the base that will be asked about [m]; parts that the robot cannot reach from there
+            are left out. None takes all.
         reach: how far [m] the robot extends from its base.
     """
 

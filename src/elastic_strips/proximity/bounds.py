@@ -1,8 +1,8 @@
 """Motion bounds: how far the points of a body can travel when a configuration changes.
 
-The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of freedom:
-1 for sliding, the distance from the axis for turning. Static radii hold for all postures within the joint limits; tight
-ones for one posture and the way to the next.
+The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of
+freedom: 1 for sliding, the distance from the axis for turning. Static radii hold for all postures within the joint
+limits; tight ones for one posture and the way to the next.
 """
 
 from __future__ import annotations
@@ -63,9 +63,7 @@ class MotionBounds:
             out += np.hypot(v[:, 0], v[:, 1])[:, None]
         return out
 
-    def tight_travel(
-        self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp], v: Array
-    ) -> Array:
+    def tight_travel(self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp], v: Array) -> Array:
         """Tighter bounds (K,) [m] for single bodies on the way from ``node`` along tangent vectors ``v`` (K, nv).
 
         The distance of a point from an axis changes only by the joints between them, so it is at most what it is at the

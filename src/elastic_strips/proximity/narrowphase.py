@@ -1,7 +1,7 @@
 """Exact distances by Coal: one functor a pair of shapes, results read only where they matter.
 
-Conventions that callers see (tests pin them): the witness lies on the robot, and the direction is the unit vector along which
-the robot moves *away* from the obstacle, so that ∂d/∂witness = direction, separated or penetrating.
+Conventions that callers see (tests pin them): the witness lies on the robot, and the direction is the unit vector
+along which the robot moves *away* from the obstacle, so that ∂d/∂witness = direction, separated or penetrating.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Obstacle proximity: lower bounds of every body–part distance along a strip, exact where they matter.
 
-The workspace keeps, for each (node, body, part), a bound that is *never above* the true distance. When a node or a part moves,
-the bound falls by at most how far it moved; only where it falls below the influence distance is a box test made, and
-only where that fails too is Coal asked. So a tick asks for what is near and has moved, and for nothing else.
+The workspace keeps, for each (node, body, part), a bound that is *never above* the true distance. When a node or a
+part moves, the bound falls by at most how far it moved; only where it falls below the influence distance is a box
+test made, and only where that fails too is Coal asked. So a tick asks for what is near and has moved, and for
+nothing else.
 """
 
 from __future__ import annotations
@@ -130,7 +131,7 @@ class ObstacleProximity:
         return low, high
 
     def _keep_margin(self, ends: Array, moved: npt.NDArray[np.intp]) -> bool:
-        """Update how far moved nodes are inside their window boxes; False where one is no longer deep enough inside any."""
+        """Update how deep moved nodes are inside their window boxes; False where one is not deep enough in any."""
         window = self.window
         assert window is not None
         low, high = self._boxes(ends[moved])
@@ -148,7 +149,7 @@ class ObstacleProximity:
         return True
 
     def covered(self, kin: Kinematics) -> npt.NDArray[np.bool_]:
-        """(M,) whether all parts within the influence distance of configurations that are no nodes are in the window."""
+        """(M,) whether the window holds all that is within the influence distance of configurations between nodes."""
         assert self.window is not None
         low, high = self._boxes(self.bodies.capsule_ends(kin))
         return self.window.covered(low - self.influence, high + self.influence)
@@ -199,7 +200,8 @@ class ObstacleProximity:
         """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
         need = (self.bound < self.influence) & (self._since > self.tolerance)
         self.pairs = need.size
-        self._ask(kin, *np.nonzero(need), self.influence)
+        node, body, part = np.nonzero(need)
+        self._ask(kin, node, body, part, self.influence)
 
     def refine_at(
         self,
@@ -251,7 +253,12 @@ class ObstacleProximity:
         """All pairs within the influence distance, exact to the tolerance."""
         node, body, part = np.nonzero((self.exact < self.influence) & (self._since <= self.tolerance))
         return Contacts(
-            node, body, part, self.exact[node, body, part], self.direction[node, body, part], self.witness[node, body, part]
+            node,
+            body,
+            part,
+            self.exact[node, body, part],
+            self.direction[node, body, part],
+            self.witness[node, body, part],
         )
 
     def clearance(self) -> Array:

@@ -90,9 +90,7 @@ class SelfProximity:
         self.first = np.zeros((0, s, 3))
         self.second = np.zeros((0, s, 3))
         self._since = np.zeros((0, s))
-        self._functors = [
-            coal.ComputeDistance(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs
-        ]
+        self._functors = [coal.ComputeDistance(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
         self._request, self._result = coal.DistanceRequest(True), coal.DistanceResult()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
 
@@ -190,5 +188,10 @@ class SelfProximity:
         """All self pairs within their repulsion distance."""
         node, pair = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
         return SelfContacts(
-            node, pair, self.exact[node, pair], self.direction[node, pair], self.first[node, pair], self.second[node, pair]
+            node,
+            pair,
+            self.exact[node, pair],
+            self.direction[node, pair],
+            self.first[node, pair],
+            self.second[node, pair],
         )

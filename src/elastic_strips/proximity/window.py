@@ -1,8 +1,8 @@
 """The window: the few obstacle parts that can come near a strip, as flat arrays with oriented boxes.
 
-Coal's broadphase returns to Python only the nearest object of a query (the pairs that its collecting callback gathers have
-no Python converter), and the repulsive field needs all within the influence distance; so parts are first culled by
-boxes here, in numpy, and what remains goes to Coal.
+Coal's broadphase returns to Python only the nearest object of a query (the pairs that its collecting callback
+gathers have no Python converter), and the repulsive field needs all within the influence distance; so parts are
+first culled by boxes here, in numpy, and what remains goes to Coal.
 """
 
 from __future__ import annotations
@@ -60,9 +60,7 @@ class Window:
         if len(rows):
             window.box_center = np.array([p.center - p.T_obstacle_part[:3, 3] for p in window.parts])
             window.box_half = np.array([p.half_extents for p in window.parts])
-        window.transforms = [
-            coal.Transform3s(r, t) for r, t in zip(window.rotation, window.translation, strict=True)
-        ]
+        window.transforms = [coal.Transform3s(r, t) for r, t in zip(window.rotation, window.translation, strict=True)]
         return window
 
     def __len__(self) -> int:
@@ -70,15 +68,16 @@ class Window:
 
     def covered(self, low: Array, high: Array) -> npt.NDArray[np.bool_]:
         """(M,) whether each box (M, 3) lies in one of the window's boxes."""
-        inside = (low[:, None] >= self.cover_low[None]).all(axis=2) & (high[:, None] <= self.cover_high[None]).all(axis=2)
-        return inside.any(axis=1)
+        above = np.all(low[:, None] >= self.cover_low[None], axis=2)
+        below = np.all(high[:, None] <= self.cover_high[None], axis=2)
+        return np.asarray(np.any(above & below, axis=1), dtype=bool)
 
     def follow(self, scene: Scene) -> npt.NDArray[np.intp] | None:
         """Move to another snapshot of the same obstacles.
 
         Returns:
-            The window's columns whose pose changed, or None where the window must be built anew: other obstacles, or one
-            that came in from outside.
+            The window's columns whose pose changed, or None where the window must be built anew: other obstacles, or
+            one that came in from outside.
         """
         changed = scene.rows_changed_since(self.scene)
         if changed is None:
@@ -88,9 +87,11 @@ class Window:
             return changed
         new = scene.table
         position = np.searchsorted(self.rows, changed)
-        known = (position < len(self.rows)) & (self.rows[np.minimum(position, len(self.rows) - 1)] == changed) if len(
-            self.rows
-        ) else np.zeros(len(changed), dtype=bool)
+        known = (
+            (position < len(self.rows)) & (self.rows[np.minimum(position, len(self.rows) - 1)] == changed)
+            if len(self.rows)
+            else np.zeros(len(changed), dtype=bool)
+        )
         outside = changed[~known]
         if len(outside) and len(_overlapping(new, outside, self.cover_low, self.cover_high)):
             return None
@@ -120,9 +121,9 @@ def _overlapping(table: Any, rows: npt.NDArray[np.intp], low: Array, high: Array
     chunk = max(1, 2_000_000 // max(1, len(low)))
     for start in range(0, len(rows), chunk):
         s = slice(start, start + chunk)
-        keep[s] = (
-            (part_low[s, None] <= high[None]).all(axis=2) & (part_high[s, None] >= low[None]).all(axis=2)
-        ).any(axis=1)
+        keep[s] = ((part_low[s, None] <= high[None]).all(axis=2) & (part_high[s, None] >= low[None]).all(axis=2)).any(
+            axis=1
+        )
     return rows[keep]
 
 

@@ -18,9 +18,9 @@ def explicit_step(
 ) -> Array:
     """Displacements (N, nv) by Eqs. 8–9: δθ = α τ, δx = f_x, δy = f_y, δφ = α_m τ_m; the ends stay.
 
-    The paper does not define the *transfer tilt* of its Table 2. Here it is how readily the mobile turns: α_m is a quarter
-    of it, it bounds the turn |δφ| of one update, and an update does not carry the heading further than it from those of the
-    neighbouring nodes (the turn of one transfer, from posture to posture).
+    The paper does not define the *transfer tilt* of its Table 2. Here it is how readily the mobile turns: α_m is a
+    quarter of it, it bounds the turn |δφ| of one update, and an update does not carry the heading further than it
+    from those of the neighbouring nodes (the turn of one transfer, from posture to posture).
 
     Args:
         torque: (N, nv) generalised forces Γ (Eq. 7), the base's part in the base's own frame.

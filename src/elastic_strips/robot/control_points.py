@@ -52,9 +52,7 @@ def default_control_points(model: pin.Model, planar: bool, hand_frame: str | Non
     return ControlPoints(tuple(names), np.asarray(joint, dtype=np.intp), np.asarray(local, dtype=float).reshape(-1, 3))
 
 
-def parse_control_points(
-    model: pin.Model, given: Mapping[str, str | tuple[str, npt.ArrayLike]]
-) -> ControlPoints:
+def parse_control_points(model: pin.Model, given: Mapping[str, str | tuple[str, npt.ArrayLike]]) -> ControlPoints:
     """Control points given by the user: name → frame name, or name → (frame name, offset (3,) [m]).
 
     Raises:

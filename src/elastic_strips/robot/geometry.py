@@ -15,8 +15,9 @@ import pinocchio as pin
 from ..errors import RobotError
 from .space import Array
 
-_CIRCLE = np.column_stack((np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)),
-                           np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False))))
+_CIRCLE = np.column_stack(
+    (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
+)
 _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
 
 
@@ -87,7 +88,7 @@ def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
         low = np.column_stack((ring, np.full(len(ring), -h)))
         if isinstance(geometry, coal.Cone):
             return np.vstack((low, [[0, 0, h]])), 0.0
-        return np.vstack((low, low + [0, 0, 2 * h])), 0.0
+        return np.vstack((low, low + np.array([0, 0, 2 * h]))), 0.0
     if isinstance(geometry, coal.Ellipsoid):
         return support_points(coal.Box(*(2 * np.asarray(geometry.radii))))
     if isinstance(geometry, coal.ConvexBase):
@@ -168,8 +169,8 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_rati
     Args:
         model: the planned model.
         collision: its collision geometry, meshes as Coal loads them.
-        join_ratio: two pieces of a body are joined where the joint hull's volume is at most this many times their sum (or a
-            tenth of a litre more); robots of primitives only are left as they are.
+        join_ratio: two pieces of a body are joined where the joint hull's volume is at most this many times their
+            sum (or a tenth of a litre more); robots of primitives only are left as they are.
 
     Raises:
         RobotError: an unsupported shape, or a mesh without volume.
@@ -179,7 +180,7 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_rati
     for obj in collision.geometryObjects:
         shape, T = obj.geometry, np.array(obj.placement.homogeneous)
         link = model.frames[obj.parentFrame].name if obj.parentFrame < len(model.frames) else obj.name
-        points, radius = support_points(shape)
+        points, _ = support_points(shape)
         if isinstance(shape, coal.BVHModelBase):
             meshes = True
             shape = convex_from_vertices(points, name=f"{obj.name} ({obj.meshPath})")
@@ -204,7 +205,7 @@ def _without_contained(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
         for k, other in enumerate(pieces):
             if k == i or k in dropped or other.joint != p.joint:
                 continue
-            T = np.linalg.inv(other.placement)
+            T = np.asarray(np.linalg.inv(other.placement), dtype=float)
             if _inside(_transformed(world, T), 0.0, other.geometry):
                 dropped.add(i)
                 links[k] |= links[i]
@@ -245,7 +246,9 @@ def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
             return pieces
         _, i, k, cloud = best
         links = tuple(sorted(set(pieces[i].links) | set(pieces[k].links)))
-        name = max((pieces[i], pieces[k]), key=lambda p: _hull_volume(_cloud(p))).name.split("+")[0] + f"+{len(links) - 1}"
+        name = (
+            max((pieces[i], pieces[k]), key=lambda p: _hull_volume(_cloud(p))).name.split("+")[0] + f"+{len(links) - 1}"
+        )
         hull = convex_from_vertices(cloud, name=name)
         joined = _piece(name, links, pieces[i].joint, hull, np.eye(4))
         pieces = [p for j, p in enumerate(pieces) if j not in (i, k)] + [joined]

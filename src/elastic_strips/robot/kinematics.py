@@ -86,7 +86,8 @@ class Kinematics:
 
     Attributes (valid for the first ``n`` nodes after :meth:`update`):
         T: (njoints, capacity, 3, 4) world placements of the aligned joint frames; T[0] is the identity.
-        J: (capacity, nv, 6) world spatial Jacobian columns as rows, [linear, angular] at the world origin: ``data.J.T``.
+        J: (capacity, nv, 6) world spatial Jacobian columns as rows, [linear, angular] at the world origin:
+            ``data.J.T``.
         chart: (capacity, nv) the configurations.
     """
 

@@ -79,11 +79,13 @@ def load_robot(
 
     Args:
         name_or_path: a name, or a path that ends in ``.urdf`` or holds a separator.
-        base: ``"diff_drive"``, ``"omni"`` or ``"fixed"``; by default the named robot's own, and ``"diff_drive"`` for a file.
+        base: ``"diff_drive"``, ``"omni"`` or ``"fixed"``; by default the named robot's own, and ``"diff_drive"`` for
+            a file.
         srdf: SRDF file with the link pairs to ignore and, as ``group_state`` named ``home``, the home posture.
         control_points: name → frame, or name → (frame, offset [m]); by default the joints' origins and the hand.
-        locked: joint → value held still; by default the wheels (continuous joints named ``*wheel*`` or ``*caster*``) and
-            mimic joints of a file, and what is neither lift nor arm of TIAGo. ``{}`` locks only what cannot be planned.
+        locked: joint → value held still; by default the wheels (continuous joints named ``*wheel*`` or ``*caster*``)
+            and mimic joints of a file, and what is neither lift nor arm of TIAGo. ``{}`` locks only what cannot be
+            planned.
         package_dirs: folders to search for ``package://`` meshes.
 
     Raises:
@@ -152,7 +154,9 @@ def _planned(
 ) -> RobotModel:  # fmt: skip
     if locked is None:
         wheels = {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
-        locked = {j: home.get(j, _clip(0.0, source, j)) for j in sorted(wheels | source.mimic) if model.existJointName(j)}
+        locked = {
+            j: home.get(j, _clip(0.0, source, j)) for j in sorted(wheels | source.mimic) if model.existJointName(j)
+        }
     home = {j: v for j, v in home.items() if j not in locked and model.existJointName(j)}
     return RobotModel.from_pinocchio(
         model, collision, visual,

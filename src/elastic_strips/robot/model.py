@@ -117,7 +117,7 @@ class RobotModel:
             worst = float(np.abs(norm - 1.0).max(initial=0.0))
             if worst > 1e-6:
                 raise ConfigurationError(
-                    f"{what}: the pair (cos, sin) at {i}, {i + 1} has length {1 + worst:.6g} or its mirror; it must be 1"
+                    f"{what}: the length of the pair (cos, sin) at {i}, {i + 1} is off by {worst:.3g}; it must be 1"
                 )
         if limits:
             chart = self.space.to_chart(array)
@@ -227,7 +227,9 @@ def _check_joint_names(model: pin.Model, values: Mapping[str, float], what: str)
     names = list(model.names)[1:]
     for joint, value in values.items():
         if joint not in names or joint == "root_joint":
-            raise RobotError(f"{what}: unknown joint {joint!r}{nearest_name(joint, [n for n in names if n != 'root_joint'])}")
+            raise RobotError(
+                f"{what}: unknown joint {joint!r}{nearest_name(joint, [n for n in names if n != 'root_joint'])}"
+            )
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not np.isfinite(value):
             raise RobotError(f"{what}: joint {joint!r} has value {value!r}; it must be a finite number [rad or m]")
 
@@ -251,16 +253,20 @@ def _reference_configuration(model: pin.Model, values: Mapping[str, float]) -> A
     return q
 
 
-def model_from_urdf(path: str | Path, kind: BaseKind, package_dirs: tuple[str, ...]) -> tuple[
-    pin.Model, pin.GeometryModel, pin.GeometryModel
-]:
+def model_from_urdf(
+    path: str | Path, kind: BaseKind, package_dirs: tuple[str, ...]
+) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
     """Build Pinocchio's models from a checked URDF file.
 
     Raises:
         RobotError: Pinocchio or Coal refuse it, in their words.
     """
     try:
-        model = pin.buildModelFromUrdf(str(path), pin.JointModelPlanar()) if kind.planar else pin.buildModelFromUrdf(str(path))
+        model = (
+            pin.buildModelFromUrdf(str(path), pin.JointModelPlanar())
+            if kind.planar
+            else pin.buildModelFromUrdf(str(path))
+        )
         collision = pin.buildGeomFromUrdf(model, str(path), pin.COLLISION, package_dirs=list(package_dirs))
         visual = pin.buildGeomFromUrdf(model, str(path), pin.VISUAL, package_dirs=list(package_dirs))
     except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …

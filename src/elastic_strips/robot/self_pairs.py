@@ -27,8 +27,8 @@ def self_pairs(
 ) -> npt.NDArray[np.intp]:
     """Pairs (S, 2) of pieces to keep apart.
 
-    Pieces of one joint never move relative to each other and those of neighbouring joints touch by design: both are left
-    out. A pair of links is left out where ``disabled`` names it. Without ``disabled``, pairs that touch at home or
+    Pieces of one joint never move relative to each other and those of neighbouring joints touch by design: both are
+    left out. A pair of links is left out where ``disabled`` names it. Without ``disabled``, pairs that touch at home or
     in nearly every sampled posture are left out, and said so in the log.
     """
     ignored = None if disabled is None else {frozenset(p) for p in disabled}
@@ -84,8 +84,9 @@ def _without_permanent(
 def never_touch(model: pin.Model, pieces: Sequence[LinkGeometry], i: int, k: int, *, cells: int = 4000) -> bool:
     """Whether two pieces are proven apart in every posture: only tried where at most two joints lie between them.
 
-    The box of these joints' limits is divided until, in each cell, the distance at its middle exceeds what the pieces can move
-    towards each other inside it. True is a proof; False means that they touch somewhere or that ``cells`` did not suffice.
+    The box of these joints' limits is divided until, in each cell, the distance at its middle exceeds what the
+    pieces can move towards each other inside it. True is a proof; False means that they touch somewhere or that
+    ``cells`` did not suffice.
     """
     between = _joints_between(model, pieces[i].joint, pieces[k].joint)
     if not 1 <= len(between) <= 2:

@@ -17,6 +17,8 @@ import pinocchio as pin
 from ..errors import RobotError
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
 _SMALL = 1e-4
 

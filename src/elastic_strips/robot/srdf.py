@@ -42,7 +42,9 @@ def read_srdf(path: str | Path, *, links: set[str], joints: set[str]) -> Srdf:
                 raise RobotError(f"{source}:{element.sourceline}: <disable_collisions> has no attribute {key!r}")
             if name not in links:
                 hint = nearest_name(name, links)
-                raise RobotError(f"{source}:{element.sourceline}: <disable_collisions> names unknown link {name!r}{hint}")
+                raise RobotError(
+                    f"{source}:{element.sourceline}: <disable_collisions> names unknown link {name!r}{hint}"
+                )
             pair.append(name)
         disabled.add(frozenset(pair))
     states: dict[str, dict[str, float]] = {}
@@ -55,12 +57,16 @@ def read_srdf(path: str | Path, *, links: set[str], joints: set[str]) -> Srdf:
             key, text = joint.get("name"), joint.get("value")
             if key not in joints:
                 hint = nearest_name(key, joints)
-                raise RobotError(f"{source}:{joint.sourceline}: <group_state> {name!r} names unknown joint {key!r}{hint}")
+                raise RobotError(
+                    f"{source}:{joint.sourceline}: <group_state> {name!r} names unknown joint {key!r}{hint}"
+                )
             try:
                 value = float(text or "")
             except ValueError:
                 value = math.nan
             if not math.isfinite(value):
-                raise RobotError(f"{source}:{joint.sourceline}: joint {key!r} of {name!r} has value {text!r}, not a number")
+                raise RobotError(
+                    f"{source}:{joint.sourceline}: joint {key!r} of {name!r} has value {text!r}, not a number"
+                )
             values[str(key)] = value
     return Srdf(source, frozenset(disabled), states)

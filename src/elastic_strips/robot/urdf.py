@@ -1,7 +1,7 @@
 """The validating URDF reader: every fault is one error that names the file and the element.
 
-Pinocchio's own parser reports a fault as a line on standard error or a crash in C++; so a description is checked here first,
-with yourdfpy as the reader, before Pinocchio and Coal build their models from it.
+Pinocchio's own parser reports a fault as a line on standard error or a crash in C++; so a description is checked
+here first, with yourdfpy as the reader, before Pinocchio and Coal build their models from it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,12 @@ _log = logging.getLogger(__name__)
 _JOINT_TYPES = {"revolute", "continuous", "prismatic", "fixed", "floating", "planar"}
 _RESERVED = ("root_joint", "universe")  # names that Pinocchio's models give themselves
 _MIN_SIZE, _MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
-_SHAPES = {"box": ("size", 3), "sphere": ("radius", 1), "cylinder": ("radius length", 1), "capsule": ("radius length", 1)}
+_SHAPES = {
+    "box": ("size", 3),
+    "sphere": ("radius", 1),
+    "cylinder": ("radius length", 1),
+    "capsule": ("radius length", 1),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +110,8 @@ def _check_tree(root: Any, links: set[str], joints: set[str], source: Path) -> N
                 raise RobotError(f"{source}:{joint.sourceline}: joint {name!r} has no <{tag} link=…>")
             if link not in links:
                 raise RobotError(
-                    f"{source}:{joint.sourceline}: joint {name!r} has unknown {tag} link {link!r}{nearest_name(link, links)}"
+                    f"{source}:{joint.sourceline}: joint {name!r} has unknown {tag} link {link!r}"
+                    + nearest_name(link, links)
                 )
             ends.append(link)
         if ends[1] in parent_of:
@@ -178,7 +184,9 @@ def _check_joints(
                 if value < 0:
                     raise RobotError(f"{source}:{limit.sourceline}: {what} has {key} limit {value}; it must be ≥ 0")
             if lower > upper:
-                raise RobotError(f"{source}:{limit.sourceline}: {what} has lower limit {lower} above upper limit {upper}")
+                raise RobotError(
+                    f"{source}:{limit.sourceline}: {what} has lower limit {lower} above upper limit {upper}"
+                )
             limits[name] = (lower, upper)
         follower = joint.find("mimic")
         if follower is not None:
@@ -254,7 +262,8 @@ def _check_geometry(root: Any, source: Path, folders: list[Path]) -> None:
                 shapes = [shape for each in element.findall("geometry") for shape in each]
                 if len(shapes) > 1:  # all but the first would be ignored in silence
                     raise RobotError(
-                        f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; give it its own <{tag}>"
+                        f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; "
+                        f"give it its own <{tag}>"
                     )
                 shape = geometry[0]
                 if shape.tag == "mesh":
@@ -265,7 +274,9 @@ def _check_geometry(root: Any, source: Path, folders: list[Path]) -> None:
                         values = _floats(shape, key, count, source, what, bound=_MAX_LENGTH)
                         if min(values) < _MIN_SIZE:
                             least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
-                            raise RobotError(f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}")
+                            raise RobotError(
+                                f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}"
+                            )
                 else:
                     hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
                     raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")
@@ -292,8 +303,12 @@ def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> Non
 def _read_with_yourdfpy(source: Path) -> None:
     try:
         robot = yourdfpy.URDF.load(
-            str(source), build_scene_graph=False, load_meshes=False, build_collision_scene_graph=False,
-            load_collision_meshes=False, mesh_dir=str(source.parent),
+            str(source),
+            build_scene_graph=False,
+            load_meshes=False,
+            build_collision_scene_graph=False,
+            load_collision_meshes=False,
+            mesh_dir=str(source.parent),
         )
         robot.validate()
     except RobotError:

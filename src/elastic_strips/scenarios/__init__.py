@@ -11,4 +11,11 @@ __all__ = [
     "FORMAT",
     "FORMAT_VERSION",
     "result_document",
-    "RunResult", "Scenario", "corridor_scene", "get_scenario", "passage", "run_scenario", "scenario_names"]
+    "RunResult",
+    "Scenario",
+    "corridor_scene",
+    "get_scenario",
+    "passage",
+    "run_scenario",
+    "scenario_names",
+]

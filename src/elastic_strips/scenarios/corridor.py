@@ -20,8 +20,8 @@ _STEPS = 400
 def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
     """Two walls and boxes, cylinders, capsules, cones, hulls and spheres, standing and hanging, from x = 0 to x = 8 m.
 
-    A smooth random guide curve from start to goal is kept free, so that a way exists; some obstacles stand on the straight
-    line beside it. Start (0, 0) and goal (8, 0) keep a free disc.
+    A smooth random guide curve from start to goal is kept free, so that a way exists; some obstacles stand on the
+    straight line beside it. Start (0, 0) and goal (8, 0) keep a free disc.
 
     Args:
         seed: of the generator.
@@ -31,7 +31,9 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
         ScenarioError: fewer obstacles than walls and blockers.
     """
     if obstacles < 2 + _BLOCKERS:
-        raise ScenarioError(f"corridor: obstacles={obstacles} must be at least {2 + _BLOCKERS}: two walls, {_BLOCKERS} blockers")
+        raise ScenarioError(
+            f"corridor: obstacles={obstacles} must be at least {2 + _BLOCKERS}: two walls, {_BLOCKERS} blockers"
+        )
     rng = np.random.default_rng(seed)
     guide = _guide(rng)
     items: list[Obstacle] = [

@@ -1,8 +1,8 @@
 """The paper's seven simulated cases, in metres, from its Tables 1 and 2.
 
-The paper's figures place the obstacles, its text does not; so they stand here where its sentences hold: two round obstacles on
-both sides of the way from (−3, −3) to (6, 6), Table 2's distance apart, staggered along the way, and in cases 1, 2 and 7
-obstacle 2 comes within the safe distance at (−1.5, −1.5).
+The paper's figures place the obstacles, its text does not; so they stand here where its sentences hold: two round
+obstacles on both sides of the way from (−3, −3) to (6, 6), Table 2's distance apart, staggered along the way, and in
+cases 1, 2 and 7 obstacle 2 comes within the safe distance at (−1.5, −1.5).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ _SHELF_EDGE = 0.28  # from the straight line [m]: the base (0.27) passes, the ar
 _WAY = np.array([1.0, 1.0]) / np.sqrt(2.0)
 _LEFT = np.array([-1.0, 1.0]) / np.sqrt(2.0)
 
+TABLE_1 = {"k_r": 0.3, "k_c": 0.5}
 TABLE_2 = {
     "case-1": (np.pi / 6, 1.5, 2.1),
     "case-2": (np.pi / 3, 1.5, 2.1),
@@ -56,8 +57,7 @@ def paper_case(name: str) -> Scenario:
         scene=Scene(_obstacles(name, gap)),
         start=PoseSpec(*_START),
         goal=PoseSpec(*_GOAL),
-        params={"paper": {"k_r": 0.3, "k_c": 0.5, "influence": safe, "transfer_tilt": tilt,
-                          "mobile_only": name != "case-7"}},  # fmt: skip
+        params={"paper": {**TABLE_1, "influence": safe, "transfer_tilt": tilt, "mobile_only": name != "case-7"}},
         gap=None if gap is None else ("obstacle-1", "obstacle-2"),
     )
 

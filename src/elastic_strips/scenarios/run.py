@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from ..deform import Deformer, DeformParams, DeformReport, DeformStatus
+from ..errors import ConfigurationError, ParameterError
 from ..planning import check_ends, plan_report, straight_line
 from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
@@ -86,7 +87,7 @@ def run_scenario(
     preset = preset or scenario.preset
     robot = scenario.load_robot(preset=preset) if robot is None else robot
     values = {**scenario.params.get(preset, {}), **(overrides or {})}
-    params = DeformParams.for_preset(preset, **values)
+    params = _parameters(scenario, preset, values)
     seed = scenario.seed if seed is None else seed
     ticks: list[float] = []
     frames: list[Strip] = []
@@ -99,13 +100,33 @@ def run_scenario(
             watch(report)
 
     runner = _run_paper if preset == "paper" else _run_default
-    initial, report, method, reason, first = runner(scenario, robot, params, seed, note, timeout)
+    try:
+        initial, report, method, reason, first = runner(scenario, robot, params, seed, note, timeout)
+    except ConfigurationError as error:
+        if scenario.name in str(error):
+            raise
+        raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
     clearance = strip_clearance(report.strip, scenario.scene)
     return RunResult(
         scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
         clearance=clearance, passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
         tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
     )  # fmt: skip
+
+
+def _parameters(scenario: Scenario, preset: str, values: dict[str, Any]) -> DeformParams:
+    whole = {f.name for f in fields(DeformParams) if f.type in (int, "int")}
+    try:
+        for name, value in values.items():
+            if name == "preset":
+                raise ParameterError(f"preset={value!r} is no parameter; choose the preset by itself")
+            if name in whole and isinstance(value, float):  # numbers of a file are floats
+                if not value.is_integer():
+                    raise ParameterError(f"{name}={value!r} must be a whole number")
+                values = {**values, name: int(value)}
+        return DeformParams.for_preset(preset, **values)
+    except ParameterError as error:
+        raise ParameterError(f"scenario {scenario.name!r}: {error}") from None
 
 
 _Outcome = tuple[Strip, DeformReport, str, str, float | None]
@@ -158,7 +179,14 @@ def _run_paper(
         attempts.append(f"straight line, which is not free: {report.reason}")
         for k in range(4):
             found = ompl_path(
-                robot, scenario.scene, start, goal, seed=seed + 7919 * k, margin=0.04, timeout=timeout / 4, spacing=spacing
+                robot,
+                scenario.scene,
+                start,
+                goal,
+                seed=seed + 7919 * k,
+                margin=0.04,
+                timeout=timeout / 4,
+                spacing=spacing,
             )
             if found.chart is None:
                 attempts.append(found.reason)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..errors import ScenarioError
+from ..errors import ConfigurationError, RobotError, ScenarioError
 from ..io import PoseSpec, ScenarioSpec
 from ..robot import BaseKind, RobotModel, load_robot
 from ..robot.space import Array
@@ -25,7 +25,8 @@ class Scenario:
         base: base kind, or None for the robot's own.
         preset: preset to use where none is asked for.
         params: preset → parameter overrides.
-        postures: robot name → joint values of both ends, for robots that the joints of ``start`` and ``goal`` do not fit.
+        postures: robot name → joint values of both ends, for robots that the joints of ``start`` and ``goal`` do not
+            fit.
         gap: names of two obstacles whose gap tells the passage (between, around-left, around-right), or None.
         seed: of everything random.
     """
@@ -53,10 +54,9 @@ class Scenario:
             params={"default": overrides, "paper": overrides}, seed=spec.seed,
         )  # fmt: skip
 
-    def load_robot(
-        self, robot: str | None = None, preset: str | None = None, base: str | None = None
-    ) -> RobotModel:
-        """The robot, or another one, perhaps with another base; preset ``paper`` moves a planar base by Eq. 9, so it is ``omni`` there.
+    def load_robot(self, robot: str | None = None, preset: str | None = None, base: str | None = None) -> RobotModel:
+        """The robot, or another one, perhaps with another base; preset ``paper`` moves a planar base by Eq. 9, so it
+        is ``omni`` there.
 
         Raises:
             RobotError: unknown robot or a fault in its files.
@@ -64,7 +64,12 @@ class Scenario:
         base = base or self.base
         if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:
             base = BaseKind.OMNI.value
-        return load_robot(robot or self.robot, base=base)
+        try:
+            return load_robot(robot or self.robot, base=base)
+        except RobotError as error:
+            if robot is not None:
+                raise
+            raise RobotError(f"scenario {self.name!r}: {error}") from None
 
     def ends(self, robot: RobotModel) -> tuple[Array, Array]:
         """Start and goal configurations (nq,) of a robot.
@@ -72,7 +77,13 @@ class Scenario:
         Raises:
             ConfigurationError: a joint that the robot does not plan (for the robot that the scenario was made for).
         """
-        return self._configuration(robot, self.start), self._configuration(robot, self.goal)
+        ends = []
+        for what, pose in (("start", self.start), ("goal", self.goal)):
+            try:
+                ends.append(self._configuration(robot, pose))
+            except ConfigurationError as error:
+                raise ConfigurationError(f"scenario {self.name!r}, {what}: {error}") from None
+        return ends[0], ends[1]
 
     def _configuration(self, robot: RobotModel, pose: PoseSpec) -> Array:
         joints = dict(pose.joints)

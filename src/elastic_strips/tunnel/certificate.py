@@ -2,8 +2,8 @@
 
 Between two configurations no point of a body travels further than Λ. So the body stays further than c from an obstacle
 on the whole way if d_a + d_b − 2c > Λ, with d_a, d_b lower bounds of its distance at the two ends (Schwarzer, Saha and
-Latombe). Where that fails for a (segment, body, obstacle part), this triple alone is measured half-way, and the halves are
-asked again. At the depth floor the answer is *unknown*, never *safe*.
+Latombe). Where that fails for a (segment, body, obstacle part), this triple alone is measured half-way, and the
+halves are asked again. At the depth floor the answer is *unknown*, never *safe*.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics
-from ..robot.space import Array
+from ..robot.space import Array, Indices, Mask
 from ..scene import Scene
 
 
@@ -81,16 +81,16 @@ class Certificate:
 class _Open:
     """Open triples of one bisection level (struct of arrays)."""
 
-    segment: npt.NDArray[np.intp]
-    body: npt.NDArray[np.intp]  # body, or self pair
-    part: npt.NDArray[np.intp]  # obstacle part; −1 for a self pair
+    segment: Indices
+    body: Indices  # body, or self pair
+    part: Indices  # obstacle part; −1 for a self pair
     low: Array  # fractions of the segment
     high: Array
     d_low: Array
     d_high: Array
     travel: Array  # Λ over the interval
 
-    def take(self, mask: Array) -> _Open:
+    def take(self, mask: Mask) -> _Open:
         return _Open(*(getattr(self, name)[mask] for name in self.__slots__))
 
     def __len__(self) -> int:
@@ -120,7 +120,9 @@ class Certifier:
         self.max_depth = max_depth
         self._between = Kinematics(bodies.tree, 64)
 
-    def certify(self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene) -> Certificate:
+    def certify(
+        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene
+    ) -> Certificate:
         """Certify the segments between the nodes of ``kin``.
 
         Args:
@@ -140,7 +142,9 @@ class Certifier:
         checks = 0
         for triples, is_self in ((open_obstacles, False), (open_self, True)):
             if len(triples):
-                checks += self._bisect(kin, v, triples, self_clearance if is_self else clearance, states, worst, is_self)
+                checks += self._bisect(
+                    kin, v, triples, self_clearance if is_self else clearance, states, worst, is_self
+                )
         checks += self._uncovered(kin, v, travel, clearance, scene, states, worst)
         worst.sort(key=lambda b: (not b.certain, b.clearance))
         return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
@@ -235,9 +239,7 @@ class Certifier:
             middle = 0.5 * (triples.low + triples.high)
             key, inverse = np.unique(triples.segment + 1j * middle, return_inverse=True)
             s = key.real.astype(np.intp)
-            self._between.update(
-                space.integrate(kin.chart[s], key.imag[:, None] * v[s]), jacobians=False
-            )
+            self._between.update(space.integrate(kin.chart[s], key.imag[:, None] * v[s]), jacobians=False)
             checks += len(key)
             limit = triples.travel * 0.5 + 2.0 * clearance  # a half passes if both its ends sum above this
             need = np.maximum(limit - np.minimum(triples.d_low, triples.d_high), clearance) + 1e-4
@@ -250,26 +252,21 @@ class Certifier:
             left = alive & (triples.d_low + d <= half + 2.0 * clearance)
             right = alive & (d + triples.d_high <= half + 2.0 * clearance)
             triples = _Open(
-                *(
-                    np.concatenate((one[left], two[right]))
-                    for one, two in (
-                        (triples.segment, triples.segment),
-                        (triples.body, triples.body),
-                        (triples.part, triples.part),
-                        (triples.low, middle),
-                        (middle, triples.high),
-                        (triples.d_low, d),
-                        (d, triples.d_high),
-                        (half, half),
-                    )
-                )
+                segment=np.concatenate((triples.segment[left], triples.segment[right])),
+                body=np.concatenate((triples.body[left], triples.body[right])),
+                part=np.concatenate((triples.part[left], triples.part[right])),
+                low=np.concatenate((triples.low[left], middle[right])),
+                high=np.concatenate((middle[left], triples.high[right])),
+                d_low=np.concatenate((triples.d_low[left], d[right])),
+                d_high=np.concatenate((d[left], triples.d_high[right])),
+                travel=np.concatenate((half[left], half[right])),
             )
         if len(triples):
             d = np.minimum(triples.d_low, triples.d_high)
             self._report(triples, d, states, worst, is_self, certain=False)
         return checks
 
-    def _measure(self, node: npt.NDArray[np.intp], triples: _Open, need: Array, is_self: bool) -> Array:
+    def _measure(self, node: Indices, triples: _Open, need: Array, is_self: bool) -> Array:
         """Lower bounds of the distances at the middles; exact where the box test does not already suffice."""
         if is_self:
             from ..proximity import GJK_EXCESS
@@ -324,7 +321,9 @@ class Certifier:
         states[outside] = np.maximum(states[outside], SegmentState.UNKNOWN)
         for j in outside:
             worst.append(
-                BrokenSegment(int(j), self.bodies.names[0], "obstacles beyond the segment's ends", far, "obstacle", False)
+                BrokenSegment(
+                    int(j), self.bodies.names[0], "obstacles beyond the segment's ends", far, "obstacle", False
+                )
             )
         return len(s)
 

@@ -27,13 +27,14 @@ class Tunnel:
     @property
     def connected(self) -> npt.NDArray[np.bool_]:
         """(N−1,) whether all hulls of a node overlap those of the next."""
-        return (self.overlap > 0.0).all(axis=1)
+        return np.asarray(np.all(self.overlap > 0.0, axis=1), dtype=bool)
 
 
 def protective_hulls(points: Array, distance: Array, *, cap: float) -> Tunnel:
     """Hulls of control points (N, C, 3) with free distances (N, C), capped at ``cap`` [m], the safe distance.
 
-    Two neighbours are connected where their spheres overlap: then a point can go from one to the other inside free space.
+    Two neighbours are connected where their spheres overlap: then a point can go from one to the other inside free
+    space.
     """
     radius = np.clip(distance, 0.0, cap)
     spacing = np.linalg.norm(points[1:] - points[:-1], axis=2)

@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, distance, link_poses, random_chart
+from brute_force import configuration, distance, link_poses, outside, random_chart
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -33,19 +33,6 @@ SHAPES = [
     coal.Cone(0.25, 0.5),
     coal.Ellipsoid(0.1, 0.2, 0.3),
 ]
-
-
-def outside(points: np.ndarray, shape: coal.CollisionGeometry) -> np.ndarray:
-    """How far (V,) [m] points in a shape's frame stick out of it; ≤ 0 inside. Written without Coal's solvers."""
-    if isinstance(shape, coal.Box):
-        return (np.abs(points) - np.asarray(shape.halfSide)).max(axis=1)
-    if isinstance(shape, coal.Sphere):
-        return np.linalg.norm(points, axis=1) - shape.radius
-    if isinstance(shape, coal.Cylinder):
-        side = np.hypot(points[:, 0], points[:, 1]) - shape.radius
-        return np.maximum(side, np.abs(points[:, 2]) - shape.halfLength)
-    hull = ConvexHull(np.asarray(shape.points()))
-    return (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
 
 
 def support(shape: coal.CollisionGeometry, n: np.ndarray) -> np.ndarray:
