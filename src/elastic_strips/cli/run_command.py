@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from time import perf_counter
 
 import click
 
 from ..deform import DeformReport
+from ..errors import InputError
 from ..io import check_writable, write_json
 from ..robot import RobotModel
 from ..scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
@@ -56,9 +58,7 @@ def run(
 
     Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
     """
-    for path in (json_file, html_file):
-        if path is not None:
-            check_writable(path)
+    _check_outputs(scenario, json_file, html_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, preset, base)
     result = _run(problem, model, preset, seed, timeout)
@@ -68,6 +68,18 @@ def run(
     if html_file is not None or view:
         _show(result, html_file, view)
     return EXIT_CERTIFIED if result.certified else EXIT_NOT_CERTIFIED
+
+
+def _check_outputs(scenario: str, *files: str | None) -> None:
+    """Every output can be written, and none would overwrite the scenario or another output."""
+    taken = {Path(scenario).absolute()}
+    for name in files:
+        if name is None:
+            continue
+        path = check_writable(name).absolute()
+        if path in taken:
+            raise InputError(f"{name}: is named twice; each output needs a file of its own")
+        taken.add(path)
 
 
 def _run(problem: Scenario, model: RobotModel, preset: str | None, seed: int | None, timeout: float) -> RunResult:

@@ -10,8 +10,9 @@ from typing import Any
 import click
 
 from ..errors import InputError
+from ..io import check_writable
 from ..planning import straight_line
-from ..robot import load_robot
+from ..robot import load_robot, robot_names
 from ..scenarios import FORMAT, FORMAT_VERSION, get_scenario
 from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
 from ..strip import Strip
@@ -34,6 +35,8 @@ def view(what: str, robot: str | None, base: str | None, seed: int, html_file: s
     """
     from ..viewer import Viewer
 
+    if html_file is not None:
+        check_writable(html_file)
     if what.lower().endswith(".json"):
         model, scene, strip = _from_result(Path(what), robot)
     else:
@@ -54,21 +57,21 @@ def _from_result(path: Path, robot: str | None) -> tuple[Any, Scene, Strip]:
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: cannot read: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: is no result of 'elastic-strips run --json' (format {FORMAT!r})")
     if document.get("version") != FORMAT_VERSION:
         raise InputError(f"{path}: format version {document.get('version')!r}; this program reads {FORMAT_VERSION}")
     try:
-        name = robot or document["robot"]
+        name = robot or (document["robot"] if document["robot"] in robot_names() else document["urdf"])
         base, locked = document["base"], document["locked"]
         model = load_robot(name, base=base, locked=locked)
         scene = Scene([_obstacle(entry) for entry in document["obstacles"]])
         strip = Strip(model, document["strip"]["q"])
-    except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"{path}: the result is damaged: {type(error).__name__}: {error}") from None
     return model, scene, strip
 

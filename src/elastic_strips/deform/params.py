@@ -15,7 +15,8 @@ _POSITIVE = (
     "updates",
 )  # fmt: skip
 _PAPER = {
-    "influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4, "max_ticks": 120,
+    "influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4,
+    "max_ticks": 120,
 }  # fmt: skip
 
 

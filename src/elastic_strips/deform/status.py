@@ -56,6 +56,13 @@ def settled_report(
             status = DeformStatus.BLOCKED if blocked else DeformStatus.BROKEN
             reason = f"{reason} (after {ticks} ticks)"
     return replace(
-        last, status=status, reason=reason, timings=timings, seconds=seconds, iterations=ticks, ticks=ticks, asked=asked,
+        last,
+        status=status,
+        reason=reason,
+        timings=timings,
+        seconds=seconds,
+        iterations=ticks,
+        ticks=ticks,
+        asked=asked,
         heading_step=turn,
-    )  # fmt: skip
+    )

@@ -31,11 +31,17 @@ class Narrowphase:
         self._request = coal.DistanceRequest(True)
         self._result = coal.DistanceResult()
         self._normal = self._result.normal  # a live view of the result's memory
+        self._parts: dict[int, Part] = {}  # keeps alive what the caches below know by id()
         self._functors: dict[tuple[int, int], coal.ComputeDistance] = {}
-        self._objects: dict[int, coal.CollisionObject] = {}
-        self._tree_of: dict[int, coal.DynamicAABBTreeCollisionManager] = {}
-        self._keep: dict[int, Any] = {}
+        self._blocks: dict[int, _Block] = {}
+        self._probes: dict[int, coal.CollisionObject] = {}
         self._transform = coal.Transform3s()
+
+    def retain(self, parts: Sequence[Part]) -> None:
+        """Forget what is cached for all other parts."""
+        self._parts = {id(part): part for part in parts}
+        self._functors = {key: f for key, f in self._functors.items() if key[1] in self._parts}
+        self._blocks = {key: b for key, b in self._blocks.items() if key in self._parts}
 
     def query(
         self,
@@ -87,7 +93,7 @@ class Narrowphase:
             functor = functors.get(key)
             if functor is None:
                 functor = functors[key] = coal.ComputeDistance(geometries[g], shape.geometry)
-                self._keep[id(shape)] = shape
+                self._parts[id(shape)] = shape
             clear()
             d = functor(transform, transforms[p], request, result)
             distance[k] = d
@@ -96,35 +102,57 @@ class Narrowphase:
                 witness[k] = nearest()
         np.negative(direction, out=direction)
         distance += self.bodies.skin
-        if len(self._functors) > 200_000:
-            self._functors.clear()
-            self._keep.clear()
         return distance, direction, witness
 
     def _cluster(
         self, g: int, part: Part, rotation: Array, translation: Array, part_rotation: Array, part_translation: Array
     ) -> tuple[float, Array, Array]:
         """Nearest box of a block, through the block's AABB tree, in the block's own frame."""
-        manager = self._tree_of.get(id(part))
-        if manager is None:
-            manager = coal.DynamicAABBTreeCollisionManager()
-            members = [coal.CollisionObject(box, np.eye(3), np.asarray(at)) for box, at in part.boxes]
-            for member in members:
-                manager.registerObject(member)
-            manager.setup()
-            self._tree_of[id(part)] = manager
-            self._keep[id(part)] = (part, members)
-        query = self._objects.get(g)
-        if query is None:
-            query = self._objects[g] = coal.CollisionObject(self.bodies.geometries[g])
-        local = part_rotation.T @ (translation - part_translation)
-        query.setTransform(coal.Transform3s(part_rotation.T @ rotation, local))
-        query.computeAABB()
+        block = self._blocks.get(id(part))
+        if block is None:
+            block = self._blocks[id(part)] = _Block(part)
+            self._parts[id(part)] = part
+        probe = self._probes.get(g)
+        if probe is None:
+            probe = self._probes[g] = coal.CollisionObject(_probe_shape(self.bodies.geometries[g]))
+        pose = coal.Transform3s(part_rotation.T @ rotation, part_rotation.T @ (translation - part_translation))
+        distance, direction, witness = block.nearest(probe, pose)
+        # the caller turns directions of its own queries around; this one already points away
+        return distance, -(part_rotation @ direction), part_rotation @ witness + part_translation
+
+
+class _Block:
+    """The boxes of one part in a Coal tree, in the part's frame."""
+
+    def __init__(self, part: Part) -> None:
+        self.members = [coal.CollisionObject(box, np.eye(3), np.asarray(at)) for box, at in part.boxes]
+        self.manager = coal.DynamicAABBTreeCollisionManager()
+        for member in self.members:
+            self.manager.registerObject(member)
+        self.manager.setup()
+
+    def nearest(self, probe: coal.CollisionObject, pose: coal.Transform3s) -> tuple[float, Array, Array]:
+        """Distance, direction away from the boxes, and witness on the probe."""
+        probe.setTransform(pose)
+        probe.computeAABB()
         callback = coal.DistanceCallBackDefault()
         callback.data.request.enable_signed_distance = True
-        manager.distance(query, callback)
+        self.manager.distance(probe, callback)
         result = callback.data.result
-        # here shape 1 is the tree's box and shape 2 the robot: the opposite of the direct query
-        direction = part_rotation @ np.asarray(result.normal)
-        witness = part_rotation @ np.asarray(result.getNearestPoint2()) + part_translation
-        return float(result.min_distance), -direction, witness
+        if result.min_distance > 0.0:
+            # here shape 1 is the tree's box and shape 2 the robot: the opposite of a direct query
+            return float(result.min_distance), np.array(result.normal), np.array(result.getNearestPoint2())
+        # the tree stops at the first box that penetrates; the deepest one is wanted
+        deepest = np.inf, np.zeros(3), np.zeros(3)
+        request = coal.DistanceRequest(True)
+        for member in self.members:
+            result = coal.DistanceResult()
+            coal.distance(member, probe, request, result)
+            if result.min_distance < deepest[0]:
+                deepest = float(result.min_distance), np.array(result.normal), np.array(result.getNearestPoint2())
+        return deepest
+
+
+def _probe_shape(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    """A shape to ask a tree with: Coal's box–sphere special case does not keep the smallest of several distances."""
+    return coal.Capsule(geometry.radius, 0.0) if isinstance(geometry, coal.Sphere) else geometry

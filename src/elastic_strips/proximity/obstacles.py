@@ -160,6 +160,7 @@ class ObstacleProximity:
         low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
         self.window = Window.build(scene, low, high, self.slack)
+        self.narrow.retain(self.window.parts)
         inner = np.minimum(body_low - self.window.cover_low, self.window.cover_high - body_high)
         self.margin, self._cover = inner.min(axis=1), np.arange(n)
         p = len(self.window)

@@ -44,7 +44,7 @@ def default_control_points(model: pin.Model, planar: bool, hand_frame: str | Non
         local.append(np.zeros(3))
     if hand_frame is not None and model.existFrame(hand_frame):
         frame = model.frames[model.getFrameId(hand_frame)]
-        carrier = int(getattr(frame, "parentJoint", getattr(frame, "parent", 0)))
+        carrier = int(frame.parentJoint)
         if np.linalg.norm(frame.placement.translation) > 1e-6 or carrier != joint[-1]:
             names.append("P_hand")
             joint.append(carrier)

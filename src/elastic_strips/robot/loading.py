@@ -95,7 +95,7 @@ def load_robot(
     if text in _KNOWN:
         return _load_named(text, base, srdf, control_points, locked, package_dirs)
     path = Path(text).expanduser()
-    if path.suffix.lower() not in (".urdf", ".xml") and "/" not in text and not path.exists():
+    if not text or (path.suffix.lower() not in (".urdf", ".xml") and "/" not in text and not path.exists()):
         raise RobotError(f"unknown robot {text!r}{nearest_name(text, _KNOWN)} Or give the path of a URDF file.")
     kind = BaseKind.DIFF_DRIVE if base is None else BaseKind.parse(base)
     source = read_urdf(path, package_dirs=package_dirs)

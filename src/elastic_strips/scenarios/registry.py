@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
 from .corridor import LENGTH, corridor_scene
@@ -43,9 +45,11 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
         ScenarioError: an unknown name, or a fault in the file.
     """
     text = str(name_or_path)
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ScenarioError(f"seed={seed!r} must be an integer ≥ 0")
     if text in REGISTRY:
         return REGISTRY[text](seed)
     path = Path(text)
-    if path.suffix.lower() in (".yaml", ".yml") or "/" in text or path.exists():
+    if text and (path.suffix.lower() in (".yaml", ".yml") or "/" in text or path.exists()):
         return Scenario.from_spec(read_scenario(path))
     raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, REGISTRY)} Or give a .yaml file.")

@@ -151,7 +151,10 @@ def _run_paper(
     scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
     timeout: float,
 ) -> _Outcome:  # fmt: skip
-    """The initial trajectory comes from a planner, as in the paper: the straight line if it is free, else OMPL's path."""
+    """The initial trajectory comes from a planner, as in the paper.
+
+    It is the straight line, and OMPL's path where the line is not free and does not relax to a certified strip.
+    """
     began = perf_counter()
     deformer = Deformer(robot, params)
     start, goal = scenario.ends(robot)

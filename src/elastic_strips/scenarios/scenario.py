@@ -92,7 +92,8 @@ class Scenario:
         if not robot.space.planar:
             if (pose.x, pose.y, pose.yaw) != (0.0, 0.0, 0.0):
                 raise ScenarioError(
-                    f"scenario {self.name!r} moves the base, but the base of {robot.name!r} is fixed; use diff_drive or omni"
+                    f"scenario {self.name!r} moves the base, but the base of {robot.name!r} is fixed; "
+                    "use diff_drive or omni"
                 )
             return robot.home(**joints)
         return robot.home(pose.x, pose.y, pose.yaw, **joints)

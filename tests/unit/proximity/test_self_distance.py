@@ -117,7 +117,7 @@ def test_repulsion_distances_limit_the_contacts(silvermate, rng):
 
 
 def test_direction_moves_the_first_body_away(robot, rng):
-    proximity, kin, step = make(robot), Kinematics(robot.tree, 8), 1e-5
+    proximity, kin, step = make(robot), Kinematics(robot.tree, 8), 1e-4
     chart = random_chart(robot, rng, 80)
     kin.update(chart)
     proximity.update(kin)
@@ -134,9 +134,9 @@ def test_direction_moves_the_first_body_away(robot, rng):
             up = distance(links[i].geometry, ahead, links[j].geometry, poses[j])[0]
             down = distance(links[i].geometry, back, links[j].geometry, poses[j])[0]
             slope[axis], kink = (up - down) / (2 * step), max(kink, abs(up + down - 2 * here) / step)
-        if kink > 2e-3:
+        if kink > 1e-2:
             continue
-        np.testing.assert_allclose(contacts.direction[k], slope, atol=2e-2)
+        np.testing.assert_allclose(contacts.direction[k], slope, atol=3e-2)
         gap = contacts.first[k] - contacts.second[k]
         np.testing.assert_allclose(gap, here * contacts.direction[k], atol=1e-5)
         checked[bool(here < 0)] += 1

@@ -1,0 +1,89 @@
+"""Documents keep their word: their Python runs, their commands parse, their links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from elastic_strips.cli.main import cli
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+
+
+def blocks(document: Path, language: str) -> list[tuple[int, str]]:
+    """Line and text of each fenced block of a language."""
+    text = document.read_text(encoding="utf-8")
+    return [
+        (text.count("\n", 0, match.start(2)) + 1, match.group(2))
+        for match in BLOCK.finditer(text)
+        if match.group(1) == language
+    ]
+
+
+def commands() -> list[pytest.param]:
+    """Every ``elastic-strips`` command of the documents' bash blocks."""
+    found = []
+    for document in DOCUMENTS:
+        for line, text in blocks(document, "bash"):
+            for offset, row in enumerate(text.splitlines()):
+                words = shlex.split(row, comments=True)
+                if words[:1] == ["elastic-strips"]:
+                    found.append(pytest.param(words[1:], id=f"{document.name}:{line + offset}"))
+    return found
+
+
+@pytest.mark.parametrize("document", [d for d in DOCUMENTS if blocks(d, "python")], ids=lambda d: d.name)
+def test_python_blocks_run_in_order(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, object] = {"__name__": "__snippet__"}
+    for line, text in blocks(document, "python"):
+        exec(compile("\n" * (line - 1) + text, str(document), "exec"), namespace)
+
+
+def test_the_readme_has_the_ten_line_program() -> None:
+    _, program = blocks(ROOT / "README.md", "python")[0]
+    statements = [row for row in program.splitlines() if row.strip()]
+    assert len(statements) <= 10
+    assert {"es.load_robot", "es.Scene", "es.plan", "es.Deformer", ".settle", "es.Viewer"} <= set(
+        re.findall(r"es\.\w+|\.settle", program)
+    )
+
+
+@pytest.mark.parametrize("words", commands())
+def test_commands_parse(words: list[str]) -> None:
+    command: click.Command = cli
+    context: click.Context | None = None
+    name = "elastic-strips"
+    while isinstance(command, click.Group):
+        context = command.make_context(name, list(words), parent=context)
+        rest = [*context._protected_args, *context.args]
+        found, command, words = command.resolve_command(context, rest)
+        assert found is not None
+        assert command is not None
+        name = found
+    command.make_context(name, list(words), parent=context)
+
+
+def test_there_are_commands() -> None:
+    assert len(commands()) >= 5
+
+
+@pytest.mark.parametrize("document", [*DOCUMENTS, ROOT / "urdf" / "README.md"], ids=lambda d: str(d.relative_to(ROOT)))
+def test_links_lead_somewhere(document: Path) -> None:
+    for target in LINK.findall(document.read_text(encoding="utf-8")):
+        if "://" not in target:
+            assert (document.parent / target).exists(), f"{document.name}: {target} does not exist"
+
+
+def test_pictures_are_small() -> None:
+    pictures = sorted((ROOT / "docs" / "images").glob("*.png"))
+    assert pictures
+    for picture in pictures:
+        assert picture.stat().st_size < 250_000, picture.name
