@@ -18,6 +18,7 @@ from .space import Array
 _CIRCLE = np.column_stack(
     (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
 )
+_FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
 _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
 
 
@@ -227,28 +228,33 @@ def _cloud(piece: LinkGeometry) -> Array:
 
 
 def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
-    pieces = list(pieces)
-    while True:
-        best: tuple[float, int, int, Array] | None = None
-        for i in range(len(pieces)):
-            for k in range(i + 1, len(pieces)):
-                if pieces[i].joint != pieces[k].joint:
-                    continue
-                clouds = [_cloud(pieces[i]), _cloud(pieces[k])]
-                volumes = [_hull_volume(c) for c in clouds]
-                cloud = np.vstack(clouds)
-                grown = _hull_volume(cloud) - sum(volumes)
-                if grown > (ratio - 1.0) * sum(volumes) and grown > 1e-4:
-                    continue
-                if best is None or grown < best[0]:
-                    best = (grown, i, k, cloud)
-        if best is None:
-            return pieces
-        _, i, k, cloud = best
-        links = tuple(sorted(set(pieces[i].links) | set(pieces[k].links)))
-        name = (
-            max((pieces[i], pieces[k]), key=lambda p: _hull_volume(_cloud(p))).name.split("+")[0] + f"+{len(links) - 1}"
-        )
-        hull = convex_from_vertices(cloud, name=name)
-        joined = _piece(name, links, pieces[i].joint, hull, np.eye(4))
-        pieces = [p for j, p in enumerate(pieces) if j not in (i, k)] + [joined]
+    """Join pieces of one body, the best pair first, as long as a joint hull grows little."""
+    live = dict(enumerate(pieces))
+    clouds = {i: _cloud(p) for i, p in live.items()}
+    volumes = {i: _hull_volume(c) for i, c in clouds.items()}
+    growth: dict[tuple[int, int], float] = {}
+
+    def consider(i: int, k: int) -> None:
+        if live[i].joint == live[k].joint:
+            both = volumes[i] + volumes[k]
+            grown = _hull_volume(np.vstack((clouds[i], clouds[k]))) - both
+            if grown <= max((ratio - 1.0) * both, _FREE_GROWTH):
+                growth[i, k] = grown
+
+    for k in live:
+        for i in range(k):
+            consider(i, k)
+    while growth:
+        i, k = min(growth, key=growth.__getitem__)
+        links = tuple(sorted(set(live[i].links) | set(live[k].links)))
+        name = f"{live[max((i, k), key=volumes.__getitem__)].name.split('+')[0]}+{len(links) - 1}"
+        hull = convex_from_vertices(np.vstack((clouds[i], clouds[k])), name=name)
+        new = max(live) + 1
+        live[new] = _piece(name, links, live[i].joint, hull, np.eye(4))
+        clouds[new] = _cloud(live[new])
+        volumes[new] = _hull_volume(clouds[new])
+        del live[i], live[k]
+        growth = {pair: g for pair, g in growth.items() if not {i, k} & set(pair)}
+        for other in [n for n in live if n != new]:
+            consider(other, new)
+    return list(live.values())
