@@ -75,7 +75,9 @@ def check(
     q = np.array(document["strip"]["q"], dtype=float)
     robot = load(document)
     found.meshes = robot.meshes
-    found.demand(q.ndim == 2 and q.shape[1] == robot.model.nq, f"q has shape {q.shape}; the robot has nq = {robot.model.nq}")
+    found.demand(
+        q.ndim == 2 and q.shape[1] == robot.model.nq, f"q has shape {q.shape}; the robot has nq = {robot.model.nq}"
+    )
     if found.faults:
         return found
     _check_nodes(document, robot, q, found)
@@ -121,7 +123,14 @@ def load(document: dict[str, Any]) -> Robot:
         for link in range(links):
             geometry.addCollisionPair(pin.CollisionPair(link, index))
     return Robot(
-        model, model.createData(), geometry, pin.GeometryData(geometry), links, planar, meshes, _reach(model, geometry, links)
+        model,
+        model.createData(),
+        geometry,
+        pin.GeometryData(geometry),
+        links,
+        planar,
+        meshes,
+        _reach(model, geometry, links),
     )
 
 
@@ -193,7 +202,9 @@ def _check_counts(document: dict[str, Any], robot: Robot, q: Array, found: Check
     found.demand(count == len(q) - 1, f"there are {len(q) - 1} segments, not {count}")
     if document["certified"]:
         found.demand(all(document["segments"]), "the strip is called certified, but not all of its segments are")
-        found.demand(document["status"] == "settled", f"the strip is called certified, but its status is {document['status']}")
+        found.demand(
+            document["status"] == "settled", f"the strip is called certified, but its status is {document['status']}"
+        )
     steps = [pin.difference(robot.model, a, b) for a, b in zip(q[:-1], q[1:], strict=True)]
     length = sum(float(np.linalg.norm(v[:2] if robot.planar else v)) for v in steps)
     found.demand(abs(length - document["length_m"]) <= 1e-9 * max(length, 1.0) + 1e-9, f"the length is {length:.6f}")
@@ -227,13 +238,17 @@ def _sweep(document: dict[str, Any], robot: Robot, q: Array, step: float, found:
     if document["certified"]:
         found.demand(found.self_clearance > 0.0, f"the robot touches itself: {found.self_clearance:.4f} m")
         least = document["certified_clearance_m"]
-        found.demand(found.clearance >= least - 1e-5, f"certified for {least} m, but {found.clearance:.5f} m were found")
+        found.demand(
+            found.clearance >= least - 1e-5, f"certified for {least} m, but {found.clearance:.5f} m were found"
+        )
     if stated is None:
         found.demand(not against.any(), "there are obstacles, but no clearance is stated")
         return
     found.demand(found.clearance >= stated - UNDER, f"clearance {stated:.5f} m stated, {found.clearance:.5f} m found")
     if not robot.meshes:
-        found.demand(found.clearance <= stated + OVER, f"clearance {stated:.5f} m stated, {found.clearance:.5f} m found")
+        found.demand(
+            found.clearance <= stated + OVER, f"clearance {stated:.5f} m stated, {found.clearance:.5f} m found"
+        )
 
 
 def main() -> int:

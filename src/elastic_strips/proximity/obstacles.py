@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..robot import Kinematics
-from ..robot.space import Array
+from ..robot.space import Array, where_true
 from ..scene import Scene
 from .bodies import BodySet
 from .narrowphase import GJK_EXCESS, Narrowphase
@@ -201,7 +201,7 @@ class ObstacleProximity:
         """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
         need = (self.bound < self.influence) & (self._since > self.tolerance)
         self.pairs = need.size
-        node, body, part = np.nonzero(need)
+        node, body, part = where_true(need)
         self._ask(kin, node, body, part, self.influence)
 
     def refine_at(
@@ -252,7 +252,7 @@ class ObstacleProximity:
 
     def contacts(self) -> Contacts:
         """All pairs within the influence distance, exact to the tolerance."""
-        node, body, part = np.nonzero((self.exact < self.influence) & (self._since <= self.tolerance))
+        node, body, part = where_true((self.exact < self.influence) & (self._since <= self.tolerance))
         return Contacts(
             node,
             body,

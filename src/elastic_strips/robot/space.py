@@ -23,6 +23,11 @@ Mask = npt.NDArray[np.bool_]
 _SMALL = 1e-4
 
 
+def where_true(mask: Mask) -> tuple[Indices, ...]:
+    """``np.nonzero`` of a mask with several axes and few true entries, several times as fast."""
+    return np.unravel_index(np.flatnonzero(mask), mask.shape)
+
+
 def wrap_angle(angle: Array) -> Array:
     """Wrap angles [rad] into (−π, π]."""
     return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics
-from ..robot.space import Array, Indices, Mask
+from ..robot.space import Array, Indices, Mask, where_true
 from ..scene import Scene
 
 
@@ -177,7 +177,7 @@ class Certifier:
         slack = bound[:-1] + bound[1:]
         slack -= (travel + 2.0 * clearance)[:, :, None]
         slack[states != 0] = np.inf
-        segment, body, part = np.nonzero(slack <= 0.0)
+        segment, body, part = where_true(slack <= 0.0)
         if len(segment) == 0:
             return _empty()
         # second chance with the tight travel of these bodies, then with refreshed distances at the ends

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..proximity import BodySet, MotionBounds, ObstacleProximity
 from ..robot import Kinematics
+from ..robot.space import where_true
 from ..scene import Scene
 from ..strip import Strip
 
@@ -46,7 +47,7 @@ def _refine(
     best = float(bound.min())  # found at a node: an upper bound of the answer (up to the GJK excess)
     travel = bounds.travel(v)
     low = 0.5 * (bound[:-1] + bound[1:] - travel[:, :, None])
-    segment, body, part = np.nonzero(low < best - tolerance)
+    segment, body, part = where_true(low < best - tolerance)
     tight = bounds.tight_travel(kin, segment, body, v[segment]) if len(segment) else np.zeros(0)
     d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
     start, end = np.zeros(len(segment)), np.ones(len(segment))

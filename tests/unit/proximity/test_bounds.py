@@ -98,6 +98,53 @@ def test_single_freedoms_are_bounded_closely(robot, rng):
     assert bounds.radius.shape == (robot.nv, len(bodies))
 
 
+@pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry"])
+def test_levers_that_grow_on_the_way(name, request):
+    """An inner joint sweeps while an outer one unfolds the arm: the lever at the node is not the lever on the way."""
+    robot, rng = request.getfixturevalue(name), np.random.default_rng(4)
+    b, last = robot.space.base_nv, len(robot.geometries) - 1
+    points = body_points(robot, rng)
+    joints = np.arange(b, robot.nv)
+    growth = 0.0
+    for _ in range(150):
+        inner, outer = np.sort(rng.choice(joints, 2, replace=False))
+        starts = random_chart(robot, rng, 12)
+        v = np.zeros((12, robot.nv))
+        ends = random_chart(robot, rng, 12)
+        moves = robot.space.difference(starts, ends)
+        v[:, [inner, outer]] = moves[:, [inner, outer]]
+        # the start from which the last link is nearest to the inner axis
+        levers = [bounds_of(robot, a, np.eye(robot.nv)[inner])[1][last] for a in starts]
+        k = int(np.argmin(levers))
+        travel, tight = bounds_of(robot, starts[k], v[k])
+        truth = true_travel(robot, starts[k], robot.space.integrate(starts[k], v[k]), points, steps=15)
+        assert (truth <= tight + 1e-9).all()
+        assert (truth <= travel + 1e-9).all()
+        single = tight_without_growth(robot, starts[k], v[k])
+        growth = max(growth, float((truth - single).max()))
+    assert growth > 0.02, "no case where the growth of the lever matters"
+
+
+def tight_without_growth(robot: RobotModel, a: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Sum (G,) of the single joints' bounds at the start: too little where a lever grows."""
+    return np.sum([bounds_of(robot, a, np.eye(robot.nv)[k] * v[k])[1] for k in np.flatnonzero(v)], axis=0)
+
+
+def test_a_telescope_lengthens_the_lever_of_the_base():
+    model, geometry = pin.Model(), pin.GeometryModel()
+    root = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    low, high, one = np.array([0.0]), np.array([2.0]), np.ones(1)
+    tube = model.addJoint(root, pin.JointModelPX(), pin.SE3.Identity(), "tube", one, one, low, high)
+    frame = model.addJointFrame(tube)
+    geometry.addGeometryObject(pin.GeometryObject("ball", tube, frame, pin.SE3.Identity(), coal.Sphere(0.1)))
+    robot = RobotModel.from_pinocchio(model, geometry)
+    a = np.array([0.0, 0.0, 0.0, 2.0])
+    travel, tight = bounds_of(robot, a, np.array([0.0, 0.0, 1.0, 0.0]))
+    assert 2.1 <= tight[0] + 1e-9 <= travel[0] + 2e-9 < 2.3
+    travel, _ = bounds_of(robot, a * 0.0, np.array([0.0, 0.0, 0.0, 0.7]))
+    assert travel[0] == pytest.approx(0.7)
+
+
 def test_the_base_counts_its_way_once(silvermate):
     """Driving straight moves every point by exactly the distance driven."""
     a = silvermate.space.to_chart(silvermate.home())

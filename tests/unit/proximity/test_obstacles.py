@@ -136,6 +136,30 @@ def test_bounds_hold_through_any_history(name, request):
     assert 3 <= rebuilt < 24
 
 
+@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+def test_bounds_of_exact_pairs_survive_large_moves(name, request):
+    """With an influence distance of almost nothing no pair is asked again: the bounds live on their drift alone."""
+    robot, rng = request.getfixturevalue(name), np.random.default_rng(3)
+    for _ in range(6):
+        scene = make_scene(rng, 12, shapes=SHAPES[:6])
+        chart = random_chart(robot, rng, 6)
+        kin = Kinematics(robot.tree, 6)
+        proximity = ObstacleProximity(BodySet.links(robot), influence=1e-6, slack=5.0)
+        kin.update(chart)
+        proximity.update(kin, scene)
+        everything = [a.ravel() for a in np.indices(proximity.bound.shape)]
+        proximity.refine_at(kin, *everything, np.full(len(everything[0]), 1e3))
+        step = rng.normal(size=chart.shape) * rng.uniform(0.01, 0.3)
+        step[:, : robot.space.base_nv] *= rng.random((6, robot.space.base_nv)) < 0.3
+        chart = np.clip(robot.space.integrate(chart, step), robot.space.lower, robot.space.upper)
+        kin.update(chart)
+        asked = proximity.narrow.queries
+        proximity.update(kin, scene)
+        truth = np.array([link_distances(robot, scene, configuration(robot, row)) for row in chart])
+        assert (proximity.bound <= truth[:, :, proximity.window.rows] + GJK_NOISE).all()
+        assert proximity.narrow.queries - asked < 0.7 * len(everything[0])
+
+
 def test_scenes_come_and_go(silvermate, rng):
     bench = start(silvermate, rng, nodes=3, count=9)
     scene = bench.scene
