@@ -5,27 +5,30 @@ from __future__ import annotations
 import pkgutil
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import click
 import pytest
 
-from elastic_strips.cli.main import cli
+from elastic_strips.cli.main import cli, main
 from elastic_strips.deform import DeformParams
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(\w[^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+RESULT = "python result check"
+"""Blocks marked so are scripts whose argument is a result of ``run --json``."""
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 
 
 def blocks(document: Path, language: str) -> list[tuple[int, str]]:
-    """Line and text of each fenced block of a language."""
+    """Line and text of each fenced block whose first line is ```language."""
     text = document.read_text(encoding="utf-8")
     return [
         (text.count("\n", 0, match.start(2)) + 1, match.group(2))
         for match in BLOCK.finditer(text)
-        if match.group(1) == language
+        if match.group(1).strip() == language
     ]
 
 
@@ -47,6 +50,17 @@ def test_python_blocks_run_in_order(document: Path, tmp_path: Path, monkeypatch:
     namespace: dict[str, object] = {"__name__": "__snippet__"}
     for line, text in blocks(document, "python"):
         exec(compile("\n" * (line - 1) + text, str(document), "exec"), namespace)
+
+
+@pytest.mark.parametrize("document", [d for d in DOCUMENTS if blocks(d, RESULT)], ids=lambda d: d.name)
+def test_scripts_that_check_a_result(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "result.json"
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "case-1", "--json", str(target)])
+    assert ended.value.code == 0
+    monkeypatch.setattr(sys, "argv", ["check", str(target)])
+    for line, text in blocks(document, RESULT):
+        exec(compile("\n" * (line - 1) + text, str(document), "exec"), {"__name__": "__main__"})
 
 
 def test_the_readme_has_the_ten_line_program() -> None:
@@ -79,7 +93,7 @@ def test_there_are_commands() -> None:
 
 @pytest.mark.parametrize("document", [*DOCUMENTS, ROOT / "urdf" / "README.md"], ids=lambda d: str(d.relative_to(ROOT)))
 def test_links_lead_somewhere(document: Path) -> None:
-    for target in LINK.findall(document.read_text(encoding="utf-8")):
+    for target in LINK.findall(BLOCK.sub("", document.read_text(encoding="utf-8"))):
         if "://" not in target:
             assert (document.parent / target).exists(), f"{document.name}: {target} does not exist"
 

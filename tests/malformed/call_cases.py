@@ -1,5 +1,7 @@
 """Wrong calls of the library."""
 
+# ruff: noqa: E501 - tables: one case a line
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator

@@ -1,11 +1,12 @@
 """Wrong command lines, and the result files that ``view`` must refuse."""
 
+# ruff: noqa: E501 - tables: one case a line
+
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from malformed_case import Content, FileCase, folder, nothing

@@ -198,7 +198,9 @@ def test_there_are_at_least_200_different_inputs(tmp_path: Path) -> None:
             case.write(folder)
             regular = {name: content for name, content in case.beside.items() if isinstance(content, (str, bytes))}
             inputs.add((kind, case.content, tuple(sorted(regular.items()))))
-    inputs |= {case.call.__code__.co_code + repr(case.call.__code__.co_consts).encode() + case.name.encode() for case in CALLS}
+    inputs |= {
+        case.call.__code__.co_code + repr(case.call.__code__.co_consts).encode() + case.name.encode() for case in CALLS
+    }
     inputs |= {case.arguments for case in COMMANDS}
     assert len(inputs) >= 200
     assert len(inputs) == len(FILES) + len(RESULTS) + len(CALLS) + len(COMMANDS)
@@ -214,7 +216,16 @@ def test_the_sound_originals_are_accepted(tmp_path: Path, out: Path, capfd: pyte
     assert robot.joint_names == ("shoulder", "slide")
     assert es.read_scene(tmp_path / "scene.yaml").names == ("table",)
     with pytest.raises(SystemExit) as ended:
-        main(["run", str(tmp_path / "scenario.yaml"), "--robot", str(tmp_path / "small.urdf"), "--json", str(out / "r.json")])
+        main(
+            [
+                "run",
+                str(tmp_path / "scenario.yaml"),
+                "--robot",
+                str(tmp_path / "small.urdf"),
+                "--json",
+                str(out / "r.json"),
+            ]
+        )
     assert ended.value.code == 0
     with pytest.raises(SystemExit) as ended:
         main(["view", str(out / "r.json"), "--html", str(out / "page.html")])

@@ -1,11 +1,14 @@
 """Malformed URDF and SRDF files, made by breaking one sound robot in one place each."""
 
+# ruff: noqa: E501 - tables: one case a line
+
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from elastic_strips.errors import RobotError
 from malformed_case import Content, FileCase, circle, endless, folder, nothing, pipe, sparse
+
+from elastic_strips.errors import RobotError
 
 SOUND = """<?xml version="1.0"?>
 <robot name="small">

@@ -1,14 +1,16 @@
 """Malformed scene and scenario files."""
 
+# ruff: noqa: E501 - tables: one case a line
+
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from malformed_case import Content, FileCase, circle, endless, folder, nothing, pipe, sparse
 
 from elastic_strips.errors import ConfigurationError, InputError, ParameterError, RobotError, ScenarioError, SceneError
-from malformed_case import Content, FileCase, circle, endless, folder, nothing, pipe, sparse
 
 SCENE = "version: 1\nobstacles:\n  - {shape: box, name: table, size: [1, 1, 1], at: [0, 3, 0.5]}\n"
 SCENARIO = """version: 1

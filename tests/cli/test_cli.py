@@ -1,0 +1,312 @@
+"""The command line: what it prints and writes, its exit codes, and how it ends when it is interrupted."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from elastic_strips import __version__, robot_names, scenario_names
+from elastic_strips.cli import main
+
+DOCS = Path(__file__).parents[2] / "docs" / "result-format.md"
+CALL = [sys.executable, "-c", "from elastic_strips.cli import main; main()"]
+SHUT_IN = """robot: silvermate
+start: {x: -3}
+goal: {x: 3}
+scene:
+  obstacles:
+    - {shape: box, name: north, size: [3, 0.1, 2], at: [3, 1.5, 1]}
+    - {shape: box, name: south, size: [3, 0.1, 2], at: [3, -1.5, 1]}
+    - {shape: box, name: east, size: [0.1, 3.1, 2], at: [4.5, 0, 1]}
+    - {shape: box, name: west, size: [0.1, 3.1, 2], at: [1.5, 0, 1]}
+"""
+"""A goal within four walls."""
+
+
+def call(*arguments: str) -> int:
+    """Exit code of a command line in this process."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def _object(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    """Help names every command and exit code; each command has its own."""
+    assert call("--help") == 0
+    text = capsys.readouterr().out
+    for word in ("run", "view", "bench", "list", "0 certified", "2 wrong input", "3 blocked", "130"):
+        assert word in text
+    for command in ("run", "view", "list", "bench", "bench plan", "bench replan", "bench tick"):
+        assert call(*command.split(), "-h") == 0
+        assert f"Usage: elastic-strips {command}" in capsys.readouterr().out
+    assert call("--version") == 0
+    assert __version__ in capsys.readouterr().out
+
+
+def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    """Scenarios, robots and presets, by the names that the options take."""
+    assert call("list") == 0
+    names = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("  ")}
+    assert names == {*scenario_names(), *robot_names(), "default", "paper"}
+
+
+def test_a_certified_run_ends_with_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The summary says so, the file holds it, the page shows it, and nothing else is left in the folder."""
+    result, page = tmp_path / "r.json", tmp_path / "page.html"
+    assert call("run", "case-7", "--json", result, "--html", page) == 0
+    printed = capsys.readouterr()
+    assert "certified" in printed.out
+    assert str(result) in printed.out
+    assert printed.err == ""
+    assert _object(result)["certified"] is True
+    assert page.read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html")
+    assert {p.name for p in tmp_path.iterdir()} == {"r.json", "page.html"}
+
+
+def test_a_blocked_run_ends_with_3_and_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Case 3 of the paper: no certificate is claimed, the reason is printed and written."""
+    assert call("run", "case-3", "--preset", "paper", "--json", tmp_path / "r.json") == 3
+    document = _object(tmp_path / "r.json")
+    assert document["status"] == "blocked"
+    assert document["certified"] is False
+    assert document["reason"] in capsys.readouterr().out
+
+
+def test_where_there_is_no_way_the_run_ends_with_3(tmp_path: Path) -> None:
+    """A goal within walls: the best strip is written, and where it is broken."""
+    (tmp_path / "walls.yaml").write_text(SHUT_IN)
+    assert call("run", tmp_path / "walls.yaml", "--timeout", "0.5", "--json", tmp_path / "r.json") == 3
+    document = _object(tmp_path / "r.json")
+    assert document["certified"] is False
+    assert document["time_to_certified_ms"] is None
+    assert not all(document["segments"])
+    broken = document["broken"]
+    assert broken["obstacle"] in {"north", "south", "east", "west"}
+    assert document["segments"][broken["segment"]] is False
+    _check_types(document)
+
+
+def test_without_obstacles_there_is_no_clearance(tmp_path: Path) -> None:
+    """Infinity is no number of JSON: null."""
+    (tmp_path / "empty.yaml").write_text("robot: silvermate\nstart: {}\ngoal: {x: 2}\nscene: {obstacles: []}\n")
+    assert call("run", tmp_path / "empty.yaml", "--json", tmp_path / "r.json") == 0
+    document = _object(tmp_path / "r.json")
+    assert document["clearance_m"] is None
+    assert document["obstacles"] == []
+    _check_types(document)
+
+
+def test_the_same_seed_gives_the_same_strip(tmp_path: Path) -> None:
+    """Planner included; another seed gives another scene."""
+    for name, seed in (("a", "2"), ("b", "2"), ("c", "3")):
+        assert call("run", "corridor", "--seed", seed, "--json", tmp_path / f"{name}.json") == 0
+    a, b, c = (_object(tmp_path / f"{name}.json") for name in "abc")
+    assert a["strip"] == b["strip"]
+    assert a["seed"] == 2
+    assert a["obstacles"] != c["obstacles"]
+
+
+# --- the documented format ---------------------------------------------------------------------------------------
+
+
+def _documented() -> dict[str, str]:
+    """Key → type, from the table of fields."""
+    text = DOCS.read_text(encoding="utf-8")
+    table = text[text.index("## Fields") : text.index("`strip` holds")]
+    return {key: kind.strip() for key, kind in re.findall(r"^\| `(\w+)` \| ([^|]+) \|", table, flags=re.MULTILINE)}
+
+
+_TYPES: dict[str, tuple[type, ...]] = {
+    "string": (str,), "integer": (int,), "number": (int, float), "boolean": (bool,), "object": (dict,), "null": (type(None),),
+}  # fmt: skip
+
+
+def _check_types(document: dict[str, Any]) -> None:
+    """Exactly the documented keys, each of its documented type."""
+    documented = _documented()
+    assert set(document) == set(documented)
+    for key, kind in documented.items():
+        value = document[key]
+        if kind.startswith("list of "):
+            entry = {"list of booleans": bool, "list of objects": dict}[kind.split(",")[0]]
+            assert isinstance(value, list), key
+            assert all(type(item) is entry for item in value), key
+            continue
+        allowed = tuple(t for word in kind.split(" or ") for t in _TYPES[word])
+        assert isinstance(value, allowed), (key, value, kind)
+        assert isinstance(value, bool) == (kind == "boolean"), key
+
+
+@pytest.mark.parametrize("arguments", [("case-7",), ("case-3", "--preset", "paper"), ("case-1", "--robot", "tiago")])
+def test_the_result_has_the_documented_fields(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    """The table of docs/result-format.md is what the program writes."""
+    call("run", *arguments, "--json", tmp_path / "r.json")
+    document = _object(tmp_path / "r.json")
+    _check_types(document)
+    assert document["format"] == "elastic-strips-result"
+    assert document["version"] == 1
+    assert document["nodes"] == len(document["strip"]["q"]) == len(document["segments"]) + 1
+    assert set(document["strip"]) == {"joint_names", "q"}
+    assert set(document["tick_ms"]) == {"p50", "p95", "p99"}
+    assert all(set(entry) == {"name", "shape", "size", "pose"} for entry in document["obstacles"])
+    assert Path(document["urdf"]).is_file()
+
+
+def test_the_documented_check_works(tmp_path: Path) -> None:
+    """The program in docs/result-format.md runs as printed and finds the stated clearance."""
+    (program,) = re.findall(r"```python result check\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
+    call("run", "case-7", "--json", tmp_path / "r.json")
+    ended = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path / "r.json")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    stated, sampled = map(float, re.findall(r"-?\d+\.\d+", ended.stdout))
+    assert stated == pytest.approx(_object(tmp_path / "r.json")["clearance_m"], abs=1e-4)
+    assert stated - 1e-4 <= sampled <= stated + 5e-3
+
+
+# --- view --------------------------------------------------------------------------------------------------------
+
+
+def test_view_writes_a_page_of_a_scenario_and_of_a_result(tmp_path: Path) -> None:
+    """Before a run: the straight strip; after it: the strip of the file, which the page's data tells apart."""
+    before, after = tmp_path / "before.html", tmp_path / "after.html"
+    assert call("view", "case-5", "--html", before) == 0
+    assert call("run", "case-5", "--json", tmp_path / "r.json") == 0
+    assert call("view", tmp_path / "r.json", "--html", after) == 0
+    pages = [p.read_text(encoding="utf-8") for p in (before, after)]
+    assert all(page.lstrip().lower().startswith("<!doctype html") for page in pages)
+    assert pages[0] != pages[1]
+
+
+# --- bench -------------------------------------------------------------------------------------------------------
+
+
+def _bench(tmp_path: Path, *arguments: str) -> dict[str, Any]:
+    path = tmp_path / "figures.json"
+    assert call("bench", *arguments, "--json", path) == 0
+    figures = _object(path)
+    assert figures["benchmark"] == arguments[0]
+    assert figures["robot"] == "silvermate"
+    assert figures["machine"]["elastic_strips"] == __version__
+    return figures
+
+
+def test_bench_plan(tmp_path: Path) -> None:
+    """Two corridors: each is a row, and the summary is made of the rows."""
+    figures = _bench(tmp_path, "plan", "--seeds", "2")
+    assert [run["seed"] for run in figures["runs"]] == [0, 1]
+    assert figures["certified"] == 1.0
+    assert figures["failures"] == []
+    times = [run["ms"] for run in figures["runs"]]
+    assert figures["time_to_certified_ms"]["max"] == pytest.approx(max(times))
+    assert figures["clearance_m"]["min"] == min(run["clearance_m"] for run in figures["runs"])
+    for run in figures["runs"]:
+        assert sum(run["phases_ms"].values()) <= run["ms"]
+
+
+def test_bench_replan(tmp_path: Path) -> None:
+    """Up to four pushes on each of two corridors; the strip follows by about as much as it was pushed."""
+    figures = _bench(tmp_path, "replan", "--seeds", "2")
+    assert 2 <= figures["pushes"] == len(figures["runs"]) <= 8
+    assert {run["seed"] for run in figures["runs"]} == {0, 1}
+    assert all(run["ticks"] >= 1 and run["ms"] > 0 for run in figures["runs"])
+    assert figures["certified"] == sum(run["certified"] for run in figures["runs"]) / len(figures["runs"])
+
+
+def test_bench_tick(tmp_path: Path) -> None:
+    """Phases add up to the tick within a tenth; without --scaling nothing else is measured."""
+    figures = _bench(tmp_path, "tick", "--ticks", "20", "--no-scaling")
+    assert figures["ticks"] == 20
+    assert figures["nodes"] == 64
+    assert figures["obstacles"] == 32
+    assert 0.9 * figures["tick_mean_ms"] <= figures["phases_sum_ms"] <= 1.01 * figures["tick_mean_ms"]
+    assert figures["every_pair"]["pairs_per_node"] > figures["links"] * figures["obstacles"]
+    assert "nodes_scaling" not in figures
+
+
+# --- interrupted -------------------------------------------------------------------------------------------------
+
+
+def _interrupted(
+    arguments: list[str], folder: Path, *, after: float = 0.0, printed: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """A process that gets Ctrl-C some seconds after its modules are loaded, or once it printed something."""
+    program = "from elastic_strips.cli import main; print('loaded', flush=True); main()"
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-c", program, *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=os.environ,
+    )  # fmt: skip
+    assert process.stdout is not None
+    try:
+        assert process.stdout.readline() == "loaded\n"
+        if printed:
+            assert printed in process.stdout.readline()
+        time.sleep(after)
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    return subprocess.CompletedProcess(arguments, process.returncode, out, errors)
+
+
+@pytest.mark.parametrize("after", [0.5, 2.5])
+def test_ctrl_c_while_planning_ends_with_130(tmp_path: Path, after: float) -> None:
+    """One word on standard error, no traceback, no file, the older result untouched."""
+    (tmp_path / "walls.yaml").write_text(SHUT_IN)
+    (tmp_path / "r.json").write_text("older")
+    ended = _interrupted(
+        ["run", "walls.yaml", "--timeout", "60", "--json", "r.json", "--html", "p.html"], tmp_path, after=after
+    )
+    assert ended.returncode == 130, ended
+    assert "Traceback" not in ended.stderr
+    assert ended.stderr.strip().splitlines()[-1] == "interrupted"
+    assert {p.name for p in tmp_path.iterdir()} == {"walls.yaml", "r.json"}
+    assert (tmp_path / "r.json").read_text() == "older"
+
+
+def test_ctrl_c_in_a_benchmark_ends_with_130(tmp_path: Path) -> None:
+    """The progress bar is taken away, and no figures are written."""
+    ended = _interrupted(["bench", "plan", "--seeds", "10000", "--json", "f.json"], tmp_path, after=3.0)
+    assert ended.returncode == 130, ended
+    assert "Traceback" not in ended.stderr
+    assert "interrupted" in ended.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_closes_the_viewer(tmp_path: Path) -> None:
+    """The viewer listens on this machine until Ctrl-C, which is its proper end."""
+    ended = _interrupted(["view", "case-1"], tmp_path, printed="127.0.0.1", after=0.3)
+    assert ended.returncode in (0, 130), ended
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
+    """``elastic-strips list | head -0``: no traceback."""
+    process = subprocess.Popen(
+        [*CALL, "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, env=os.environ
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.wait(timeout=20) in (0, 1, 120)
+    errors = process.stderr.read().decode()
+    process.stderr.close()
+    assert "Traceback" not in errors
