@@ -41,6 +41,6 @@ def nearest_name(name: object, valid: Iterable[str]) -> str:
     """Say which of the ``valid`` names were meant: ``"; did you mean 'x'? Valid: …"`` for error messages."""
     names = sorted(str(v) for v in valid)
     close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
+    hint = f"; did you mean {close[0]!r}?" if close else "."
     shown = ", ".join(names[:20]) + (", …" if len(names) > 20 else "")
     return f"{hint} Valid: {shown}." if names else f"{hint} There are none."

@@ -1,4 +1,4 @@
-"""Malformed input of every kind ends with a typed error, or exit code 2 and one readable message; it leaves no file behind."""
+"""Malformed input ends with a typed error, or exit code 2 and one readable message, and leaves no file behind."""
 
 from __future__ import annotations
 

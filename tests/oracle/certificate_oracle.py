@@ -45,8 +45,8 @@ _SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh", "vo
 class Figures:
     """What the oracle found, by number of segments.
 
-    ``collisions`` and ``shortfalls`` are certified segments with a sample in collision, or nearer than what was certified;
-    ``false_alarms`` are segments that were refused for certain without cause.
+    ``collisions`` and ``shortfalls``: certified, but a sample is in collision, or nearer than what was certified;
+    ``false_alarms``: refused for certain without cause.
     """
 
     segments: int = 0
@@ -115,12 +115,16 @@ class Sampler:
                 joints[k, i, :3, :3], joints[k, i, :3, 3] = T.rotation, T.translation
         return joints[:, self.joint] @ self.placement
 
+    def _boxes(self, poses: Array) -> Array:
+        """World corners (S, G, 8, 3) of boxes that hold the links."""
+        return np.einsum("sgij,gcj->sgci", poses[:, :, :3, :3], self.corners) + poses[:, :, None, :3, 3]
+
     def walk(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
         """Poses (S, G, 4, 4), box corners (S, G, 8, 3), and how far (S, G) each link moved in all since the start."""
         count = 17
         while True:
             poses = self.poses(a, b, count)
-            world = np.einsum("sgij,gcj->sgci", poses[:, :, :3, :3], self.corners) + poses[:, :, None, :3, 3]
+            world = self._boxes(poses)
             # the motion of a rigid body is convex in the point: the corners of a box about it move furthest
             step = np.linalg.norm(np.diff(world, axis=0), axis=3).max(axis=2)
             largest = float(step.max())
@@ -162,9 +166,16 @@ class Sampler:
             best = min(best, value)
         return best
 
+    def at(self, q: Array) -> float:
+        """Smallest distance [m] of one configuration, at most 2.1 cm."""
+        poses = self.poses(q, q, 1)
+        return min(self._clearances(poses, self._boxes(poses), np.zeros((1, len(self.shapes)))))
+
     def clearances(self, a: Array, b: Array) -> tuple[float, float]:
         """Smallest distance [m] to obstacles and between self pairs over the dense samples, at most 2.1 cm."""
-        poses, world, way = self.walk(a, b)
+        return self._clearances(*self.walk(a, b))
+
+    def _clearances(self, poses: Array, world: Array, way: Array) -> tuple[float, float]:
         low, high = world.min(axis=2), world.max(axis=2)  # (S, G, 3)
         transforms: list[list[Any] | None] = [None] * len(self.shapes)
 
@@ -207,37 +218,68 @@ def random_scene(rng: np.random.Generator) -> Scene:
     return Scene([random_obstacle(str(s), rng, low, high) for s in rng.choice(_SHAPES, rng.integers(6, 13))])
 
 
-def random_strip(robot: RobotModel, scene: Scene, sampler: Sampler, rng: np.random.Generator) -> Array:
-    """Chart rows (2 or 5, nv) of a short way near the obstacles, whose start mostly is free."""
+def random_start(robot: RobotModel, scene: Scene, rng: np.random.Generator) -> Array:
+    """A chart row (nv,) beside an obstacle, with a random posture or one near home."""
     space, home = robot.space, robot.space.to_chart(robot.home_q)
     row = home.copy()
-    for _ in range(12):
-        obstacle = scene.obstacles[rng.integers(len(scene))]
-        angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 1.3)
-        row[:2] = obstacle.pose[:2, 3] + far * np.array([np.cos(angle), np.sin(angle)])
-        row[2] = rng.uniform(-np.pi, np.pi)
-        if rng.random() < 0.5:
-            row[3:] = rng.uniform(space.lower[3:], space.upper[3:])
-        else:
-            row[3:] = np.clip(home[3:] + rng.normal(size=space.nv - 3) * 0.3, space.lower[3:], space.upper[3:])
-        q = configuration(robot, row)
-        if rng.random() < 0.1 or min(sampler.clearances(q, q)) > 0.0:
+    obstacle = scene.obstacles[rng.integers(len(scene))]
+    angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 1.2)
+    row[:2] = obstacle.pose[:2, 3] + far * np.array([np.cos(angle), np.sin(angle)])
+    row[2] = rng.uniform(-np.pi, np.pi)
+    if rng.random() < 0.3:
+        row[3:] = rng.uniform(space.lower[3:], space.upper[3:])
+    else:
+        row[3:] = np.clip(home[3:] + rng.normal(size=space.nv - 3) * 0.3, space.lower[3:], space.upper[3:])
+    return row
+
+
+def random_motion(robot: RobotModel, kind: str, rng: np.random.Generator) -> Array:
+    """A tangent vector (nv,): a drive, a turn, a motion of the arm, …"""
+    nv = robot.space.nv
+    v = np.zeros(nv)
+    if kind == "tiny":
+        return rng.normal(size=nv) * 1e-3
+    if kind in ("drive", "all"):
+        v[0], v[2] = rng.normal() * 0.4, rng.normal() * 0.4
+    if kind == "slide":
+        v[:2] = rng.normal(size=2) * 0.5
+    if kind == "turn":
+        v[2] = rng.normal() * 1.2
+    if kind in ("arm", "all"):
+        v[3:] = rng.normal(size=nv - 3) * rng.choice([0.1, 0.4, 1.0]) * (rng.random(nv - 3) < 0.5)
+    return v
+
+
+KINDS = ("drive", "turn", "arm", "arm", "all", "tiny", "slide")
+
+
+def random_strip(robot: RobotModel, scene: Scene, sampler: Sampler, rng: np.random.Generator) -> Array:
+    """Chart rows (2 to 5, nv) of a short way near the obstacles.
+
+    Most starts are free. Of every two, one way is searched for whose ends are free and which passes through something
+    or closely by it: the kind that a wrong bound would let through.
+    """
+    space = robot.space
+    hard = rng.random() < 0.5
+    for _ in range(60 if hard else 12):
+        row = random_start(robot, scene, rng)
+        if sampler.at(configuration(robot, row)) <= 0.002:
+            continue
+        rows = [row]
+        for _ in range(1 if hard or rng.random() < 0.75 else 4):
+            v = random_motion(robot, str(rng.choice(KINDS)), rng)
+            rows.append(np.clip(space.integrate(rows[-1], v), space.lower, space.upper))
+        if not hard:
             break
-    rows = [row]
-    kind = rng.choice(["drive", "turn", "arm", "all", "tiny", "slide"])
-    for _ in range(1 if rng.random() < 0.75 else 4):
-        v = np.zeros(space.nv)
-        if kind in ("drive", "all"):
-            v[0], v[2] = rng.normal() * 0.25, rng.normal() * 0.3
-        if kind == "slide":
-            v[:2] = rng.normal(size=2) * 0.4
-        if kind == "turn":
-            v[2] = rng.normal() * 0.8
-        if kind in ("arm", "all"):
-            v[3:] = rng.normal(size=space.nv - 3) * rng.choice([0.05, 0.2, 0.5]) * (rng.random(space.nv - 3) < 0.6)
-        if kind == "tiny":
-            v = rng.normal(size=space.nv) * 1e-3
-        rows.append(np.clip(space.integrate(rows[-1], v), space.lower, space.upper))
+        a, b = (configuration(robot, r) for r in rows)
+        if sampler.at(b) <= 0.005:
+            continue
+        inner = [sampler.at(pin.interpolate(robot.model, a, b, s)) for s in (0.2, 0.35, 0.5, 0.65, 0.8)]
+        if min(inner) < 0.01:
+            break
+    else:
+        rows = [random_start(robot, scene, rng)]
+        rows.append(np.clip(space.integrate(rows[0], random_motion(robot, "all", rng)), space.lower, space.upper))
     return np.array(rows)
 
 

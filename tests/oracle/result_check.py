@@ -9,6 +9,7 @@ import argparse
 import json
 import sys
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,7 @@ def shape(entry: dict[str, Any]) -> Any:
 
 
 def _reach(model: Any, geometry: Any, links: int) -> Array:
-    """Most that any point of the robot moves for one unit of each velocity: joint to farthest point, along the chain."""
+    """Most that any point of the robot moves for one unit of each velocity: joint to farthest point along the chain."""
     far = np.zeros(model.njoints)  # from each joint's origin to the farthest point that it carries
     for item in geometry.geometryObjects[:links]:
         item.geometry.computeLocalAABB()
@@ -188,7 +189,7 @@ def _check_nodes(document: dict[str, Any], robot: Robot, q: Array, found: Check)
             error = float(np.abs(np.hypot(q[:, k], q[:, k + 1]) - 1.0).max())
             found.demand(error <= 1e-6, f"(cos, sin) at {k} is not of unit length: off by {error:.3g}")
     if document["base"] == "diff_drive":
-        found.slip = max(abs(float(pin.difference(robot.model, a, b)[1])) for a, b in zip(q[:-1], q[1:], strict=True))
+        found.slip = max(abs(float(pin.difference(robot.model, a, b)[1])) for a, b in pairwise(q))
         found.demand(found.slip <= SLIP, f"the base slips sideways by {found.slip:.3g} m")
         stated = document["max_lateral_slip_m"]
         found.demand(abs(found.slip - stated) <= 1e-9, f"the slip is {found.slip:.3g} m, not {stated:.3g} m")
@@ -205,7 +206,7 @@ def _check_counts(document: dict[str, Any], robot: Robot, q: Array, found: Check
         found.demand(
             document["status"] == "settled", f"the strip is called certified, but its status is {document['status']}"
         )
-    steps = [pin.difference(robot.model, a, b) for a, b in zip(q[:-1], q[1:], strict=True)]
+    steps = [pin.difference(robot.model, a, b) for a, b in pairwise(q)]
     length = sum(float(np.linalg.norm(v[:2] if robot.planar else v)) for v in steps)
     found.demand(abs(length - document["length_m"]) <= 1e-9 * max(length, 1.0) + 1e-9, f"the length is {length:.6f}")
 
@@ -218,7 +219,7 @@ def _sweep(document: dict[str, Any], robot: Robot, q: Array, step: float, found:
     against = np.array([p.second >= robot.links for p in geometry.collisionPairs], dtype=bool)
     wanted = np.where(against, (stated or 0.0) + _NEAR, _NEAR)
     lowest = np.full(pairs, np.inf)
-    for a, b in zip(q[:-1], q[1:], strict=True):
+    for a, b in pairwise(q):
         travel = float(np.abs(pin.difference(model, a, b)) @ robot.reach)
         pin.computeDistances(model, data, geometry, gdata, a)
         d = np.array([r.min_distance for r in gdata.distanceResults])

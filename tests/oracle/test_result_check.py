@@ -135,6 +135,11 @@ def _between_two_nodes(document: Document) -> None:
     )
 
 
+def _arm_in_the_body(document: Document) -> None:
+    for row in document["strip"]["q"][1:-1]:
+        row[5:9] = [-0.2, -1.69, 2.12, -2.41]
+
+
 _TAMPERED: dict[str, tuple[Callable[[Document], object], str]] = {
     "obstacle on the way": (_onto_the_way, "certified for"),
     "post between two nodes": (_between_two_nodes, "certified for"),
@@ -152,9 +157,8 @@ _TAMPERED: dict[str, tuple[Callable[[Document], object], str]] = {
     "clearance left out": (lambda d: d.update(clearance_m=None), "no clearance is stated"),
     "slip understated": (lambda d: d.update(max_lateral_slip_m=1e-3), "slip"),
     "joints renamed": (lambda d: d["strip"]["joint_names"].reverse(), "joints"),
-    "arm through the base": (lambda d: [row.__setitem__(slice(5, 9), [-0.2, -1.69, 2.12, -2.41]) for row in d["strip"]["q"][1:-1]],
-                             "touches itself"),
-}  # fmt: skip
+    "arm in the body": (_arm_in_the_body, "touches itself"),
+}
 
 
 @pytest.mark.parametrize("name", _TAMPERED)

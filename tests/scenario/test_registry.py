@@ -174,7 +174,7 @@ def test_the_straight_line_of_case_7_hits_the_shelf_with_the_arm_alone(silvermat
 
 @pytest.mark.parametrize("seed", range(21))
 def test_a_corridor_is_what_the_generator_promises(seed: int, silvermate: RobotModel, tiago: RobotModel) -> None:
-    """32 obstacles of mixed shapes; three of them at least stand in the straight sweep; both ends are free; same seed, same scene."""
+    """32 obstacles of mixed shapes, three or more in the straight sweep, both ends free; same seed, same scene."""
     problem = get_scenario("corridor", seed=seed)
     scene = problem.scene
     assert len(scene) == 32

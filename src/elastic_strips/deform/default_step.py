@@ -13,6 +13,8 @@ from .clock import PhaseClock
 from .params import DeformParams
 from .report import ForceField
 
+_STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
+
 
 class DefaultStep:
     """Workspace of the default preset's iteration."""
@@ -27,7 +29,7 @@ class DefaultStep:
         lever[b:][sliding] = 1.0
         if b:
             lever[2] = params.yaw_lever
-        self.lever = lever
+        self.step_lever = np.maximum(lever, _STEP_LEVER)
         self.spacing_weight = lever**2
         self.weight = params.k_c * self.spacing_weight
         self.damping = params.damping * self.spacing_weight
@@ -46,9 +48,12 @@ class DefaultStep:
         obstacles: ObstacleProximity,
         self_pairs: SelfProximity,
         clock: PhaseClock,
-        scale: float = 1.0,
+        trust: float = 1.0,
     ) -> tuple[Array, float, dict[str, float], ForceField]:
-        """One step from the nodes of ``kin``: new chart (N, nv), rolling residual [m], energies, external forces."""
+        """One step from the nodes of ``kin``: new chart (N, nv), rolling residual [m], energies, external forces.
+
+        ``trust`` in (0, 1] shortens the bound of the step.
+        """
         params, space = self.params, self.robot.space
         n = kin.n
         chart = kin.chart[:n]
@@ -71,10 +76,10 @@ class DefaultStep:
             add_posture(system, space, chart, target, k_p=self._posture)
         clock.mark("forces")
         delta = self._solver.solve(system, self.damping)
-        largest = float(np.abs(delta * self.lever).max(initial=0.0))
-        if largest > params.max_step:
-            delta *= params.max_step / largest
-        delta *= scale
+        largest = float(np.abs(delta * self.step_lever).max(initial=0.0))
+        limit = trust * params.max_step
+        if largest > limit:
+            delta *= limit / largest
         clock.mark("solve")
         moved = self.finish(chart, delta)
         residual = 0.0

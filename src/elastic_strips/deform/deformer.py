@@ -44,6 +44,7 @@ class Deformer:
         self._default = DefaultStep(robot, params)
         self._paper = PaperStep(robot, params) if params.preset == "paper" else None
         self._certified = False
+        self._trust = 1.0
 
     def step(
         self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False, nodes: bool = True
@@ -166,17 +167,26 @@ class Deformer:
             moved = work.move(chart, scene)
             return TickResult(work.certify(scene), 0.0, moved, energies, field)
         before = work.chart.copy()
-        chart, slip, energies, field = self._default.iterate(work.kin, work.obstacles, work.self_pairs, self.clock)
+        if not hold:
+            self._trust = 1.0
+        chart, slip, energies, field = self._default.iterate(
+            work.kin, work.obstacles, work.self_pairs, self.clock, self._trust
+        )
         moved = work.move(chart, scene)
-        certificate = work.certify(scene)
-        if hold and not certificate.certified:
-            return self._shorter(before, chart, scene, TickResult(certificate, slip, moved, energies, field))
-        return TickResult(certificate, slip, moved, energies, field)
+        result = TickResult(work.certify(scene), slip, moved, energies, field)
+        if hold and not result.certificate.certified:
+            return self._shorter(before, chart, scene, result)
+        self._trust = min(1.0, 2.0 * self._trust)
+        return result
 
     def _shorter(self, before: Array, chart: Array, scene: Scene, full: TickResult) -> TickResult:
-        """A step must not lose the certificate where a shorter one, or none, keeps it."""
+        """A step must not lose the certificate where a shorter one, or none, keeps it; the next ones are shorter too.
+
+        The strip does not count as at rest then: ``moved`` stays that of the full step.
+        """
         space, work = self.robot.space, self.workspace
         for scale in (0.5, 0.0):
+            self._trust = max(0.5 * self._trust, 0.05)
             nodes, slip = before, 0.0
             if scale > 0.0:
                 nodes = space.integrate(before, scale * space.difference(before, chart))
@@ -185,7 +195,8 @@ class Deformer:
             work.move(nodes, scene)
             certificate = work.certify(scene)
             if certificate.certified and slip <= SLIP_LIMIT:
-                return TickResult(certificate, slip, scale * full.moved, full.energies, full.field)
+                return TickResult(certificate, slip, full.moved, full.energies, full.field)
+        self._trust = 1.0
         work.move(chart, scene)  # nothing holds: the obstacle came too near, and the full step is the way out
         return full
 

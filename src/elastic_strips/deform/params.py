@@ -67,7 +67,7 @@ class DeformParams:
     yaw_lever: float = 0.25
     joint_lever: float = 0.25
     rolling_stiffness: float = 200.0
-    damping: float = 0.1
+    damping: float = 0.3
     max_step: float = 0.12
     rest_step: float = 1e-3
     max_spacing: float = 0.2

@@ -28,6 +28,13 @@ class ControlPoints:
     local: Array
 
 
+def find_frame(model: pin.Model, name: str) -> int | None:
+    """Index of a frame by name; a link's where a joint has the same name."""
+    found = [i for i, frame in enumerate(model.frames) if frame.name == name]
+    bodies = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
+    return (bodies or found or [None])[0]
+
+
 def default_control_points(model: pin.Model, planar: bool, hand_frame: str | None = None) -> ControlPoints:
     """P_m at the base, one point at every joint's origin, and the hand; points that coincide always are one point."""
     names: list[str] = []
@@ -42,8 +49,9 @@ def default_control_points(model: pin.Model, planar: bool, hand_frame: str | Non
         names.append(f"P_{i - first + 1}")
         joint.append(i)
         local.append(np.zeros(3))
-    if hand_frame is not None and model.existFrame(hand_frame):
-        frame = model.frames[model.getFrameId(hand_frame)]
+    hand = None if hand_frame is None else find_frame(model, hand_frame)
+    if hand is not None:
+        frame = model.frames[hand]
         carrier = int(frame.parentJoint)
         if np.linalg.norm(frame.placement.translation) > 1e-6 or carrier != joint[-1]:
             names.append("P_hand")
@@ -69,7 +77,7 @@ def parse_control_points(model: pin.Model, given: Mapping[str, str | tuple[str, 
         point = np.asarray(offset, dtype=float)
         if point.shape != (3,) or not np.all(np.isfinite(point)):
             raise RobotError(f"control point {name!r}: offset {offset!r} is not three finite numbers [m]")
-        frame = model.frames[model.getFrameId(frame_name)]
+        frame = model.frames[find_frame(model, frame_name) or 0]
         names.append(name)
         joint.append(int(frame.parentJoint))
         local.append(frame.placement.act(point))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
 
 from ..errors import RobotError
 from .space import Array
@@ -18,6 +19,8 @@ from .space import Array
 _CIRCLE = np.column_stack(
     (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
 )
+_FARTHEST = 1e3  # [m]
+_THINNEST = 1e-6  # [m]
 _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
 _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
 
@@ -53,20 +56,36 @@ class LinkGeometry:
 
 
 def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
-    """Convex hull of points (V, 3) as a Coal shape.
+    """Convex hull of points (V, 3) [m] as a Coal shape.
+
+    The triangles come from scipy: ``coal.Convex.convexHull`` ends the process on points that are nearly flat.
 
     Raises:
-        RobotError: the points are fewer than four or flat.
+        RobotError: a point is not finite or further than 1 km away, or the points are fewer than four or flat.
     """
-    points = np.unique(np.asarray(vertices, dtype=float).round(12), axis=0)
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) >= 4 else np.zeros(3)
-    if len(points) < 4 or spread[-1] < 1e-9:
-        raise RobotError(f"{name}: {len(points)} distinct vertices without volume; a convex hull needs 4, not coplanar")
-    store = coal.StdVec_Vec3s()
-    store.extend([p for p in points])
-    hull = coal.Convex.convexHull(store, True, "Qt")
-    hull.computeLocalAABB()
-    return hull
+    points = np.asarray(vertices, dtype=float)
+    if not np.isfinite(points).all() or np.abs(points).max(initial=0.0) > _FARTHEST:
+        raise RobotError(f"{name}: a vertex is not finite or further than {_FARTHEST:g} m from the origin")
+    points = np.unique(points.round(12), axis=0)
+    flat = RobotError(f"{name}: {len(points)} distinct vertices without volume; a convex hull needs 4, not coplanar")
+    if len(points) < 4:
+        raise flat
+    middle = points.mean(axis=0)
+    thin = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
+    if float(np.ptp((points - middle) @ thin)) < _THINNEST:
+        raise flat
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        raise flat from None
+    number = np.full(len(points), -1)
+    number[hull.vertices] = np.arange(len(hull.vertices))
+    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    corners.extend(list(points[hull.vertices]))
+    triangles.extend([coal.Triangle(*abc) for abc in number[hull.simplices].tolist()])
+    shape = coal.Convex(corners, triangles)
+    shape.computeLocalAABB()
+    return shape
 
 
 def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
@@ -142,8 +161,6 @@ def _inside(points: Array, radius: float, shape: coal.CollisionGeometry) -> bool
             and np.all(np.abs(points[:, 2]) <= shape.halfLength + 1e-9)
         )
     if isinstance(shape, coal.ConvexBase):
-        from scipy.spatial import ConvexHull
-
         hull = ConvexHull(np.asarray(shape.points()).reshape(-1, 3))
         return bool(np.all(hull.equations[:, :3] @ points.T + hull.equations[:, 3:] <= 1e-9))
     return False
@@ -159,8 +176,6 @@ def _piece(name: str, links: tuple[str, ...], joint: int, shape: coal.CollisionG
 
 
 def _hull_volume(points: Array) -> float:
-    from scipy.spatial import ConvexHull
-
     return float(ConvexHull(points).volume)
 
 

@@ -61,7 +61,8 @@ class KinematicTree:
             support[i, joint.idx_v : joint.idx_v + joint.nv] = True
             if space.planar and i == 1:
                 continue
-            column = data.oMi[i].actInv(pin.Motion(data.J[:, joint.idx_v])).vector
+            columns = np.asarray(data.J).reshape(6, -1)  # one-dimensional for nv = 1
+            column = data.oMi[i].actInv(pin.Motion(columns[:, joint.idx_v])).vector
             prismatic[i] = bool(np.linalg.norm(column[3:]) < 0.5)
             align[i] = _rotation_to_axis(column[:3] if prismatic[i] else column[3:])
             chart_index[i] = joint.idx_v

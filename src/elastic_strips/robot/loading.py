@@ -17,7 +17,7 @@ from ..resources import urdf_dir
 from .base import BaseKind
 from .model import RobotModel, model_from_urdf
 from .srdf import Srdf, read_srdf
-from .urdf import UrdfSource, read_urdf
+from .urdf import MAX_LENGTH, UrdfSource, read_urdf
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,9 +140,9 @@ def _build(
         home = {**home, **semantics.states.get("home", {})}
     try:
         model, collision, visual = model_from_urdf(source.path, kind, source.package_dirs)
-        _check_vertices(collision)
+        _check_shapes(collision, source)
         return _planned(model, collision, visual, source, kind, semantics, control_points, locked, home, hand, name)
-    except RobotError as error:
+    except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
 
@@ -178,10 +178,23 @@ def _check_states(semantics: Srdf, source: UrdfSource) -> None:
                 )
 
 
-def _check_vertices(collision: pin.GeometryModel) -> None:
+def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
+    """Every collision shape of the file arrived (urdfdom drops what it cannot parse), with vertices that are numbers."""
+    names = {shape.name for shape in collision.geometryObjects}
+    for link, count in source.collisions.items():
+        missing = [k for k in range(count) if f"{link}_{k}" not in names]
+        if missing:
+            raise RobotError(
+                f"link {link!r}: Pinocchio did not read <collision> {missing[0]}; look for an element of the link that is "
+                "not strict URDF (numbers, <inertial> without <inertia>, <material> without a name, …)"
+            )
     for shape in collision.geometryObjects:
-        if isinstance(shape.geometry, coal.BVHModelBase) and not np.isfinite(shape.geometry.vertices()).all():
-            raise RobotError(f"collision mesh {shape.meshPath} of {shape.name!r} has vertices that are not finite")
+        if isinstance(shape.geometry, coal.BVHModelBase):
+            vertices = shape.geometry.vertices()
+            if not np.isfinite(vertices).all():
+                raise RobotError(f"collision mesh {shape.meshPath} of {shape.name!r} has vertices that are not finite")
+            if np.abs(vertices).max(initial=0.0) > MAX_LENGTH:
+                raise RobotError(f"collision mesh {shape.meshPath} of {shape.name!r} reaches beyond {MAX_LENGTH:g} m")
 
 
 def _moving_joints(source: UrdfSource) -> set[str]:

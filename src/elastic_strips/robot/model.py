@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from ..errors import ConfigurationError, RobotError, nearest_name
 from .base import BaseKind
-from .control_points import ControlPoints, default_control_points, parse_control_points
+from .control_points import ControlPoints, default_control_points, find_frame, parse_control_points
 from .geometry import LinkGeometry, link_geometries
 from .kinematics import KinematicTree
 from .self_pairs import self_pairs
@@ -83,6 +83,9 @@ class RobotModel:
             ConfigurationError: an unknown joint, a value that is not finite or outside its limits.
         """
         chart = self.space.to_chart(self.home_q)
+        for name, value in {"x": x, "y": y, "yaw": yaw, **joints}.items():
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+                raise ConfigurationError(f"home(...): {name}={value!r} is not a number")
         if self.space.planar:
             chart[:3] = (x, y, yaw)
         elif (x, y, yaw) != (0.0, 0.0, 0.0):
@@ -179,7 +182,8 @@ class RobotModel:
             raise RobotError(f"base={kind.value!r}, but the model has {root} (joint 1)")
         if planar and not model.jointPlacements[1].isIdentity(1e-12):
             raise RobotError("the planar root joint must sit at the origin of the world (identity placement)")
-        visual = visual_model if visual_model is not None else collision_model
+        collision_model = _with_frames(model, collision_model)
+        visual = collision_model if visual_model is None else _with_frames(model, visual_model)
         values = dict(locked or {})
         _check_joint_names(model, values, "locked")
         _check_joint_names(model, home or {}, "home")
@@ -195,7 +199,7 @@ class RobotModel:
         convex = pin.GeometryModel()
         for piece in pieces:
             pose = pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
-            frame = reduced.getFrameId(piece.links[0]) if reduced.existFrame(piece.links[0]) else 0
+            frame = find_frame(reduced, piece.links[0]) or 0
             convex.addGeometryObject(pin.GeometryObject(piece.name, piece.joint, frame, pose, piece.geometry))
         for i, k in pairs:
             convex.addCollisionPair(pin.CollisionPair(int(i), int(k)))
@@ -221,6 +225,18 @@ class RobotModel:
             urdf_path=urdf_path,
             srdf_path=srdf_path,
         )
+
+
+def _with_frames(model: pin.Model, geometry: pin.GeometryModel) -> pin.GeometryModel:
+    """A geometry model whose objects all have a parent frame: ``buildReducedModel`` ends the process without."""
+    if all(obj.parentFrame < model.nframes for obj in geometry.geometryObjects):
+        return geometry
+    own = geometry.copy()
+    for obj in own.geometryObjects:
+        if obj.parentFrame >= model.nframes:
+            joints = [i for i, f in enumerate(model.frames) if f.parentJoint == obj.parentJoint]
+            obj.parentFrame = joints[0] if joints else 0
+    return own
 
 
 def _check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) -> None:
@@ -257,6 +273,11 @@ def model_from_urdf(
     path: str | Path, kind: BaseKind, package_dirs: tuple[str, ...]
 ) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
     """Build Pinocchio's models from a checked URDF file.
+
+    Args:
+        path: the file.
+        kind: base kind.
+        package_dirs: folders to search for meshes.
 
     Raises:
         RobotError: Pinocchio or Coal refuse it, in their words.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,9 @@ from .xml_source import read_xml
 
 _log = logging.getLogger(__name__)
 _JOINT_TYPES = {"revolute", "continuous", "prismatic", "fixed", "floating", "planar"}
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 _RESERVED = ("root_joint", "universe")  # names that Pinocchio's models give themselves
-_MIN_SIZE, _MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
+_MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
 _SHAPES = {
     "box": ("size", 3),
     "sphere": ("radius", 1),
@@ -40,6 +42,7 @@ class UrdfSource:
         joint_limits: joint → (lower, upper) of revolute and prismatic joints.
         mimic: names of joints that mimic another.
         continuous: names of continuous joints.
+        collisions: link → number of its collision shapes.
     """
 
     path: Path
@@ -49,6 +52,7 @@ class UrdfSource:
     joint_limits: dict[str, tuple[float, float]]
     mimic: frozenset[str]
     continuous: frozenset[str]
+    collisions: dict[str, int]
 
 
 def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) -> UrdfSource:
@@ -79,6 +83,7 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
         joint_limits=limits,
         mimic=frozenset(mimic),
         continuous=frozenset(continuous),
+        collisions={link.get("name"): len(link.findall("collision")) for link in root.findall("link")},
     )
 
 
@@ -142,7 +147,10 @@ def _floats(
     if text is None:
         raise RobotError(f"{where}: <{element.tag}> has no attribute {key!r}")
     try:
-        values = [float(t) for t in text.split()]
+        words = text.split()
+        if not all(_NUMBER.fullmatch(word) for word in words):  # float() reads more than a URDF may hold
+            raise ValueError
+        values = [float(word) for word in words]
     except ValueError:
         raise RobotError(f"{where}: <{element.tag} {key}={_shown(text)}> is not {count} number(s)") from None
     if len(values) != count or not all(math.isfinite(v) for v in values):
@@ -165,8 +173,8 @@ def _check_joints(
             hint = nearest_name(kind, _JOINT_TYPES)
             raise RobotError(f"{source}:{joint.sourceline}: {what} has unknown type {kind!r}{hint}")
         for origin in joint.findall("origin"):
-            _floats(origin, "xyz", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
-            _floats(origin, "rpy", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
+            _floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+            _floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
         if kind in ("revolute", "continuous", "prismatic"):
             axis = joint.find("axis")
             if axis is not None and math.hypot(*_floats(axis, "xyz", 3, source, what, "1 0 0")) < 1e-9:
@@ -214,12 +222,16 @@ def _check_inertials(root: Any, source: Path) -> None:
         (value,) = _floats(mass, "value", 1, source, what)
         if value < 0:
             raise RobotError(f"{source}:{mass.sourceline}: {what} has mass {value} kg; it must be ≥ 0")
+        for origin in inertial.findall("origin"):
+            _floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+            _floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
         tensor = inertial.find("inertia")
-        if tensor is not None:
-            for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-                (moment,) = _floats(tensor, key, 1, source, what, "0")
-                if key in ("ixx", "iyy", "izz") and moment < 0:
-                    raise RobotError(f"{source}:{tensor.sourceline}: {what} has {key} = {moment}; it must be ≥ 0")
+        if tensor is None:
+            raise RobotError(f"{source}:{inertial.sourceline}: {what} has <inertial> without <inertia>")
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+            (moment,) = _floats(tensor, key, 1, source, what)
+            if key in ("ixx", "iyy", "izz") and moment < 0:
+                raise RobotError(f"{source}:{tensor.sourceline}: {what} has {key} = {moment}; it must be ≥ 0")
 
 
 def _search_folders(source: Path, extra: tuple[str | Path, ...]) -> list[Path]:
@@ -254,8 +266,11 @@ def _check_geometry(root: Any, source: Path, folders: list[Path]) -> None:
             for element in link.findall(tag):
                 what = f"link {link.get('name')!r} <{tag}>"
                 for origin in element.findall("origin"):
-                    _floats(origin, "xyz", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
-                    _floats(origin, "rpy", 3, source, what, "0 0 0", bound=_MAX_LENGTH)
+                    _floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+                    _floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+                for material in element.findall("material"):
+                    if not material.get("name"):
+                        raise RobotError(f"{source}:{material.sourceline}: {what} has a <material> without a name")
                 geometry = element.find("geometry")
                 if geometry is None or len(geometry) == 0:
                     raise RobotError(f"{source}:{element.sourceline}: {what} has no <geometry>")
@@ -271,7 +286,7 @@ def _check_geometry(root: Any, source: Path, folders: list[Path]) -> None:
                 elif shape.tag in _SHAPES:
                     keys, count = _SHAPES[shape.tag]
                     for key in keys.split():
-                        values = _floats(shape, key, count, source, what, bound=_MAX_LENGTH)
+                        values = _floats(shape, key, count, source, what, bound=MAX_LENGTH)
                         if min(values) < _MIN_SIZE:
                             least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
                             raise RobotError(

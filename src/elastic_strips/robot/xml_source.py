@@ -41,8 +41,6 @@ def read_xml(path: Path, *, root: str, kind: str) -> Any:
         raise RobotError(f"{path}: cannot read the {kind} file: {getattr(error, 'strerror', None) or error}") from None
     if not text.strip():
         raise RobotError(f"{path}: the {kind} file is empty")
-    if b"\0" in text or not _is_utf8(text):  # Pinocchio reads nothing else
-        raise RobotError(f"{path}: the {kind} file is not UTF-8 text")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise RobotError(f"{path}: the {kind} file has a document type or entities, which are not accepted")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True)
@@ -54,6 +52,8 @@ def read_xml(path: Path, *, root: str, kind: str) -> Any:
     docinfo = element.getroottree().docinfo
     if docinfo.doctype or docinfo.internalDTD is not None:  # another encoding hides it from the search above
         raise RobotError(f"{path}: the {kind} file has a document type, which is not accepted")
+    if b"\0" in text or not _is_utf8(text):  # Pinocchio reads nothing else
+        raise RobotError(f"{path}: the {kind} file is not UTF-8 text")
     if element.tag != root:
         raise RobotError(f"{path}:{element.sourceline}: root element is <{element.tag}>; a {kind} file has <{root}>")
     return element

@@ -136,8 +136,8 @@ def _run_default(
     scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
     timeout: float,
 ) -> _Outcome:  # fmt: skip
-    deformer = Deformer(robot, params)
     start, goal = scenario.ends(robot)
+    deformer = Deformer(robot, params)
     planned = plan_report(robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note)
     if not planned.certified:
         return planned.initial, planned.report, planned.method, planned.reason, None
@@ -156,8 +156,8 @@ def _run_paper(
     It is the straight line, and OMPL's path where the line is not free and does not relax to a certified strip.
     """
     began = perf_counter()
-    deformer = Deformer(robot, params)
     start, goal = scenario.ends(robot)
+    deformer = Deformer(robot, params)
     check_ends(robot, scenario.scene, start, goal, params)
     spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
     rows = straight_line(robot, start, goal, spacing=spacing)
