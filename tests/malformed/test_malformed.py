@@ -71,8 +71,14 @@ def _tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-# what may stand beside the message: the usage of click, and what Coal's own code prints about a mesh that holds NaN
-_BESIDE = ("Usage: elastic-strips", "Try 'elastic-strips", "eigen: too many iterations")
+# what may stand beside the message: click's usage, and what Coal prints about NaN and urdfdom about a shape it drops
+_BESIDE = (
+    "Usage: elastic-strips",
+    "Try 'elastic-strips",
+    "eigen: too many iterations",
+    "Error:   ",
+    "         at line ",
+)
 
 
 def _check_message(errors: str) -> str:

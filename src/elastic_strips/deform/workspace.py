@@ -33,7 +33,7 @@ class Workspace:
         self.bodies = BodySet.links(robot)
         self.bounds = MotionBounds(self.bodies)
         self.kin = Kinematics(robot.tree, 64)
-        reach = params.influence if params.preset == "default" else PAPER_LINK_REACH
+        reach = params.influence if params.preset == "default" else max(PAPER_LINK_REACH, 2.0 * params.clearance)
         self.obstacles = ObstacleProximity(self.bodies, influence=reach)
         self.self_pairs, self.self_floor = self._self_proximity()
         self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs)

@@ -179,7 +179,7 @@ def _check_states(semantics: Srdf, source: UrdfSource) -> None:
 
 
 def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
-    """Every collision shape of the file arrived (urdfdom drops what it cannot parse), with vertices that are numbers."""
+    """Every collision shape of the file arrived (urdfdom drops what it cannot parse), with finite vertices."""
     names = {shape.name for shape in collision.geometryObjects}
     for link, count in source.collisions.items():
         missing = [k for k in range(count) if f"{link}_{k}" not in names]
@@ -190,11 +190,11 @@ def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
             )
     for shape in collision.geometryObjects:
         if isinstance(shape.geometry, coal.BVHModelBase):
-            vertices = shape.geometry.vertices()
+            what, vertices = f"collision mesh {shape.meshPath} of {shape.name!r}", shape.geometry.vertices()
             if not np.isfinite(vertices).all():
-                raise RobotError(f"collision mesh {shape.meshPath} of {shape.name!r} has vertices that are not finite")
+                raise RobotError(f"{what} has vertices that are not finite")
             if np.abs(vertices).max(initial=0.0) > MAX_LENGTH:
-                raise RobotError(f"collision mesh {shape.meshPath} of {shape.name!r} reaches beyond {MAX_LENGTH:g} m")
+                raise RobotError(f"{what} reaches beyond {MAX_LENGTH:g} m")
 
 
 def _moving_joints(source: UrdfSource) -> set[str]:

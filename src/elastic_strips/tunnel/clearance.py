@@ -10,13 +10,14 @@ from ..robot.space import where_true
 from ..scene import Scene
 from ..strip import Strip
 
-_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0)
+_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
 
 
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
 
-    A lower bound of the true value, at most ``tolerance`` [m] below it. Infinite without obstacles.
+    A lower bound of the true value, at most ``tolerance`` [m] below it. Infinite without obstacles; obstacles more than 10 km
+    away count as 10 km away.
 
     Args:
         strip: the strip.
@@ -33,10 +34,12 @@ def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> f
         proximity = ObstacleProximity(bodies, influence=reach)
         proximity.update(kin, scene)
         travel = bounds.travel(strip.velocities)
+        if proximity.bound.size == 0:
+            continue
         lowest = float(proximity.bound.min(initial=reach))
         if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _REACHES[-1]:
             return _refine(strip, kin, bodies, bounds, proximity, tolerance)
-    raise AssertionError("unreachable")
+    return _REACHES[-1]
 
 
 def _refine(

@@ -183,7 +183,6 @@ def test_flat_meshes_are_refused(points):
         convex_from_vertices(points, name="arm")
 
 
-@pytest.mark.xfail(strict=True, reason="coal.Convex.convexHull crashes on points 1e-8 m thick")
 @pytest.mark.parametrize("thickness", [1e-8, 1e-9])
 def test_nearly_flat_meshes_do_not_crash(thickness):
     code = (
@@ -198,7 +197,6 @@ def test_nearly_flat_meshes_do_not_crash(thickness):
     assert done.returncode == 0
 
 
-@pytest.mark.xfail(strict=True, raises=np.linalg.LinAlgError, reason="a NaN vertex is not refused by name")
 def test_vertices_that_are_not_finite_are_refused(rng):
     points = rng.normal(size=(20, 3))
     points[3, 1] = np.nan
