@@ -185,7 +185,7 @@ def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
         missing = [k for k in range(count) if f"{link}_{k}" not in names]
         if missing:
             raise RobotError(
-                f"link {link!r}: Pinocchio did not read <collision> {missing[0]}; look for an element of the link that is "
+                f"link {link!r}: Pinocchio did not read <collision> {missing[0]}; look for an element of it that is "
                 "not strict URDF (numbers, <inertial> without <inertia>, <material> without a name, …)"
             )
     for shape in collision.geometryObjects:

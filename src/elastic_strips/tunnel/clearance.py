@@ -16,8 +16,8 @@ _REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
 
-    A lower bound of the true value, at most ``tolerance`` [m] below it. Infinite without obstacles; obstacles more than 10 km
-    away count as 10 km away.
+    A lower bound of the true value, at most ``tolerance`` [m] below it. Infinite without obstacles; what is more than
+    10 km away counts as 10 km away.
 
     Args:
         strip: the strip.
