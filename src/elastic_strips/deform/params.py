@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import ParameterError, nearest_name
 
 PRESETS = ("default", "paper")
+_WHOLE = ("max_nodes", "max_ticks", "updates")
 _POSITIVE = (
     "influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks",
     "updates",
@@ -93,6 +94,8 @@ class DeformParams:
                 continue
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
                 raise ParameterError(f"{f.name}={value!r} is not a number")
+            if f.name in _WHOLE and not isinstance(value, (int, np.integer)):
+                raise ParameterError(f"{f.name}={value!r} must be a whole number")
             if not np.isfinite(value) or value < 0:
                 raise ParameterError(f"{f.name}={value!r} must be finite and ≥ 0")
         for name in _POSITIVE:
@@ -118,7 +121,7 @@ class DeformParams:
         base: dict[str, Any] = {"preset": preset}
         if preset == "paper":
             base |= _PAPER
-        valid = {f.name for f in fields(DeformParams)}
+        valid = {f.name for f in fields(DeformParams)} - {"preset"}
         for name in overrides:
             if name not in valid:
                 raise ParameterError(f"unknown parameter {name!r}{nearest_name(name, valid)}")

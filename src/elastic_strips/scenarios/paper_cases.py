@@ -16,7 +16,7 @@ from .scenario import Scenario
 RADIUS = 0.3
 """Radius of the two obstacles [m]."""
 _HEIGHT = 1.3
-_STAGGER = 0.4
+_STAGGER = 0.2
 _START = (-3.0, -3.0, np.pi / 6)
 _GOAL = (6.0, 6.0, np.pi / 4)
 _SENSED = (-1.5, -1.5)

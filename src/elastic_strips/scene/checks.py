@@ -32,7 +32,7 @@ POSE_TOLERANCE = 1e-6
 
 def shown(value: object) -> str:
     """Return a short representation of ``value`` for an error message."""
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 80 else text[:77] + "..."
 
 

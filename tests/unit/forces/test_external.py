@@ -60,14 +60,14 @@ EXACT = ("box", "sphere", "capsule", "convex", "mesh")
 @pytest.mark.parametrize("k_near", [0.0, K_NEAR], ids=["plain", "near layer"])
 @pytest.mark.parametrize(
     "name, shapes, tolerance",
-    [("tiago", EXACT, 1e-5), ("silvermate", ("sphere", "capsule", "box", "cylinder", "cone", "voxels"), 2e-2)],
+    [("tiago", EXACT, 1e-5), ("silvermate", ("sphere", "capsule", "box", "cylinder", "cone"), 2e-2)],
 )
 def test_repulsion_is_minus_its_gradient(name, shapes, tolerance, k_near, request):
     robot, rng = request.getfixturevalue(name), np.random.default_rng(6)
     near_seen, checked, deep = 0, 0, 0
 
-    for _ in range(8):
-        scene = scene_about(rng, shapes, 10)
+    for _ in range(5):
+        scene = scene_about(rng, shapes, 7)
         chart = random_chart(robot, rng, 6)
         kin, proximity = update(robot, scene, chart)
         system = System(6, robot.nv)
@@ -97,7 +97,7 @@ def test_repulsion_is_minus_its_gradient(name, shapes, tolerance, k_near, reques
             checked += 1
             near_seen += bool((mine < NEAR).any())
             deep += bool((mine < 0.0).any())
-    assert checked >= 15
+    assert checked >= 8
     assert near_seen >= 3
     assert deep >= 2 or name != "tiago"
 

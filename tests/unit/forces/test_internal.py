@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def springs(robot: RobotModel, weight: np.ndarray) -> Potential:
 
     def potential(chart: np.ndarray) -> float:
         q = [configuration(robot, row) for row in chart]
-        v = [pin.difference(robot.model, a, b) for a, b in zip(q, q[1:], strict=True)]
+        v = [pin.difference(robot.model, a, b) for a, b in pairwise(q)]
         return 0.5 * float(sum((weight * x) @ x for x in v))
 
     return potential
