@@ -250,6 +250,11 @@ def test_bench_tick(tmp_path: Path) -> None:
 # --- interrupted -------------------------------------------------------------------------------------------------
 
 
+def _heed_interrupts() -> None:
+    """A background job's children are born deaf to Ctrl-C; a terminal's are not."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def _interrupted(
     arguments: list[str], folder: Path, *, after: float = 0.0, printed: str = ""
 ) -> subprocess.CompletedProcess[str]:
@@ -258,6 +263,7 @@ def _interrupted(
     process = subprocess.Popen(
         [sys.executable, "-u", "-c", program, *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=os.environ,
+        preexec_fn=_heed_interrupts,
     )  # fmt: skip
     assert process.stdout is not None
     try:

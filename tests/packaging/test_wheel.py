@@ -59,7 +59,9 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run(call, capture_output=True, text=True, timeout=120, check=True)
     (site,) = folder.glob("lib/python*/site-packages")
     # paths named in a .pth file are added without reading the .pth files there, so no editable install comes along
-    dependencies = [p for p in sys.path if "site-packages" in p and not (Path(p) / "elastic_strips").exists()]
+    dependencies = [
+        p for p in sys.path if "site-packages" in p and not (Path(p) / "elastic_strips/__init__.py").exists()
+    ]
     (site / "dependencies.pth").write_text("\n".join(dependencies) + "\n")
     return folder
 
