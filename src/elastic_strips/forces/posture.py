@@ -21,7 +21,7 @@ def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *,
     if energy > 0.0:
         system.force += k_l * (below - above)
         index = np.arange(space.nv)
-        system.diagonal[:, index, index] += k_l * ((below > 0) | (above > 0))
+        system.diagonal[:, index, index] += k_l * ((below > 0).astype(float) + (above > 0))
     system.energies["joint_limits"] = energy
     return energy
 

@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..deform import Deformer, DeformParams, DeformReport, DeformStatus
-from ..errors import ConfigurationError, ParameterError
+from ..errors import ParameterError
 from ..relax import project_rolling
-from ..robot import BaseKind, Kinematics, RobotModel
+from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from .ends import check_ends
 from .line import straight_line
 from .ompl_planner import ompl_path
 
@@ -51,58 +52,6 @@ class PlanReport:
     ticks: int
     seconds: float
     timings: dict[str, float] = field(default_factory=dict)
-
-
-def check_ends(
-    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams
-) -> tuple[Array, Array]:
-    """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
-
-    Raises:
-        ConfigurationError: names what is wrong: the entry, or the pair that is too close and its distance.
-    """
-    ends = []
-    deformer = Deformer(robot)
-    for what, given in (("start", start), ("goal", goal)):
-        q = robot.check_q(given, what=what)
-        if q.ndim != 1:
-            raise ConfigurationError(f"{what} has shape {q.shape}; it must be one configuration ({robot.nq},)")
-        kin = Kinematics(robot.tree, 1)
-        kin.update(robot.space.to_chart(q)[None])
-        deformer.workspace.obstacles.update(kin, scene)
-        deformer.workspace.self_pairs.update(kin)
-        bound = deformer.workspace.obstacles.bound[0]
-        if bound.size:
-            body, part = np.unravel_index(int(np.argmin(bound)), bound.shape)
-            _refuse(
-                what,
-                bound[body, part],
-                params.clearance,
-                deformer.workspace.bodies.names[body],
-                deformer.workspace.obstacles.obstacle_name(int(part)),
-            )
-        if deformer.workspace.self_pairs.bound.size:
-            pair = int(np.argmin(deformer.workspace.self_pairs.bound[0]))
-            one, two = deformer.workspace.self_pairs.pairs[pair]
-            _refuse(
-                what,
-                deformer.workspace.self_pairs.bound[0, pair],
-                params.self_clearance,
-                deformer.workspace.bodies.names[one],
-                deformer.workspace.bodies.names[two],
-            )
-        ends.append(q)
-    return ends[0], ends[1]
-
-
-def _refuse(what: str, distance: float, clearance: float, one: str, two: str) -> None:
-    if distance < 0:
-        raise ConfigurationError(f"{what} is in collision: {one!r} is {-distance * 1000:.1f} mm deep in {two!r}")
-    if distance <= clearance:
-        raise ConfigurationError(
-            f"{what} is too close: {one!r} is {distance * 1000:.1f} mm from {two!r}; "
-            f"more than {clearance * 1000:.1f} mm (clearance) are needed"
-        )
 
 
 def plan_report(

@@ -17,7 +17,8 @@ from ..resources import urdf_dir
 from .base import BaseKind
 from .model import RobotModel, model_from_urdf
 from .srdf import Srdf, read_srdf
-from .urdf import MAX_LENGTH, UrdfSource, read_urdf
+from .urdf import UrdfSource, read_urdf
+from .urdf_geometry import MAX_LENGTH
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -65,3 +67,45 @@ def _is_utf8(text: bytes) -> bool:
     except UnicodeDecodeError:
         return False
     return True
+
+
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+
+
+def shown(text: str) -> str:
+    """An attribute's text as it is shown in messages: quoted, and not too long."""
+    return repr(text if len(text) <= 80 else text[:77] + "...")
+
+
+def floats(
+    element: Any, key: str, count: int, source: Path, what: str, default: str | None = None, *, bound: float = math.inf
+) -> list[float]:
+    """The numbers of an attribute.
+
+    Args:
+        element: the XML element.
+        key: the attribute's name.
+        count: how many numbers it has to hold.
+        source: the file; what: the link or joint that it belongs to, for messages.
+        default: text where the attribute is missing; it is needed where None.
+        bound: largest magnitude.
+
+    Raises:
+        RobotError: missing, not ``count`` finite numbers, or beyond ``bound``.
+    """
+    text = element.get(key, default)
+    where = f"{source}:{element.sourceline}: {what}"
+    if text is None:
+        raise RobotError(f"{where}: <{element.tag}> has no attribute {key!r}")
+    try:
+        words = text.split()
+        if not all(_NUMBER.fullmatch(word) for word in words):  # float() reads more than a URDF may hold
+            raise ValueError
+        values = [float(word) for word in words]
+    except ValueError:
+        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is not {count} number(s)") from None
+    if len(values) != count or not all(math.isfinite(v) for v in values):
+        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is not {count} finite number(s)")
+    if any(abs(v) > bound for v in values):
+        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is beyond ±{bound:g}")
+    return values

@@ -1,7 +1,8 @@
 """Tunnel: protective hulls, their connectivity, and the motion-bound certificate of every segment."""
 
-from .certificate import BrokenSegment, Certificate, Certifier, SegmentState
+from .certificate import Certifier
 from .clearance import strip_clearance
 from .hulls import Tunnel, protective_hulls
+from .values import BrokenSegment, Certificate, SegmentState
 
 __all__ = ["BrokenSegment", "Certificate", "Certifier", "SegmentState", "Tunnel", "protective_hulls", "strip_clearance"]

@@ -200,7 +200,6 @@ def test_joint_limit_matrix_is_the_hessian(silvermate):
     np.testing.assert_array_equal(system.diagonal[0], expected)
 
 
-@pytest.mark.xfail(strict=True, reason="a joint within the margin of both its limits counts once")
 def test_joint_limit_matrix_between_two_near_limits(gantry):
     """A range narrower than twice the margin: both springs act, so the stiffness is twice the gain."""
     chart = gantry.space.to_chart(gantry.home_q)[None].copy()

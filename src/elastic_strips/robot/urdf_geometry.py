@@ -1,0 +1,98 @@
+"""Shapes and meshes of a URDF: every size is sound and every mesh file is there."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ..errors import RobotError, nearest_name
+from .xml_source import floats
+
+_MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
+_SHAPES = {
+    "box": ("size", 3),
+    "sphere": ("radius", 1),
+    "cylinder": ("radius length", 1),
+    "capsule": ("radius length", 1),
+}
+
+
+def search_folders(source: Path, extra: tuple[str | Path, ...]) -> list[Path]:
+    """Folders that may hold packages: given ones, the file's, its ancestors', and those of ROS and of cmeel."""
+
+    folders = [Path(f).expanduser().absolute() for f in extra]
+    folders += [source.parent, *list(source.parents)[1:6]]
+    for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        for entry in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            folders += [Path(entry), Path(entry) / "share"]
+    return list(dict.fromkeys(f for f in folders if f.is_dir()))
+
+
+def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
+    """The file that a URDF mesh name means, or None."""
+    if name.startswith("file://"):
+        candidate = Path(name[len("file://") :])
+        return candidate if candidate.is_file() else None
+    if name.startswith("package://"):
+        rest = name[len("package://") :]
+        return next((f / rest for f in folders if (f / rest).is_file()), None)
+    candidate = Path(name)
+    if candidate.is_absolute():
+        return candidate if candidate.is_file() else None
+    return next((f / name for f in [source.parent, *folders] if (f / name).is_file()), None)
+
+
+def check_geometry(root: Any, source: Path, folders: list[Path]) -> None:
+    for link in root.findall("link"):
+        for tag in ("collision", "visual"):
+            for element in link.findall(tag):
+                what = f"link {link.get('name')!r} <{tag}>"
+                for origin in element.findall("origin"):
+                    floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+                    floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+                for material in element.findall("material"):
+                    if not material.get("name"):
+                        raise RobotError(f"{source}:{material.sourceline}: {what} has a <material> without a name")
+                geometry = element.find("geometry")
+                if geometry is None or len(geometry) == 0:
+                    raise RobotError(f"{source}:{element.sourceline}: {what} has no <geometry>")
+                shapes = [shape for each in element.findall("geometry") for shape in each]
+                if len(shapes) > 1:  # all but the first would be ignored in silence
+                    raise RobotError(
+                        f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; "
+                        f"give it its own <{tag}>"
+                    )
+                shape = geometry[0]
+                if shape.tag == "mesh":
+                    _check_mesh(shape, source, folders, what)
+                elif shape.tag in _SHAPES:
+                    keys, count = _SHAPES[shape.tag]
+                    for key in keys.split():
+                        values = floats(shape, key, count, source, what, bound=MAX_LENGTH)
+                        if min(values) < _MIN_SIZE:
+                            least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
+                            raise RobotError(
+                                f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}"
+                            )
+                else:
+                    hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
+                    raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")
+
+
+def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> None:
+    name = shape.get("filename")
+    if not name:
+        raise RobotError(f"{source}:{shape.sourceline}: {what} has a <mesh> without filename")
+    if min(floats(shape, "scale", 3, source, what, "1 1 1")) == 0:
+        raise RobotError(f"{source}:{shape.sourceline}: {what} has a mesh scale of 0")
+    found = resolve_mesh(name, source, folders)
+    if found is None:
+        searched = ", ".join(str(f) for f in folders[:4])
+        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh {name!r} not found (searched {searched}, …)")
+    try:
+        with found.open("rb") as handle:
+            if not handle.read(16):
+                raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
+    except OSError as error:
+        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found}: {error.strerror}") from None
