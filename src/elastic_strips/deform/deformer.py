@@ -55,7 +55,7 @@ class Deformer:
             strip: the strip of the last report, or a new one of this robot.
             scene: snapshot of the obstacles.
             budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
-                None makes exactly one iteration.
+                None makes exactly one iteration. Nodes are not maintained in a tick whose budget is already spent.
             detail: whether to add forces and protective hulls to the report, to look at.
             nodes: whether nodes may be inserted and removed.
 
@@ -81,7 +81,8 @@ class Deformer:
             rest = result.moved < self.params.rest_step
             if budget is None or self.clock.elapsed + spent > budget or (rest and result.certificate.certified):
                 break
-        if self._paper is None and nodes:
+        in_time = budget is None or self.clock.elapsed <= budget
+        if self._paper is None and nodes and in_time:
             result = self._maintain(scene, result)
         return self._report(scene, result, iterations, work.queries - asked, detail)
 
