@@ -61,8 +61,13 @@ def maintain(
     pieces = np.clip(np.ceil(spacing / max_spacing).astype(int), 1, 8)
     if split is not None:
         pieces[split & (spacing > 0.05 * min_spacing)] = np.maximum(pieces[split & (spacing > 0.05 * min_spacing)], 2)
-    if len(chart) + int((pieces - 1).sum()) > max_nodes:
+    room = max_nodes - len(chart)
+    if int((pieces - 1).sum()) > room:  # halve what was asked for first, then the longest
+        wanted = pieces > 1
+        asked = np.zeros(len(spacing)) if split is None else split * 1e6
+        order = np.argsort(-(spacing + asked), kind="stable")
         pieces[:] = 1
+        pieces[order[: max(room, 0)]] = np.where(wanted[order[: max(room, 0)]], 2, 1)
     keep = np.ones(len(chart), dtype=bool)
     for j in range(1, len(chart) - 1):
         quiet = pieces[j - 1] == 1 and pieces[j] == 1

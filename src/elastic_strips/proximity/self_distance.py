@@ -84,6 +84,7 @@ class SelfProximity:
         self.queries = 0
         s = len(pairs)
         self._chart = np.zeros((0, 0))
+        self._base = np.zeros((0, 3, 4))
         self.bound = np.zeros((0, s))
         self.exact = np.zeros((0, s))
         self.direction = np.zeros((0, s, 3))
@@ -127,6 +128,7 @@ class SelfProximity:
             self.bound -= shift
             self._since += shift
         self._chart = chart.copy()
+        self._base = kin.T[1 if self.bodies.tree.space.planar else 0, : kin.n].copy()
         self.refine(kin, self.influence)
 
     def refine(self, kin: Kinematics, reach: float) -> None:
@@ -149,8 +151,11 @@ class SelfProximity:
         self.exact[node, pair] = distance
         self.bound[node, pair] = distance - GJK_EXCESS
         self._since[node, pair] = 0.0
-        self.direction[node, pair] = direction
-        self.first[node, pair], self.second[node, pair] = first, second
+        # kept in the base's frame: the base carries all links alike, and does not make them ask again
+        rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
+        self.direction[node, pair] = _into(rotation, direction)
+        self.first[node, pair] = _into(rotation, first - translation)
+        self.second[node, pair] = _into(rotation, second - translation)
 
     def _cheap(
         self, kin: Kinematics, node: npt.NDArray[np.intp], one: npt.NDArray[np.intp], two: npt.NDArray[np.intp]
@@ -187,11 +192,22 @@ class SelfProximity:
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""
         node, pair = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
+        rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
         return SelfContacts(
             node,
             pair,
             self.exact[node, pair],
-            self.direction[node, pair],
-            self.first[node, pair],
-            self.second[node, pair],
+            _out_of(rotation, self.direction[node, pair]),
+            _out_of(rotation, self.first[node, pair]) + translation,
+            _out_of(rotation, self.second[node, pair]) + translation,
         )
+
+
+def _into(rotation: Array, vectors: Array) -> Array:
+    """Rᵀ v for each of K rotations (K, 3, 3) and vectors (K, 3)."""
+    return np.matmul(vectors[:, None, :], rotation)[:, 0, :]
+
+
+def _out_of(rotation: Array, vectors: Array) -> Array:
+    """R v for each of K rotations (K, 3, 3) and vectors (K, 3)."""
+    return np.matmul(rotation, vectors[:, :, None])[:, :, 0]

@@ -44,7 +44,7 @@ def project_rolling(
         v = plane.difference(base[:-1], base[1:])
         c = v[:, 1]
         residual = float(np.abs(c).max(initial=0.0))
-        if residual <= tolerance or iteration == iterations or not np.isfinite(residual):
+        if residual <= tolerance or iteration == iterations or len(chart) < 3 or not np.isfinite(residual):
             break
         first, second = plane.base_difference_jacobians(v)
         row_a, row_b = first[:, 1, :].copy(), second[:, 1, :].copy()

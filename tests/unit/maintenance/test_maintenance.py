@@ -76,7 +76,6 @@ def test_there_are_never_more_than_max_nodes(silvermate):
     assert len(edit(silvermate, chart, max_nodes=11).chart) == 11
 
 
-@pytest.mark.xfail(strict=True, reason="where not all fit, none is inserted")
 def test_some_nodes_come_in_where_not_all_fit(silvermate):
     """A broken segment must not stay broken because others are long as well."""
     chart = straight(silvermate, 0.0, 1.0, 2.0)
