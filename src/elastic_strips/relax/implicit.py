@@ -44,7 +44,7 @@ class BandedSolver:
             band[:-1, b, nv - b : width - b] = upper[:, b, :]
             band[-1, b, nv - b :] = 0.0
         _, solution, info = dpbsv(self._band.T, system.force[1:-1].reshape(-1), lower=1, overwrite_ab=1)
-        if info != 0 or not np.isfinite(solution).all():
+        if info != 0 or not np.isfinite(diagonal).all() or not np.isfinite(solution).all():
             raise FloatingPointError(f"the relaxation matrix is not positive definite (LAPACK dpbsv: {info})")
         delta[1:-1] = solution.reshape(inner, nv)
         self._band[:] = 0.0

@@ -124,7 +124,8 @@ def test_order_ends_and_interpolation_are_kept(silvermate, rover, seed, nodes, s
         assert 0.0 < share < 1.0
         np.testing.assert_allclose(v, share * whole, atol=1e-9)
     after = node_spacing(robot.space, made.chart, weight)
-    assert after.max() <= max(0.2, spacing.max() / 8, spacing.max() * (made.inserted == 0)) + 1e-9
+    if len(made.chart) + made.removed < nodes + room:  # all that was wanted fitted
+        assert after.max() <= max(0.2, spacing.max() / 8, spacing.max() * (made.inserted == 0)) + 1e-9
     if made.removed:
         gone = np.setdiff1d(np.arange(nodes), old)
         assert (spacing[gone - 1] + spacing[gone] < 0.06).all()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from brute_force import configuration
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,0 +1,213 @@
+"""plan: what it returns is certified or says that it is not; wrong input is named; equal seeds give equal strips."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+from brute_force import link_distances, make_obstacle, self_distances
+
+from elastic_strips.deform import Deformer, DeformParams
+from elastic_strips.errors import ConfigurationError, ParameterError
+from elastic_strips.planning import Validity, check_ends, ompl_path, plan, plan_report
+from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
+
+# a wall with a door beside the line: the straight line does not relax through it
+DOOR = Scene(
+    [
+        Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75), name="left"),
+        Box((0.2, 3.0, 1.5), at=(2.0, -3.9, 0.75), name="right"),
+    ]
+)
+
+
+@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+def test_an_empty_scene_needs_no_planner(name, request):
+    robot = request.getfixturevalue(name)
+    start, goal = robot.home(x=-1.0), robot.home(x=2.0, y=1.0, yaw=1.0)
+    report = plan_report(robot, Scene([]), start, goal)
+    assert (report.certified, report.method, report.attempts) == (True, "line", 0)
+    np.testing.assert_allclose(report.strip.q[[0, -1]], [start, goal], atol=1e-15)
+    assert report.strip.lateral_slip.max() <= 1e-9
+    assert report.strip.length == pytest.approx(np.hypot(3.0, 1.0), rel=1e-3)
+    strip = plan(robot, Scene([]), start, goal)
+    np.testing.assert_array_equal(strip.q, report.strip.q)
+
+
+def test_a_fixed_arm_plans(gantry):
+    start, goal = gantry.home(bend=-1.0), gantry.home(bend=1.5, slide=0.2)
+    report = plan_report(gantry, Scene([]), start, goal)
+    assert report.certified
+    np.testing.assert_allclose(report.strip.q[[0, -1]], [start, goal], atol=1e-15)
+
+
+def test_a_line_beside_obstacles_relaxes(silvermate):
+    scene = Scene([Box((0.3, 0.3, 1.0), at=(2.0, 0.5, 0.5))])
+    report = plan_report(silvermate, scene, silvermate.home(), silvermate.home(x=4.0))
+    assert (report.certified, report.method) == (True, "line")
+    assert Deformer(silvermate).certify(report.strip, scene).certified
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_planner_finds_the_door(silvermate, seed):
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    report = plan_report(silvermate, DOOR, start, goal, seed=seed, timeout=20.0)
+    assert (report.certified, report.method) == (True, "ompl"), report.reason
+    assert report.attempts >= 1
+    assert Deformer(silvermate).certify(report.strip, DOOR).certified
+    assert report.strip.lateral_slip.max() <= 1e-6
+    np.testing.assert_allclose(report.strip.q[[0, -1]], [start, goal], atol=1e-15)
+    assert min(link_distances(silvermate, DOOR, q).min() for q in report.strip.q) > 0.005 - 1e-5
+    assert set(report.timings) == {"line", "planner", "relaxation"}
+    assert sum(report.timings.values()) <= report.seconds
+
+
+def test_equal_seeds_give_equal_strips(silvermate):
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    one, two = (plan(silvermate, DOOR, start, goal, seed=5, timeout=30.0) for _ in range(2))
+    np.testing.assert_array_equal(one.q, two.q)
+
+
+def test_other_seeds_give_other_paths(silvermate):
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    paths = [ompl_path(silvermate, DOOR, start, goal, seed=seed, margin=0.02, timeout=10.0).chart for seed in (1, 2, 1)]
+    assert all(p is not None for p in paths)
+    np.testing.assert_array_equal(paths[0], paths[2])
+    assert paths[0].shape != paths[1].shape or np.abs(paths[0] - paths[1]).max() > 1e-3
+
+
+def test_what_cannot_be_reached_is_said_and_not_hidden(silvermate, caplog):
+    """The goal is walled in: a strip comes back all the same, and everything says that it is broken."""
+    cage = [
+        Box((3.0, 0.2, 1.5), at=(6.0, y, 0.75), name=name) for y, name in ((1.2, "left wall"), (-1.2, "right wall"))
+    ]
+    cage += [
+        Box((0.2, 2.6, 1.5), at=(x, 0.0, 0.75), name=name) for x, name in ((4.6, "front wall"), (7.4, "back wall"))
+    ]
+    scene, start, goal = Scene(cage), silvermate.home(), silvermate.home(x=6.0)
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        report = plan_report(silvermate, scene, start, goal, timeout=1.5)
+    assert not report.certified
+    assert report.method == "none"
+    assert "no certified strip" in report.reason
+    assert any("no certified strip" in r.message for r in caplog.records)
+    assert not Deformer(silvermate).certify(report.strip, scene).certified
+    assert report.seconds < 8.0
+
+
+@pytest.mark.parametrize("what", ["start", "goal"])
+def test_ends_in_collision_name_the_pair(silvermate, what):
+    scene = Scene([Box((0.4, 0.4, 1.0), at=(2.0, 0.0, 0.5), name="crate")])
+    free, hit = silvermate.home(), silvermate.home(x=2.0)
+    ends = (hit, free) if what == "start" else (free, hit)
+    with pytest.raises(ConfigurationError, match=rf"{what} is in collision: '\w+' is [\d.]+ mm deep in 'crate'"):
+        plan(silvermate, scene, *ends)
+
+
+def test_ends_that_are_too_close_say_how_close(silvermate):
+    base = silvermate.geometries[0].geometry.radius
+    scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 + 0.003, 0.0, 0.1), name="kerb")])
+    with pytest.raises(ConfigurationError, match=r"start is too close: 'base_link_0' is 3.0 mm from 'kerb'.*5.0 mm"):
+        plan(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0))
+    params = DeformParams(clearance=0.001)
+    check_ends(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params)
+
+
+def test_ends_in_self_collision_name_both_links(silvermate, rng):
+    space = silvermate.space
+    for _ in range(400):
+        chart = space.to_chart(silvermate.home_q)
+        chart[3:] = rng.uniform(space.lower[3:], space.upper[3:])
+        q = space.from_chart(chart)
+        apart = self_distances(silvermate, q)
+        if apart.min() < -0.01:
+            break
+    i, k = silvermate.self_pairs[int(np.argmin(apart))]
+    names = silvermate.geometries[i].name, silvermate.geometries[k].name
+    with pytest.raises(ConfigurationError, match=rf"goal is in collision: '{names[0]}' is .* deep in '{names[1]}'"):
+        plan(silvermate, Scene([]), silvermate.home(), q)
+
+
+def test_large_clearances_are_checked_at_the_ends(silvermate):
+    """Clearances beyond the default influence distance, of obstacles and between links."""
+    base = silvermate.geometries[0].geometry.radius
+    scene = Scene([Box((0.2, 4.0, 1.0), at=(-base - 0.1 - 0.4, 0.0, 0.5), name="wall")])
+    with pytest.raises(ConfigurationError, match="wall"):
+        check_ends(
+            silvermate, scene, silvermate.home(), silvermate.home(x=3.0), DeformParams(clearance=0.45, influence=0.6)
+        )
+    check_ends(
+        silvermate, scene, silvermate.home(), silvermate.home(x=3.0), DeformParams(clearance=0.35, influence=0.6)
+    )
+    nearest = self_distances(silvermate, silvermate.home()).min()
+    for margin, fine in ((nearest - 1e-3, True), (nearest + 1e-3, False)):
+        params = DeformParams(self_clearance=float(margin))
+        if fine:
+            check_ends(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
+        else:
+            with pytest.raises(ConfigurationError, match="too close"):
+                check_ends(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"seed": -1}, "seed=-1 must be an integer"),
+        ({"seed": 1.5}, "seed=1.5"),
+        ({"seed": True}, "seed=True"),
+        ({"timeout": 0.0}, "timeout=0.0"),
+        ({"timeout": float("nan")}, "timeout=nan"),
+    ],
+)
+def test_wrong_options_are_named(silvermate, options, message):
+    with pytest.raises(ParameterError, match=message):
+        plan(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), **options)
+
+
+def test_wrong_configurations_are_named(silvermate):
+    with pytest.raises(ConfigurationError, match=r"goal has shape \(3,\)"):
+        plan(silvermate, Scene([]), silvermate.home(), [1.0, 2.0, 3.0])
+    with pytest.raises(ConfigurationError, match=r"start has shape \(2, 11\); it must be one configuration"):
+        plan(silvermate, Scene([]), np.stack([silvermate.home()] * 2), silvermate.home())
+    bad = silvermate.home()
+    bad[5] = np.nan
+    with pytest.raises(ConfigurationError, match=r"start\[5\] = nan"):
+        plan(silvermate, Scene([]), bad, silvermate.home())
+
+
+@pytest.mark.parametrize("many", [False, True], ids=["few parts", "many parts"])
+def test_validity_equals_brute_force(silvermate, rng, many):
+    """Both ways of asking: links paired with parts in Pinocchio, and one Coal tree for many parts."""
+    scene = Scene([make_obstacle(s, rng, (-1, -1, 0), (1, 1, 1.2)) for s in ("box", "cone", "convex", "sphere")])
+    if many:
+        cells = np.unique(rng.integers(0, 14, (900, 3)), axis=0) * 0.1 - 0.7
+        scene = scene.with_obstacle(Voxels(cells * [1, 1, 0.3] + [0, 0, 1.3], 0.04))
+    margin = 0.03
+    valid = Validity(silvermate, scene, margin=margin)
+    space, results = silvermate.space, []
+    for _ in range(150):
+        chart = space.to_chart(silvermate.home_q)
+        chart[:3] = rng.uniform([-2, -2, -3], [2, 2, 3])
+        chart[3:] = np.clip(chart[3:] + 0.4 * rng.normal(size=7), space.lower[3:], space.upper[3:])
+        q = space.from_chart(chart)
+        nearest, own = link_distances(silvermate, scene, q).min(), self_distances(silvermate, q).min()
+        if abs(nearest - margin) < 1e-4 or abs(own) < 1e-4:
+            continue
+        assert valid(q) is bool(nearest > margin and own > 0.0), (nearest, own)
+        results.append(valid(q))
+    assert 10 < sum(results) < len(results) - 10
+
+
+def test_a_path_keeps_its_margin_at_its_nodes(silvermate):
+    scene = Scene([Cylinder(0.3, 1.5, at=(2.0, 0.0, 0.75)), Sphere(0.3, at=(3.0, 1.0, 0.5))])
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    found = ompl_path(silvermate, scene, start, goal, seed=0, margin=0.04, timeout=10.0)
+    assert found.chart is not None, found.reason
+    q = silvermate.space.from_chart(found.chart)
+    np.testing.assert_allclose(q[[0, -1]], [start, goal], atol=1e-12)
+    assert min(link_distances(silvermate, scene, row).min() for row in q) > 0.01
+    assert found.checks > 0
+    blocked = ompl_path(silvermate, scene, start, silvermate.home(x=2.0), seed=0, margin=0.04, timeout=1.0)
+    assert blocked.chart is None
+    assert "goal is nearer than 0.040 m" in blocked.reason
