@@ -62,12 +62,12 @@ def maintain(
     if split is not None:
         pieces[split & (spacing > 0.05 * min_spacing)] = np.maximum(pieces[split & (spacing > 0.05 * min_spacing)], 2)
     room = max_nodes - len(chart)
-    if int((pieces - 1).sum()) > room:  # halve what was asked for first, then the longest
-        wanted = pieces > 1
-        asked = np.zeros(len(spacing)) if split is None else split * 1e6
-        order = np.argsort(-(spacing + asked), kind="stable")
-        pieces[:] = 1
-        pieces[order[: max(room, 0)]] = np.where(wanted[order[: max(room, 0)]], 2, 1)
+    if int((pieces - 1).sum()) > room:  # what was asked for first, then where the pieces are longest
+        wanted, asked = pieces, np.zeros(len(spacing)) if split is None else split * 1e6
+        pieces = np.ones_like(wanted)
+        for _ in range(room):
+            need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, asked, 0.0), -np.inf)
+            pieces[int(np.argmax(need))] += 1
     keep = np.ones(len(chart), dtype=bool)
     for j in range(1, len(chart) - 1):
         quiet = pieces[j - 1] == 1 and pieces[j] == 1

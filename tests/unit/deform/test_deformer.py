@@ -150,12 +150,7 @@ def test_equal_inputs_give_equal_results(silvermate):
     assert results[0].asked == results[1].asked
 
 
-STALE = pytest.mark.xfail(strict=True, reason="witness points of self pairs stay behind when only the base moves")
-
-
-@pytest.mark.parametrize(
-    "scene", [pytest.param(ASIDE, id="box and ball"), pytest.param(ROUND, id="balls", marks=STALE)]
-)
+@pytest.mark.parametrize("scene", [pytest.param(ASIDE, id="box and ball"), pytest.param(ROUND, id="balls")])
 def test_the_fast_path_equals_the_slow_one(silvermate, scene):
     """With no tolerance for stale distances, a tick on what the last one left equals one that starts from nothing."""
     deformer, strip = Deformer(silvermate), line(silvermate)

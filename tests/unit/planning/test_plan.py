@@ -181,12 +181,12 @@ def test_validity_equals_brute_force(silvermate, rng, many):
     """Both ways of asking: links paired with parts in Pinocchio, and one Coal tree for many parts."""
     scene = Scene([make_obstacle(s, rng, (-1, -1, 0), (1, 1, 1.2)) for s in ("box", "cone", "convex", "sphere")])
     if many:
-        cells = np.unique(rng.integers(0, 14, (900, 3)), axis=0) * 0.1 - 0.7
+        cells = np.unique(rng.integers(0, 14, (460, 3)), axis=0) * 0.1 - 0.7
         scene = scene.with_obstacle(Voxels(cells * [1, 1, 0.3] + [0, 0, 1.3], 0.04))
     margin = 0.03
     valid = Validity(silvermate, scene, margin=margin)
     space, results = silvermate.space, []
-    for _ in range(150):
+    for _ in range(25 if many else 150):
         chart = space.to_chart(silvermate.home_q)
         chart[:3] = rng.uniform([-2, -2, -3], [2, 2, 3])
         chart[3:] = np.clip(chart[3:] + 0.4 * rng.normal(size=7), space.lower[3:], space.upper[3:])
@@ -196,7 +196,7 @@ def test_validity_equals_brute_force(silvermate, rng, many):
             continue
         assert valid(q) is bool(nearest > margin and own > 0.0), (nearest, own)
         results.append(valid(q))
-    assert 10 < sum(results) < len(results) - 10
+    assert 3 < sum(results) < len(results) - 3
 
 
 def test_a_path_keeps_its_margin_at_its_nodes(silvermate):
