@@ -28,6 +28,7 @@ import pinocchio as pin
 from brute_force import Array, configuration, make_obstacle, random_pose, scene_pieces, transform
 
 from elastic_strips.deform import Deformer, DeformParams
+from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
 from elastic_strips.strip import Strip
@@ -327,6 +328,44 @@ def run(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "tiago"))
     return figures
 
 
+def run_ticks(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "tiago")) -> Figures:
+    """Sample ``count`` segments of strips that deform among moving obstacles: caches, edits and shortened steps at work."""
+    began, rng, figures = perf_counter(), np.random.default_rng(seed), Figures()
+    params = DeformParams()
+    benches = [(robot, Sampler(robot)) for robot in (load_robot(name) for name in names)]
+    turn = 0
+    while figures.segments < count:
+        robot, sampler = benches[turn % len(benches)]
+        turn += 1
+        length = 3.0
+        obstacles = []
+        for shape in rng.choice(_SHAPES, rng.integers(2, 7)):
+            at = np.array([rng.uniform(0.6, length - 0.6), rng.choice([-1, 1]) * rng.uniform(0.3, 1.0), 0.0])
+            obstacles.append(random_obstacle(str(shape), rng, at, at + [0.01, 0.01, 1.2]))
+        scene = Scene(obstacles)
+        start, goal = robot.home(), robot.home(x=length, y=rng.uniform(-0.4, 0.4), yaw=rng.uniform(-0.5, 0.5))
+        strip = Strip.from_chart(robot, straight_line(robot, start, goal, spacing=rng.uniform(0.1, 0.2)))
+        deformer = Deformer(robot, params)
+        for tick in range(12):
+            report = deformer.step(strip, scene)
+            strip = report.strip
+            sampler.take_scene(scene)
+            chosen = rng.choice(len(strip) - 1, min(4, len(strip) - 1), replace=False)
+            for j in chosen.tolist():
+                obstacle, own = sampler.clearances(strip.q[j], strip.q[j + 1])
+                where = f"{robot.name}, seed {seed}, strip {turn}, tick {tick}"
+                _count(figures, report.certificate, j, obstacle, own, params, where)
+            if rng.random() < 0.6:
+                name = str(rng.choice(scene.names))
+                pose = scene.obstacle(name).pose.copy()
+                pose[:3, 3] += rng.normal(size=3) * rng.choice([1e-4, 0.01, 0.05, 0.3])
+                scene = scene.moved(name, pose)
+    figures.samples = sum(s.samples for _, s in benches)
+    figures.measured = sum(s.measured for _, s in benches)
+    figures.seconds = perf_counter() - began
+    return figures
+
+
 def _count(
     figures: Figures, certificate: Any, j: int, obstacle: float, own: float, params: DeformParams, where: str
 ) -> None:
@@ -352,14 +391,15 @@ def _count(
             figures.false_alarms.append(text)
 
 
-def run_all(count: int, seed: int, processes: int = 1) -> Figures:
-    """Like :func:`run`, in several processes."""
+def run_all(count: int, seed: int, processes: int = 1, *, ticks: bool = False) -> Figures:
+    """Like :func:`run`, or :func:`run_ticks`, in several processes."""
+    work = run_ticks if ticks else run
     if processes <= 1:
-        return run(count, seed)
+        return work(count, seed)
     total, chunk = Figures(), 500
     sizes = list(_chunks(count, chunk))
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        for k, part in enumerate(pool.map(run, sizes, [seed + 1000 * i for i in range(len(sizes))])):
+        for k, part in enumerate(pool.map(work, sizes, [seed + 1000 * i for i in range(len(sizes))])):
             total.add(part)
             print(f"{k + 1}/{len(sizes)}: {total}", file=sys.stderr, flush=True)
     return total
@@ -376,8 +416,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=2000, help="segments to check")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument("--ticks", action="store_true", help="segments of strips that deform among moving obstacles")
     given = parser.parse_args()
-    figures = run_all(given.count, given.seed, given.processes)
+    figures = run_all(given.count, given.seed, given.processes, ticks=given.ticks)
     for line in (*figures.collisions, *figures.shortfalls, *figures.false_alarms):
         print(line)
     print(figures)

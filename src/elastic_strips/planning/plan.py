@@ -22,6 +22,7 @@ from .line import straight_line
 from .ompl_planner import ompl_path
 
 _log = logging.getLogger(__name__)
+_LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
 _MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 
 
@@ -168,7 +169,7 @@ def _relax_line(
         report = replace(step, ticks=tick)
         if watch is not None:
             watch(step)
-        if tick >= 3 and step.clearance < 0.0:
+        if step.clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
             break  # nodes on both sides of an obstacle: more ticks would not bring them together
     return report
 

@@ -181,10 +181,11 @@ def test_validity_equals_brute_force(silvermate, rng, many):
     """Both ways of asking: links paired with parts in Pinocchio, and one Coal tree for many parts."""
     scene = Scene([make_obstacle(s, rng, (-1, -1, 0), (1, 1, 1.2)) for s in ("box", "cone", "convex", "sphere")])
     if many:
-        cells = np.unique(rng.integers(0, 14, (460, 3)), axis=0) * 0.1 - 0.7
+        cells = np.unique(rng.integers(0, 14, (700, 3)), axis=0) * 0.1 - 0.7
         scene = scene.with_obstacle(Voxels(cells * [1, 1, 0.3] + [0, 0, 1.3], 0.04))
     margin = 0.03
     valid = Validity(silvermate, scene, margin=margin)
+    assert (valid._manager is not None) is many
     space, results = silvermate.space, []
     for _ in range(25 if many else 150):
         chart = space.to_chart(silvermate.home_q)
