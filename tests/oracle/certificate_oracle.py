@@ -329,7 +329,7 @@ def run(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "tiago"))
 
 
 def run_ticks(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "tiago")) -> Figures:
-    """Sample ``count`` segments of strips that deform among moving obstacles: caches, edits and shortened steps at work."""
+    """Sample ``count`` segments of strips that deform among moving obstacles, with all caches and edits at work."""
     began, rng, figures = perf_counter(), np.random.default_rng(seed), Figures()
     params = DeformParams()
     benches = [(robot, Sampler(robot)) for robot in (load_robot(name) for name in names)]
@@ -341,7 +341,7 @@ def run_ticks(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "ti
         obstacles = []
         for shape in rng.choice(_SHAPES, rng.integers(2, 7)):
             at = np.array([rng.uniform(0.6, length - 0.6), rng.choice([-1, 1]) * rng.uniform(0.3, 1.0), 0.0])
-            obstacles.append(random_obstacle(str(shape), rng, at, at + [0.01, 0.01, 1.2]))
+            obstacles.append(random_obstacle(str(shape), rng, at, at + np.array([0.01, 0.01, 1.2])))
         scene = Scene(obstacles)
         start, goal = robot.home(), robot.home(x=length, y=rng.uniform(-0.4, 0.4), yaw=rng.uniform(-0.5, 0.5))
         strip = Strip.from_chart(robot, straight_line(robot, start, goal, spacing=rng.uniform(0.1, 0.2)))

@@ -40,3 +40,12 @@ def test_free_segments_are_certified(figures):
 
 def test_no_segment_is_called_colliding_without_cause(figures):
     assert figures.false_alarms == []
+
+
+def test_segments_of_deforming_strips_hold_what_they_are_certified_for():
+    """Not single segments from a fresh start, but what ticks among moving obstacles hand out."""
+    figures = run_all(4000 if FULL else 200, seed=2, processes=2 if FULL else 1, ticks=True)
+    assert figures.collisions == []
+    assert figures.shortfalls == []
+    assert figures.colliding > 0
+    assert figures.free_fraction >= 0.9

@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from ..deform import Deformer, DeformParams, DeformReport, DeformStatus
+from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ParameterError
 from ..relax import project_rolling
 from ..robot import BaseKind, RobotModel
@@ -227,6 +227,3 @@ def plan(
         ConfigurationError: start or goal is not sound, or in collision; names the pair.
     """
     return plan_report(robot, scene, start, goal, seed=seed, params=params, timeout=timeout).strip
-
-
-__all__ = ["DeformStatus", "PlanReport", "check_ends", "path_strip", "plan", "plan_report", "relax_path"]
