@@ -32,8 +32,14 @@ class PaperStep:
         if params.mobile_only and not space.planar:
             raise ParameterError(f"mobile_only=True, but the base of {robot.name!r} is fixed")
         self.bodies = BodySet.control_points(robot)
+        points = robot.control_point_set
+        at_base = (points.joint == 1) & (np.abs(points.local[:, :2]).max(axis=1) < 1e-9) & space.planar
+        self.mobile = int(np.argmax(at_base)) if at_base.any() else None
         if params.mobile_only:
-            self.bodies = self.bodies.first(1)
+            if self.mobile is None:
+                raise ParameterError("mobile_only=True, but no control point lies on the axis of the base; add one")
+            self.bodies = self.bodies.only(self.mobile)
+            self.mobile = 0
         self.proximity = ObstacleProximity(self.bodies, influence=params.influence, slack=1.0)
         self.alpha = np.full(space.nv, 0.0 if params.mobile_only else params.alpha)
         self.alpha[: space.base_nv] = 0.0
@@ -50,11 +56,16 @@ class PaperStep:
         torque = map_to_joints(kin, self.bodies.joint, points, force)
         chart = kin.chart[: kin.n]
         if space.planar:
-            torque[:, 2] += contraction_torque(chart[:, 2], points[:, 0], params.k_c)
+            torque[:, 2] += contraction_torque(chart[:, 2], chart[:, :2], params.k_c)
+        mobile_force = np.zeros((kin.n, 3)) if self.mobile is None else force[:, self.mobile]
         delta = explicit_step(
-            torque, force[:, 0], planar=space.planar, alpha=self.alpha, transfer_tilt=params.transfer_tilt,
+            torque,
+            mobile_force,
+            planar=space.planar,
+            alpha=self.alpha,
+            transfer_tilt=params.transfer_tilt,
             yaw=chart[:, 2] if space.planar else np.zeros(kin.n),
-        )  # fmt: skip
+        )
         self.heading_step = float(np.abs(delta[:, 2]).max(initial=0.0)) if space.planar else 0.0
         moved = space.integrate(chart, delta)
         if space.planar:  # Eq. 9 displaces along a straight line, not along the arc of a twist

@@ -28,6 +28,8 @@ def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: floa
         rows = _turn_drive_turn(robot, a, b, offset, spacing)
     else:
         reach = np.abs(offset) * np.where(np.arange(space.nv) < space.base_nv, 1.0, 0.4)
+        if space.planar:
+            reach[0] = np.hypot(*(b[:2] - a[:2]))
         count = max(int(np.ceil(reach.max(initial=0.0) / spacing)), 4) + 1
         if space.planar:  # a straight base path, not the screw arc, for an omnidirectional base
             s = np.linspace(0.0, 1.0, count)[:, None]

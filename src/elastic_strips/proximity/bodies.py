@@ -77,9 +77,9 @@ class BodySet:
             skin=_POINT_RADIUS,
         )
 
-    def first(self, count: int) -> BodySet:
-        """The first ``count`` bodies alone."""
-        k = slice(0, count)
+    def only(self, index: int) -> BodySet:
+        """One of the bodies alone."""
+        k = slice(index, index + 1)
         return replace(
             self, names=self.names[k], geometries=self.geometries[k], joint=self.joint[k], rotation=self.rotation[k],
             translation=self.translation[k], ends=self.ends[k], radius=self.radius[k],

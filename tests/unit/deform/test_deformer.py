@@ -12,7 +12,7 @@ from brute_force import link_distances
 from elastic_strips.deform import Deformer, DeformParams, DeformStatus
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
 from elastic_strips.strip import Strip
 
@@ -345,3 +345,29 @@ def test_an_assessment_moves_nothing(silvermate):
     assert report.iterations == 0
     assert report.moved == 0.0
     assert report.certificate.segments.tolist() == Deformer(silvermate).certify(strip, ASIDE).segments.tolist()
+
+
+@pytest.mark.parametrize("base", ["diff_drive", "omni"])
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_a_robot_that_is_a_base_and_nothing_else(tmp_path, base, preset):
+    """No joints and no self pairs: every array about them is empty."""
+    path = tmp_path / "cart.urdf"
+    shape = '<collision><geometry><cylinder radius="0.3" length="0.4"/></geometry></collision>'
+    path.write_text(f'<robot name="cart"><link name="cart">{shape}</link></robot>')
+    cart = load_robot(path, base=base)
+    assert (cart.nv, len(cart.self_pairs)) == (3, 0)
+    scene = Scene([Box((0.4, 0.4, 1.0), at=(2.0, 0.5, 0.5))])
+    report = Deformer(cart, preset).settle(line(cart), scene)
+    assert report.certified, report.reason
+    assert np.abs(report.strip.chart[:, 1]).max() > 0.02
+
+
+def test_the_papers_mobile_force_acts_at_the_base(silvermate):
+    """A robot whose only control point is its hand: what pushes the hand must not displace the base like its own."""
+    robot = load_robot("silvermate", control_points={"hand": "hand_frame"})
+    hand = robot.control_points(robot.home())[0]
+    q = [robot.home(x=x) for x in np.linspace(0.0, 2.0, 11)]
+    scene = Scene([Sphere(0.1, at=(1.0 + hand[0], hand[1] + 0.3, hand[2]))])
+    params = DeformParams.for_preset("paper", updates=1, influence=0.6)
+    report = Deformer(robot, params).step(Strip(robot, q), scene)
+    np.testing.assert_allclose(report.strip.chart[:, :2], Strip(robot, q).chart[:, :2], atol=1e-9)

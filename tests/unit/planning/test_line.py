@@ -79,7 +79,6 @@ def test_an_omnidirectional_base_slides(rover):
     np.testing.assert_allclose(rows[:, 2], s, atol=1e-12)
 
 
-@pytest.mark.xfail(strict=True, reason="x and y are compared with the spacing one by one")
 def test_an_omnidirectional_base_keeps_the_spacing(rover):
     rows = rows_of(rover, rover.home(), rover.home(x=1.0, y=2.0))
     assert np.hypot(*np.diff(rows[:, :2], axis=0).T).max() <= SPACING + 1e-9
