@@ -118,7 +118,8 @@ class Sampler:
 
     def _boxes(self, poses: Array) -> Array:
         """World corners (S, G, 8, 3) of boxes that hold the links."""
-        return np.einsum("sgij,gcj->sgci", poses[:, :, :3, :3], self.corners) + poses[:, :, None, :3, 3]
+        turned = np.matmul(self.corners, poses[:, :, :3, :3].transpose(0, 1, 3, 2))
+        return turned + poses[:, :, None, :3, 3]
 
     def walk(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
         """Poses (S, G, 4, 4), box corners (S, G, 8, 3), and how far (S, G) each link moved in all since the start."""
@@ -151,7 +152,7 @@ class Sampler:
             high.append(center + half)
         self.low, self.high = np.array(low).reshape(-1, 3), np.array(high).reshape(-1, 3)
 
-    def _smallest(self, one: Any, two: Any, near: Array, way: Array, T_one: list, T_two: Any, best: float) -> float:
+    def _smallest(self, one: Any, two: Any, near: Array, way: Array, T_one: Any, T_two: Any, best: float) -> float:
         """Smallest distance of a pair over samples ``near``; those that the way since the last measurement rules out
         to be below ``best`` are left out."""
         last, value = -1, 0.0
@@ -159,9 +160,7 @@ class Sampler:
             if last >= 0 and value - (way[s] - way[last]) > best:
                 continue
             self._result.clear()
-            value = coal.distance(
-                one, T_one[s], two, T_two[s] if isinstance(T_two, list) else T_two, self._request, self._result
-            )
+            value = coal.distance(one, T_one(s), two, T_two(s), self._request, self._result)
             self.measured += 1
             last = s
             best = min(best, value)
@@ -178,12 +177,20 @@ class Sampler:
 
     def _clearances(self, poses: Array, world: Array, way: Array) -> tuple[float, float]:
         low, high = world.min(axis=2), world.max(axis=2)  # (S, G, 3)
-        transforms: list[list[Any] | None] = [None] * len(self.shapes)
+        cache: dict[tuple[int, int], Any] = {}
 
-        def placed(g: int) -> list[Any]:
-            if transforms[g] is None:
-                transforms[g] = [transform(T) for T in poses[:, g]]
-            return transforms[g]  # type: ignore[return-value]
+        def placed(g: int) -> Any:
+            """The link's transform by sample, made where it is needed."""
+
+            def at(s: int) -> Any:
+                if (s, g) not in cache:
+                    cache[s, g] = transform(poses[s, g])
+                return cache[s, g]
+
+            return at
+
+        def standing(p: int) -> Any:
+            return lambda s: self.transforms[p]
 
         obstacle = own = _REACH
         swept_low, swept_high = low.min(axis=0) - _REACH, high.max(axis=0) + _REACH
@@ -193,7 +200,7 @@ class Sampler:
             near = np.flatnonzero(gap < obstacle)
             if len(near):
                 obstacle = self._smallest(
-                    self.shapes[g], self.pieces[p].geometry, near, way[:, g], placed(g), self.transforms[p], obstacle
+                    self.shapes[g], self.pieces[p].geometry, near, way[:, g], placed(g), standing(p), obstacle
                 )
         for i, k in self.robot.self_pairs.tolist():
             gap = np.maximum(low[:, i] - high[:, k], low[:, k] - high[:, i]).max(axis=1)

@@ -42,6 +42,7 @@ def test_no_segment_is_called_colliding_without_cause(figures):
     assert figures.false_alarms == []
 
 
+@pytest.mark.timeout(3600 if FULL else 300)
 def test_segments_of_deforming_strips_hold_what_they_are_certified_for():
     """Not single segments from a fresh start, but what ticks among moving obstacles hand out."""
     figures = run_all(4000 if FULL else 200, seed=2, processes=2 if FULL else 1, ticks=True)

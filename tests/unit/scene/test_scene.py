@@ -2,7 +2,7 @@
 
 import math
 import pickle
-import time
+import sys
 
 import numpy as np
 import pytest
@@ -195,26 +195,30 @@ def test_pickling_keeps_the_snapshot():
     np.testing.assert_allclose(copy.at(1.0).table.center, scene.at(1.0).table.center)
 
 
-def median_us(action, count=300):
-    spent = []
-    for _ in range(count):
-        begin = time.perf_counter()
+def calls(action):
+    """Python calls that an action makes: a measure of its work that no busy machine changes."""
+    count = 0
+
+    def note(frame, event, argument):
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    sys.setprofile(note)
+    try:
         action()
-        spent.append(time.perf_counter() - begin)
-    return 1e6 * float(np.median(spent))
+    finally:
+        sys.setprofile(None)
+    return count
 
 
-def test_moving_one_of_many_is_cheap():
-    """Bounds are ten times what it takes, so that a busy machine passes and a loop over parts does not."""
+def test_moving_one_of_many_costs_what_moving_one_of_few_does():
+    """No loop over parts: the number of calls does not depend on how many stand still."""
     rng = np.random.default_rng(6)
-    small = Scene([Box((0.3, 0.3, 0.3), at=rng.uniform(-3, 3, 3)) for _ in range(32)])
+    small = Scene([Box((0.3, 0.3, 0.3), at=rng.uniform(-3, 3, 3), name=f"b{k}") for k in range(4)])
     pose = random_pose(rng)
     assert small.table is not None
-    assert median_us(lambda: small.moved("box-7", pose).table) < 250
     cells = np.stack(np.meshgrid(np.arange(200), np.arange(30), np.arange(10), indexing="ij"), -1).reshape(-1, 3)
-    begin = time.perf_counter()
-    grid = Voxels(cells * 0.05, 0.05)
-    assert time.perf_counter() - begin < 2.0
-    large = Scene([grid, *(Box((0.3, 0.3, 0.3), name=f"b{k}") for k in range(10))])
+    large = Scene([Voxels(cells * 0.05, 0.05), *(Box((0.3, 0.3, 0.3), name=f"b{k}") for k in range(10))])
     assert large.table is not None
-    assert median_us(lambda: large.moved("b3", pose).table) < 500
+    few, many = (calls(lambda scene=scene: scene.moved("b3", pose).table) for scene in (small, large))
+    assert 0 < many <= few + 5
