@@ -42,10 +42,15 @@ class Strip:
         object.__setattr__(self, "q", array)
 
     @staticmethod
-    def from_chart(robot: RobotModel, chart: Array) -> Strip:
-        """A strip from chart rows (N, nv) that are known to be sound (no checks)."""
+    def from_chart(robot: RobotModel, chart: Array, *, ends: Array | None = None) -> Strip:
+        """A strip from chart rows (N, nv) that are known to be sound (no checks).
+
+        ``ends`` (2, nq) are the configurations of the first and the last row where they are known, to keep every bit.
+        """
         strip = object.__new__(Strip)
         q = robot.space.from_chart(chart)
+        if ends is not None:
+            q[0], q[-1] = ends
         q.setflags(write=False)
         object.__setattr__(strip, "robot", robot)
         object.__setattr__(strip, "q", q)

@@ -28,7 +28,8 @@ from elastic_strips.scene import (
 
 Array = npt.NDArray[np.float64]
 SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh", "voxels", "points")
-_REQUEST = coal.DistanceRequest(True)
+_REQUEST, _FINE = coal.DistanceRequest(True), coal.DistanceRequest(True)
+_REQUEST.gjk_tolerance = _FINE.gjk_tolerance = _FINE.epa_tolerance = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +44,15 @@ class Piece:
 
 def distance(one: Any, T_one: Array, two: Any, T_two: Array) -> tuple[float, Array, Array, Array]:
     """Signed distance, Coal's normal (from one to two) and the witness points on one and on two."""
-    result = coal.DistanceResult()
-    d = coal.distance(one, transform(T_one), two, transform(T_two), _REQUEST, result)
+    shapes = one, two
+    if {type(one), type(two)} == {coal.Sphere, coal.Cylinder}:  # their closed form forgets the caps
+        shapes = tuple(coal.Capsule(s.radius, 0.0) if isinstance(s, coal.Sphere) else s for s in shapes)
+    poses = transform(T_one), transform(T_two)
+    results = coal.DistanceResult(), coal.DistanceResult()
+    usual = coal.distance(shapes[0], poses[0], shapes[1], poses[1], _REQUEST, results[0])
+    fine = coal.distance(shapes[0], poses[0], shapes[1], poses[1], _FINE, results[1])
+    # the fine solver for penetration does not always converge, and then returns nonsense
+    d, result = (fine, results[1]) if abs(fine - usual) < 1e-4 else (usual, results[0])
     return (
         float(d),
         np.array(result.normal),

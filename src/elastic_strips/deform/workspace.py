@@ -38,6 +38,7 @@ class Workspace:
         self.self_pairs, self.self_floor = self._self_proximity()
         self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs)
         self._strip: Strip | None = None
+        self._ends: Array | None = None  # configurations that stay fixed
 
     def _self_proximity(self) -> tuple[SelfProximity, Array]:
         """Self pairs, with repulsion that begins no further than 0.8 of what separates a pair at home by design."""
@@ -69,7 +70,7 @@ class Workspace:
         """Make a strip current; cheap where it already is."""
         if strip is not self._strip:
             self.kin.update(strip.chart)
-        self._strip = strip
+        self._strip, self._ends = strip, strip.q[[0, -1]]
         self._distances(scene)
 
     def move(self, chart: Array, scene: Scene) -> float:
@@ -108,5 +109,5 @@ class Workspace:
 
     def strip(self) -> Strip:
         """The current nodes as a frozen strip, which stays current."""
-        self._strip = Strip.from_chart(self.robot, self.chart)
+        self._strip = Strip.from_chart(self.robot, self.chart, ends=self._ends)
         return self._strip

@@ -105,7 +105,7 @@ def plan_report(
         return PlanReport(
             report.strip,
             initial,
-            report.certified,
+            report.usable,
             method,
             reason,
             report,
@@ -121,7 +121,7 @@ def plan_report(
     report = _relax_line(deformer, initial, scene, line_ticks if line else 0, watch)
     ticks += report.ticks if line else 0
     timings["line"] += perf_counter() - mark
-    if report.certified:
+    if report.usable:
         return done(report, "line", f"the straight line relaxed to a certified strip in {report.ticks} ticks")
     best = report
     reasons.append(f"straight line: {report.reason}")
@@ -146,7 +146,7 @@ def plan_report(
         report = relax_path(deformer, path, scene, watch=watch)
         ticks += report.ticks
         timings["relaxation"] += perf_counter() - mark
-        if report.certified:
+        if report.usable:
             initial = path
             return done(report, "ompl", f"OMPL path {attempts} relaxed to a certified strip in {report.ticks} ticks")
         reasons.append(f"path {attempts}: {report.reason}")
@@ -163,7 +163,7 @@ def _relax_line(
     """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
     report = deformer.assess(strip, scene)
     for tick in range(1, ticks + 1):
-        if report.certified:
+        if report.usable:
             break
         step = deformer.step(report.strip, scene, nodes=tick > 3)
         report = replace(step, ticks=tick)
@@ -193,12 +193,12 @@ def relax_path(
     """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle."""
     report = deformer.settle(strip, scene, until="certified", max_ticks=max_ticks, watch=watch)
     for _ in range(extra_ticks):
-        if not report.certified or report.clearance >= deformer.params.near:
+        if not report.usable or report.clearance >= deformer.params.near:
             break
         further = deformer.step(report.strip, scene)
         if watch is not None:
             watch(further)
-        if not further.certified or further.clearance <= report.clearance:
+        if not further.usable or further.clearance <= report.clearance:
             break
         report = replace(further, ticks=report.ticks + 1, reason=report.reason)
     return report

@@ -17,6 +17,7 @@ from ..robot import Kinematics
 from ..robot.space import Array
 from ..scene.parts import Part
 from .bodies import BodySet
+from .solver import PairSolver, ShapePair, distance_request, rounded
 
 GJK_EXCESS = 1e-5
 """Coal's GJK over-reports clearance by up to 3.2e-6 m; every bound here subtracts this much [m]."""
@@ -28,11 +29,10 @@ class Narrowphase:
     def __init__(self, bodies: BodySet) -> None:
         self.bodies = bodies
         self.queries = 0
-        self._request = coal.DistanceRequest(True)
-        self._result = coal.DistanceResult()
-        self._normal = self._result.normal  # a live view of the result's memory
+        self._solver = PairSolver()
+        self._normal = self._solver.result.normal  # a live view of the result's memory
         self._parts: dict[int, Part] = {}  # keeps alive what the caches below know by id()
-        self._functors: dict[tuple[int, int], coal.ComputeDistance] = {}
+        self._functors: dict[tuple[int, int], ShapePair] = {}
         self._blocks: dict[int, _Block] = {}
         self._probes: dict[int, coal.CollisionObject] = {}
         self._transform = coal.Transform3s()
@@ -74,8 +74,8 @@ class Narrowphase:
         direction, witness = np.zeros((count, 3)), np.zeros((count, 3))
         rotation, translation = self.bodies.placements(kin, node, body)
         functors, geometries = self._functors, self.bodies.geometries
-        request, result, normal, transform = self._request, self._result, self._normal, self._transform
-        clear, nearest = result.clear, result.getNearestPoint1
+        ask, normal, transform = self._solver.ask, self._normal, self._transform
+        nearest = self._solver.result.getNearestPoint1
         previous = (-1, -1)
         nodes, body_list, part_list = node.tolist(), body.tolist(), part.tolist()
         for k in range(count):
@@ -92,11 +92,9 @@ class Narrowphase:
             key = (g, id(shape))
             functor = functors.get(key)
             if functor is None:
-                functor = functors[key] = coal.ComputeDistance(geometries[g], shape.geometry)
+                functor = functors[key] = ShapePair.of(geometries[g], shape.geometry)
                 self._parts[id(shape)] = shape
-            clear()
-            d = functor(transform, transforms[p], request, result)
-            distance[k] = d
+            distance[k] = d = ask(functor, transform, transforms[p])
             if d < reach:
                 direction[k] = normal
                 witness[k] = nearest()
@@ -114,7 +112,8 @@ class Narrowphase:
             self._parts[id(part)] = part
         probe = self._probes.get(g)
         if probe is None:
-            probe = self._probes[g] = coal.CollisionObject(_probe_shape(self.bodies.geometries[g]))
+            # Coal's box–sphere special case does not keep the smallest of several distances
+            probe = self._probes[g] = coal.CollisionObject(rounded(self.bodies.geometries[g]))
         pose = coal.Transform3s(part_rotation.T @ rotation, part_rotation.T @ (translation - part_translation))
         distance, direction, witness = block.nearest(probe, pose)
         # the caller turns directions of its own queries around; this one already points away
@@ -144,15 +143,10 @@ class _Block:
             return float(result.min_distance), np.array(result.normal), np.array(result.getNearestPoint2())
         # the tree stops at the first box that penetrates; the deepest one is wanted
         deepest = np.inf, np.zeros(3), np.zeros(3)
-        request = coal.DistanceRequest(True)
+        request = distance_request()
         for member in self.members:
             result = coal.DistanceResult()
             coal.distance(member, probe, request, result)
             if result.min_distance < deepest[0]:
                 deepest = float(result.min_distance), np.array(result.normal), np.array(result.getNearestPoint2())
         return deepest
-
-
-def _probe_shape(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
-    """A shape to ask a tree with: Coal's box–sphere special case does not keep the smallest of several distances."""
-    return coal.Capsule(geometry.radius, 0.0) if isinstance(geometry, coal.Sphere) else geometry

@@ -13,6 +13,7 @@ from ..robot.space import Array
 from .bodies import BodySet
 from .bounds import MotionBounds
 from .narrowphase import GJK_EXCESS
+from .solver import PairSolver, ShapePair
 
 _FAR = 1e9
 
@@ -91,8 +92,8 @@ class SelfProximity:
         self.first = np.zeros((0, s, 3))
         self.second = np.zeros((0, s, 3))
         self._since = np.zeros((0, s))
-        self._functors = [coal.ComputeDistance(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
-        self._request, self._result = coal.DistanceRequest(True), coal.DistanceResult()
+        self._functors = [ShapePair.of(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
+        self._solver = PairSolver()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
 
     def reset(self) -> None:
@@ -178,12 +179,11 @@ class SelfProximity:
         direction, first, second = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
         r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
         r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])
-        result = self._result
+        result = self._solver.result
         for k, s in enumerate(pair.tolist()):
             self._one.setTransform(r1[k], t1[k])
             self._two.setTransform(r2[k], t2[k])
-            result.clear()
-            distance[k] = self._functors[s](self._one, self._two, self._request, result)
+            distance[k] = self._solver.ask(self._functors[s], self._one, self._two)
             direction[k] = result.normal
             first[k] = result.getNearestPoint1()
             second[k] = result.getNearestPoint2()

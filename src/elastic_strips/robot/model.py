@@ -72,25 +72,36 @@ class RobotModel:
     def control_point_names(self) -> tuple[str, ...]:
         return self.control_point_set.names
 
-    def home(self, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, **joints: float) -> Array:
+    def home(
+        self,
+        x: float = 0.0,
+        y: float = 0.0,
+        yaw: float = 0.0,
+        joints: Mapping[str, float] | None = None,
+        **more: float,
+    ) -> Array:
         """The home posture at a base pose, with single joints overridden: a configuration (nq,).
 
         Args:
             x, y, yaw: base pose [m, m, rad]; must be 0 for a fixed base.
-            **joints: joint name → value [rad or m].
+            joints: joint name → value [rad or m].
+            **more: further joints by name; one called ``x``, ``y`` or ``yaw`` is set through ``joints``.
 
         Raises:
             ConfigurationError: an unknown joint, a value that is not finite or outside its limits.
         """
         chart = self.space.to_chart(self.home_q)
-        for name, value in {"x": x, "y": y, "yaw": yaw, **joints}.items():
+        if joints is not None and not isinstance(joints, Mapping):
+            raise ConfigurationError(f"home(...): joints={joints!r} must be a mapping from joint names to values")
+        named = {**(joints or {}), **more}
+        for name, value in [("x", x), ("y", y), ("yaw", yaw), *named.items()]:
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
                 raise ConfigurationError(f"home(...): {name}={value!r} is not a number")
         if self.space.planar:
             chart[:3] = (x, y, yaw)
         elif (x, y, yaw) != (0.0, 0.0, 0.0):
             raise ConfigurationError(f"the base of {self.name!r} is fixed; x={x}, y={y}, yaw={yaw} must be 0")
-        for name, value in joints.items():
+        for name, value in named.items():
             if name not in self.joint_names:
                 raise ConfigurationError(f"{self.name!r} plans no joint {name!r}{nearest_name(name, self.joint_names)}")
             chart[self.space.base_nv + self.joint_names.index(name)] = value

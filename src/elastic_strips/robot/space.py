@@ -174,7 +174,11 @@ class ConfigurationSpace:
         return out
 
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
-        """Chart rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base)."""
+        """Chart rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
+
+        Where a continuous joint turns by π to within 1e-6, Pinocchio blends cos and sin instead of turning it; this
+        one turns it.
+        """
         return self.integrate(a, np.asarray(s, dtype=float)[..., None] * self.difference(a, b))
 
     def base_difference_jacobians(self, v: Array) -> tuple[Array, Array]:

@@ -84,7 +84,7 @@ def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> Non
     name = shape.get("filename")
     if not name:
         raise RobotError(f"{source}:{shape.sourceline}: {what} has a <mesh> without filename")
-    if min(floats(shape, "scale", 3, source, what, "1 1 1")) == 0:
+    if 0.0 in floats(shape, "scale", 3, source, what, "1 1 1"):
         raise RobotError(f"{source}:{shape.sourceline}: {what} has a mesh scale of 0")
     found = resolve_mesh(name, source, folders)
     if found is None:

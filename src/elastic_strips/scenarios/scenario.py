@@ -95,5 +95,5 @@ class Scenario:
                     f"scenario {self.name!r} moves the base, but the base of {robot.name!r} is fixed; "
                     "use diff_drive or omni"
                 )
-            return robot.home(**joints)
-        return robot.home(pose.x, pose.y, pose.yaw, **joints)
+            return robot.home(joints=joints)
+        return robot.home(pose.x, pose.y, pose.yaw, joints)

@@ -19,6 +19,9 @@ from ..robot.space import Array, Indices, Mask, where_true
 from ..scene import Scene
 from .values import BrokenSegment, Certificate, SegmentState
 
+_MOST_SAMPLES = 256
+"""Configurations of one segment that are compared with the window; a segment that wants more is not certified."""
+
 
 @dataclass(slots=True)
 class _Open:
@@ -79,7 +82,7 @@ class Certifier:
         states = np.zeros(n, dtype=np.int8)
         travel = self.bounds.travel(v)
         worst: list[BrokenSegment] = []
-        self._colliding_nodes(clearance, states, worst)
+        self._colliding_nodes(kin, clearance, states, worst)
         open_obstacles = self._open_obstacles(kin, v, travel, clearance, states)
         open_self = self._open_self(kin, v, self_clearance)
         checks = 0
@@ -92,11 +95,15 @@ class Certifier:
         worst.sort(key=lambda b: (not b.certain, b.clearance))
         return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
 
-    def _colliding_nodes(self, clearance: float, states: npt.NDArray[np.int8], worst: list[BrokenSegment]) -> None:
+    def _colliding_nodes(
+        self, kin: Kinematics, clearance: float, states: npt.NDArray[np.int8], worst: list[BrokenSegment]
+    ) -> None:
         """A node that is itself too close decides both its segments."""
         bound = self.obstacles.bound
         if bound.shape[2] == 0:
             return
+        node, body, part = where_true(bound <= clearance)
+        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + 1e-4))
         nearest = bound.reshape(len(bound), -1).min(axis=1)
         bad = np.flatnonzero(nearest <= clearance)
         if len(bad) == 0:
@@ -255,12 +262,14 @@ class Certifier:
             return 0
         far = self.obstacles.influence
         counts = np.ceil(travel.max(axis=1)[long] / max(far - clearance, 1e-3)).astype(int) + 1
-        counts = np.minimum(counts, 256)
+        outside = long[counts > _MOST_SAMPLES]  # too long to be looked at
+        long, counts = long[counts <= _MOST_SAMPLES], counts[counts <= _MOST_SAMPLES]
         s = np.repeat(long, counts)
-        fraction = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])
+        fraction = np.concatenate([np.zeros(0), *((np.arange(c) + 0.5) / c for c in counts)])
         space = self.bodies.tree.space
-        self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
-        outside = np.unique(s[~self.obstacles.covered(self._between)])
+        if len(s):
+            self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
+            outside = np.union1d(outside, s[~self.obstacles.covered(self._between)])
         states[outside] = np.maximum(states[outside], SegmentState.UNKNOWN)
         for j in outside:
             worst.append(

@@ -127,6 +127,15 @@ def test_a_goal_in_collision_stays_and_is_reported(silvermate):
     assert report.certificate.broken.segment == len(report.strip) - 2
 
 
+def test_the_ends_keep_every_bit(silvermate):
+    """The chart is made of angles: there and back again, cos and sin may lose their last bit."""
+    deformer = Deformer(silvermate)
+    for yaw in np.linspace(-3.0, 3.0, 25):
+        strip = Strip(silvermate, [silvermate.home(yaw=yaw), silvermate.home(x=0.1, yaw=yaw), silvermate.home(x=1.0)])
+        report = deformer.step(strip, ASIDE)
+        np.testing.assert_array_equal(report.strip.q[[0, -1]], strip.q[[0, -1]])
+
+
 def test_an_empty_scene_settles_a_line_where_it_is(silvermate):
     strip = line(silvermate)
     report = Deformer(silvermate).settle(strip, Scene([]))

@@ -68,6 +68,19 @@ def test_home_places_the_base_and_overrides_joints(silvermate):
     assert silvermate.home()[0] == 0.0
 
 
+def test_joints_with_the_names_of_the_base_pose():
+    model = pin.Model()
+    for name, axis in (("x", pin.JointModelPX()), ("yaw", pin.JointModelRZ())):
+        model.addJoint(model.njoints - 1, axis, pin.SE3.Identity(), name)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
+    geometry = pin.GeometryModel()
+    geometry.addGeometryObject(pin.GeometryObject("tip", 2, pin.SE3.Identity(), coal.Sphere(0.1)))
+    robot = RobotModel.from_pinocchio(model, geometry, base="fixed")
+    np.testing.assert_array_equal(robot.home(joints={"x": 0.25, "yaw": -0.5}), [0.25, -0.5])
+    with pytest.raises(ConfigurationError, match="joints=3 must be a mapping"):
+        robot.home(joints=3)
+
+
 def test_home_is_the_srdfs_posture(silvermate):
     np.testing.assert_allclose(silvermate.home()[4:], [0.05, 0.15, -0.6, 2.0, 0.5, 0.15, -0.6])
 

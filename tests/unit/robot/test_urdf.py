@@ -218,6 +218,7 @@ def test_mesh_scale_applies(tmp_path):
         (stl(SOLID[:0]), "", "stl"),
         (b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"x" * 60, "", "stl"),
         (stl(SOLID), 'scale="0 1 1"', "stl"),
+        (stl(SOLID), 'scale="-1 0 1"', "stl"),
         (stl(SOLID), 'scale="nan 1 1"', "stl"),
         (stl(SOLID), 'scale="1 1"', "stl"),
         (b"v 0 0 0\nv 1 0 0\nf 1 2 9\n", "", "obj"),

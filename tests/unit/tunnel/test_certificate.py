@@ -153,6 +153,26 @@ def test_a_long_segment_does_not_overlook_what_lies_between(silvermate):
     assert certify(drive(silvermate, *np.linspace(0.0, 25.0, 60)), aside).certified
 
 
+def test_a_segment_that_is_too_long_to_look_at_is_not_certified(silvermate):
+    scene = Scene([Sphere(0.2, at=(0.0, 1.5, 0.2))])
+    certificate = certify(drive(silvermate, 0.0, 200.0), scene)
+    assert certificate.states.tolist() == [SegmentState.UNKNOWN]
+
+
+def test_a_node_just_outside_the_clearance_is_not_called_colliding(silvermate):
+    """Bounds that are stale by less than the tolerance are made exact before a node is given up."""
+    deformer = Deformer(silvermate, DeformParams(clearance=0.05))
+    strip = drive(silvermate, 0.0, 0.1, 0.2)
+    wall = Scene([Box((0.2, 2.0, 0.3), at=(0.75, 0.0, 0.15), name="wall")])
+    deformer.certify(strip, wall)
+    free = float(deformer.workspace.obstacles.clearance().min())
+    scene = Scene([Box((0.2, 2.0, 0.3), at=(0.75 + 0.05 + 1e-4 - free, 0.0, 0.15), name="wall")])
+    assert deformer.certify(strip, scene).certified
+    chart = strip.chart.copy()
+    chart[:, 1] += 2.5e-4  # along the wall
+    assert deformer.certify(Strip.from_chart(silvermate, chart), scene).certified
+
+
 def test_turning_and_backward_arcs_are_swept(silvermate):
     """The hand's sweep while the base turns, and the screw arc instead of the chord."""
     q = silvermate.home()
