@@ -29,7 +29,7 @@ from elastic_strips.scene import (
 Array = npt.NDArray[np.float64]
 SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh", "voxels", "points")
 _REQUEST, _FINE = coal.DistanceRequest(True), coal.DistanceRequest(True)
-_REQUEST.gjk_tolerance = _FINE.gjk_tolerance = _FINE.epa_tolerance = 1e-12
+_FINE.gjk_tolerance = _FINE.epa_tolerance = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ def distance(one: Any, T_one: Array, two: Any, T_two: Array) -> tuple[float, Arr
     results = coal.DistanceResult(), coal.DistanceResult()
     usual = coal.distance(shapes[0], poses[0], shapes[1], poses[1], _REQUEST, results[0])
     fine = coal.distance(shapes[0], poses[0], shapes[1], poses[1], _FINE, results[1])
-    # the fine solver for penetration does not always converge, and then returns nonsense
+    # the fine solver does not always converge where shapes penetrate, and then returns nonsense
     d, result = (fine, results[1]) if abs(fine - usual) < 1e-4 else (usual, results[0])
     return (
         float(d),

@@ -2,7 +2,7 @@
 
 With Coal's own tolerance of 1e-6 m a distance between round shapes is good to 1e-6 m but its normal only to 1e-3. A
 tighter one costs a fifth more and gives normals good to 1e-5. The solver for penetration (EPA) does not always reach
-a tighter tolerance and then returns nonsense: its answer counts only where it agrees with the one at the usual one.
+a tighter tolerance and then returns nonsense: its answer counts only where it agrees with the one at Coal's own.
 """
 
 from __future__ import annotations
@@ -11,39 +11,40 @@ from typing import NamedTuple
 
 import coal
 
-_GJK_TOLERANCE = 1e-12
-_EPA_TOLERANCE = 1e-12
+_TOLERANCE = 1e-12
 _AGREEMENT = 1e-4
 
 
-def distance_request(*, epa_tolerance: float | None = None) -> coal.DistanceRequest:
-    """A request for a signed distance with witness points and normal."""
+def distance_request(*, fine_apart: bool = False, fine_deep: bool = False) -> coal.DistanceRequest:
+    """A request for a signed distance with witness points and normal, at Coal's own tolerances or at fine ones."""
     request = coal.DistanceRequest(True)
-    request.gjk_tolerance = _GJK_TOLERANCE
-    if epa_tolerance is not None:
-        request.epa_tolerance = epa_tolerance
+    if fine_apart:
+        request.gjk_tolerance = _TOLERANCE
+    if fine_deep:
+        request.epa_tolerance = _TOLERANCE
     return request
 
 
 class ShapePair(NamedTuple):
-    """Coal's functors for two shapes: ``apart`` in general, ``deep`` once they penetrate.
+    """Coal's functors for two shapes: ``apart`` to begin with; ``deep`` and ``fine`` once they penetrate.
 
-    ``shapes`` are kept because a functor does not keep what it was made of.
+    They are three because a functor that failed at a fine tolerance may go on failing at any. ``shapes`` are kept
+    because a functor does not keep what it was made of.
     """
 
     apart: coal.ComputeDistance
     deep: coal.ComputeDistance
+    fine: coal.ComputeDistance
     shapes: tuple[coal.CollisionGeometry, ...]
 
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
-        apart = coal.ComputeDistance(one, two)
-        kinds = {type(one), type(two)}
-        if kinds != {coal.Sphere, coal.Cylinder}:
-            return ShapePair(apart, apart, (one, two))
-        # Coal's closed form for these two forgets the cylinder's caps once the sphere's centre is inside
-        round_one, round_two = rounded(one), rounded(two)
-        return ShapePair(apart, coal.ComputeDistance(round_one, round_two), (one, two, round_one, round_two))
+        shapes = one, two
+        if {type(one), type(two)} == {coal.Sphere, coal.Cylinder}:
+            # Coal's closed form for these two forgets the cylinder's caps once the sphere's centre is inside
+            shapes = rounded(one), rounded(two)
+        deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
+        return ShapePair(coal.ComputeDistance(one, two), deep, fine, (one, two, *shapes))
 
 
 def rounded(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
@@ -56,24 +57,24 @@ class PairSolver:
 
     def __init__(self) -> None:
         self.result = coal.DistanceResult()
-        self._usual = distance_request()
-        self._fine = distance_request(epa_tolerance=_EPA_TOLERANCE)
+        self._apart = distance_request(fine_apart=True)
+        self._deep = distance_request()
+        self._fine = distance_request(fine_apart=True, fine_deep=True)
 
     def ask(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
         """Signed distance [m]; ``result`` then holds the normal and the witness points."""
         result = self.result
         result.clear()
-        d = pair.apart(one, two, self._usual, result)
-        return d if d > 0.0 else self._penetration(pair, one, two, d)
+        d = pair.apart(one, two, self._apart, result)
+        return d if d > 0.0 else self._penetration(pair, one, two)
 
-    def _penetration(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s, usual: float) -> float:
-        result, functor = self.result, pair.deep
-        if functor is not pair.apart:
-            result.clear()
-            usual = functor(one, two, self._usual, result)
+    def _penetration(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
+        result = self.result
         result.clear()
-        fine = functor(one, two, self._fine, result)
-        if abs(fine - usual) < _AGREEMENT:
+        deep = pair.deep(one, two, self._deep, result)
+        result.clear()
+        fine = pair.fine(one, two, self._fine, result)
+        if abs(fine - deep) < _AGREEMENT:
             return fine
         result.clear()
-        return functor(one, two, self._usual, result)
+        return pair.deep(one, two, self._deep, result)
