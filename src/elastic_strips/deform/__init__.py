@@ -3,5 +3,6 @@
 from .deformer import Deformer
 from .params import PRESETS, DeformParams
 from .report import DeformReport, DeformStatus, ForceField
+from .workspace import Foresight
 
-__all__ = ["PRESETS", "DeformParams", "DeformReport", "DeformStatus", "Deformer", "ForceField"]
+__all__ = ["PRESETS", "DeformParams", "DeformReport", "DeformStatus", "Deformer", "ForceField", "Foresight"]

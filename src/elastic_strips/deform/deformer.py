@@ -10,7 +10,7 @@ from ..errors import ConfigurationError, ParameterError
 from ..maintenance import maintain
 from ..relax import project_rolling
 from ..robot import RobotModel
-from ..robot.space import Array
+from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate, Tunnel, protective_hulls
@@ -20,7 +20,7 @@ from .paper_step import PaperStep
 from .params import DeformParams
 from .report import DeformReport, ForceField, TickResult
 from .status import SLIP_LIMIT, settled_report, tick_status
-from .workspace import Workspace
+from .workspace import Foresight, Workspace
 
 
 class Deformer:
@@ -47,7 +47,14 @@ class Deformer:
         self._trust = 1.0
 
     def step(
-        self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False, nodes: bool = True
+        self,
+        strip: Strip,
+        scene: Scene,
+        *,
+        budget: float | None = None,
+        detail: bool = False,
+        nodes: bool = True,
+        foresight: Foresight | None = None,
     ) -> DeformReport:
         """One control tick: deform the strip away from the obstacles and certify it.
 
@@ -58,6 +65,7 @@ class Deformer:
                 None makes exactly one iteration. Nodes are not maintained in a tick whose budget is already spent.
             detail: whether to add forces and protective hulls to the report, to look at.
             nodes: whether nodes may be inserted and removed.
+            foresight: where moving obstacles will be when the nodes are reached; as they stand where None.
 
         Raises:
             ConfigurationError: the strip belongs to another robot.
@@ -68,6 +76,7 @@ class Deformer:
         self._check(strip)
         self.clock.start()
         work = self.workspace
+        work.foresight = foresight
         asked = work.queries
         hold = self._paper is None and work.holds(strip) and self._certified
         work.load(strip, scene)
@@ -137,19 +146,40 @@ class Deformer:
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it."""
         self._check(strip)
+        self.workspace.foresight = None
         self.workspace.load(strip, scene)
         self._certified = False
         return self.workspace.certify(scene)
 
-    def assess(self, strip: Strip, scene: Scene, *, detail: bool = False) -> DeformReport:
+    def assess(
+        self, strip: Strip, scene: Scene, *, detail: bool = False, foresight: Foresight | None = None
+    ) -> DeformReport:
         """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
         self._check(strip)
         self.clock.start()
+        self.workspace.foresight = foresight
         self.workspace.load(strip, scene)
         certificate = self.workspace.certify(scene)
         slip = float(strip.lateral_slip.max(initial=0.0)) if self._paper is None else 0.0
         nothing = ForceField(np.zeros((0, 3)), np.zeros((0, 3)))
         return self._report(scene, TickResult(certificate, slip, 0.0, {}, nothing), 0, 0, detail)
+
+    def carry(self, strip: Strip, chart: Array, source: Indices) -> Strip:
+        """A strip made of the last one's nodes and new ones; what is known of the old nodes is kept.
+
+        Args:
+            strip: the strip of the last report.
+            chart: (M, nv) the new nodes.
+            source: (M,) which node of ``strip`` each was; −1 for a new one.
+        """
+        self._check(strip)
+        ends = self.robot.space.from_chart(chart[[0, -1]])
+        for end in (0, -1):
+            if source[end] >= 0:
+                ends[end] = strip.q[source[end]]
+        new = Strip.from_chart(self.robot, chart, ends=ends)
+        self.workspace.carry(strip, new, source)
+        return new
 
     # the parts of a tick
 

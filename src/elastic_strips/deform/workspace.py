@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..maintenance import Edit
-from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from ..proximity import Ahead, BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array
+from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate, Certifier
 from .clock import PhaseClock
 from .params import DeformParams
+
+Foresight = Callable[[Array], Ahead]
+"""Says for nodes (N, nv) where moving obstacles will be when each of them is reached."""
 
 PAPER_LINK_REACH = 0.3
 """Links' distances are exact below this [m] in the paper preset, whose forces act on control points."""
@@ -26,6 +31,7 @@ class Workspace:
         obstacles: the links' distances to the scene; self_pairs: to each other.
         self_floor: (S,) distances [m] below which the paper preset does not update joints.
         clock: accounts the time to phases.
+        foresight: where moving obstacles will be, or None where they count as they stand.
     """
 
     def __init__(self, robot: RobotModel, params: DeformParams, clock: PhaseClock) -> None:
@@ -37,6 +43,7 @@ class Workspace:
         self.obstacles = ObstacleProximity(self.bodies, influence=reach)
         self.self_pairs, self.self_floor = self._self_proximity()
         self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs)
+        self.foresight: Foresight | None = None
         self._strip: Strip | None = None
         self._ends: Array | None = None  # configurations that stay fixed
 
@@ -73,6 +80,15 @@ class Workspace:
         self._strip, self._ends = strip, strip.q[[0, -1]]
         self._distances(scene)
 
+    def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
+        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none), keeping what is known."""
+        if not self.holds(strip):
+            return
+        self.obstacles.remap(source)
+        self.self_pairs.remap(source)
+        self.kin.update(new.chart)
+        self._strip, self._ends = new, new.q[[0, -1]]
+
     def move(self, chart: Array, scene: Scene) -> float:
         """Move the nodes; returns how far the fastest base or joint moved [m or rad]."""
         moved = float(np.abs(chart - self.chart).max(initial=0.0))
@@ -92,7 +108,7 @@ class Workspace:
 
     def _distances(self, scene: Scene) -> None:
         self.clock.mark("kinematics")
-        self.obstacles.update(self.kin, scene)
+        self.obstacles.update(self.kin, scene, None if self.foresight is None else self.foresight(self.chart))
         self.clock.mark("proximity")
         self.self_pairs.update(self.kin)
         self.clock.mark("self-collision")

@@ -2,15 +2,19 @@
 
 from .bodies import BodySet
 from .bounds import MotionBounds
+from .contacts import Contacts
+from .forecast import Ahead, Forecast
 from .narrowphase import GJK_EXCESS, Narrowphase
-from .obstacles import Contacts, ObstacleProximity
+from .obstacles import ObstacleProximity
 from .self_distance import SelfContacts, SelfProximity
 from .window import Window
 
 __all__ = [
-    "GJK_EXCESS",
+    "Ahead",
     "BodySet",
     "Contacts",
+    "Forecast",
+    "GJK_EXCESS",
     "MotionBounds",
     "Narrowphase",
     "ObstacleProximity",

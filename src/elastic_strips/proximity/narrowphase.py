@@ -54,6 +54,7 @@ class Narrowphase:
         rotations: Array,
         translations: Array,
         reach: float,
+        shift: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """Signed distances of (node, body, part) triples.
 
@@ -64,6 +65,7 @@ class Narrowphase:
             transforms: their Coal transforms, world frame.
             rotations, translations: (P, 3, 3), (P, 3) the same as arrays.
             reach: witness and direction are read only where the distance is below this [m].
+            shift: (K, 3) displacement of the part at the node [m]; none of them moves where None.
 
         Returns:
             distance (K,), direction (K, 3), witness (K, 3) in the world frame; the last two are zero beyond ``reach``.
@@ -73,6 +75,8 @@ class Narrowphase:
         distance = np.empty(count)
         direction, witness = np.zeros((count, 3)), np.zeros((count, 3))
         rotation, translation = self.bodies.placements(kin, node, body)
+        if shift is not None:
+            translation -= shift  # the obstacle moves one way, or the robot the other
         functors, geometries = self._functors, self.bodies.geometries
         ask, normal, transform = self._solver.ask, self._normal, self._transform
         nearest = self._solver.result.getNearestPoint1
@@ -86,7 +90,7 @@ class Narrowphase:
                     g, shape, rotation[k], translation[k], rotations[p], translations[p]
                 )
                 continue
-            if (nodes[k], g) != previous:
+            if (nodes[k], g) != previous or shift is not None:
                 previous = (nodes[k], g)
                 transform.setTransform(rotation[k], translation[k])
             key = (g, id(shape))
@@ -98,6 +102,8 @@ class Narrowphase:
             if d < reach:
                 direction[k] = normal
                 witness[k] = nearest()
+        if shift is not None:
+            witness += shift
         np.negative(direction, out=direction)
         distance += self.bodies.skin
         return distance, direction, witness

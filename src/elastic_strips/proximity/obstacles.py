@@ -8,8 +8,6 @@ nothing else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
@@ -17,32 +15,12 @@ from ..robot import Kinematics
 from ..robot.space import Array, where_true
 from ..scene import Scene
 from .bodies import BodySet
+from .contacts import Contacts
+from .forecast import Ahead, Movers
 from .narrowphase import GJK_EXCESS, Narrowphase
 from .window import Window
 
 _FAR = 1e9
-
-
-@dataclass(frozen=True, slots=True)
-class Contacts:
-    """Body–part pairs of a strip that are within the influence distance.
-
-    Attributes:
-        node, body, part: (K,) indices; ``part`` counts in the engine's window.
-        distance: (K,) signed distance [m].
-        direction: (K, 3) unit vectors away from the obstacle, world frame.
-        witness: (K, 3) nearest points on the robot, world frame [m].
-    """
-
-    node: npt.NDArray[np.intp]
-    body: npt.NDArray[np.intp]
-    part: npt.NDArray[np.intp]
-    distance: Array
-    direction: Array
-    witness: Array
-
-    def __len__(self) -> int:
-        return len(self.node)
 
 
 class ObstacleProximity:
@@ -71,6 +49,7 @@ class ObstacleProximity:
         self.pairs = 0
         self.asked = 0
         self.margin = np.zeros(0)
+        self.movers = Movers()
         self._cover = np.zeros(0, dtype=np.intp)
         self._chart = np.zeros((0, 0))
         self._ends = np.zeros((0, len(bodies), 2, 3))
@@ -102,11 +81,19 @@ class ObstacleProximity:
         self._since[new] = _FAR
         self._chart[new] = np.nan
 
-    def update(self, kin: Kinematics, scene: Scene) -> None:
-        """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot."""
+    def update(self, kin: Kinematics, scene: Scene, ahead: Ahead | None = None) -> None:
+        """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot.
+
+        Args:
+            kin: kinematics of the nodes (N).
+            scene: the snapshot.
+            ahead: where some of its obstacles will be when each node is reached; all of them stay where None.
+        """
         chart = kin.chart[: kin.n]
         ends = self.bodies.capsule_ends(kin)
         columns = None if self.window is None else self.window.follow(scene)
+        if ahead is not None and not self.movers.known(ahead):
+            columns = None
         moved_nodes = None
         if columns is not None and self._chart.shape == chart.shape:
             moved_nodes = np.flatnonzero((chart != self._chart).any(axis=1))
@@ -120,8 +107,22 @@ class ObstacleProximity:
             if len(columns):
                 self.bound[:, :, columns] = -_FAR
                 self._since[:, :, columns] = _FAR
+        self._foresee(ahead)
         self._remember(kin, ends, moved_nodes)
         self.refine(kin)
+
+    def _foresee(self, ahead: Ahead | None) -> None:
+        """Forget what is known of obstacles that move while the strip is passed: their distances differ every time."""
+        window = self.window
+        assert window is not None
+        columns = self.movers.set(ahead, window)
+        if columns is None:
+            return
+        self.bound[:, :, columns] = -_FAR
+        self._since[:, :, columns] = _FAR
+        if ahead is not None and ahead.ignored.any():
+            at = np.ix_(ahead.ignored, np.ones(len(self.bodies), dtype=bool), self.movers.columns)
+            self.bound[at], self.exact[at] = _FAR, np.inf
 
     def _boxes(self, ends: Array) -> tuple[Array, Array]:
         """Boxes (M, 3) that hold all bodies at configurations with these capsule ends (M, G, 2, 3)."""
@@ -159,7 +160,8 @@ class ObstacleProximity:
         body_low, body_high = self._boxes(ends)
         low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
-        self.window = Window.build(scene, low, high, self.slack)
+        self.window = Window.build(scene, low, high, self.slack, always=self.movers.always)
+        self.movers.forget()
         self.narrow.retain(self.window.parts)
         inner = np.minimum(body_low - self.window.cover_low, self.window.cover_high - body_high)
         self.margin, self._cover = inner.min(axis=1), np.arange(n)
@@ -231,7 +233,12 @@ class ObstacleProximity:
             return
         middle = 0.5 * (self._ends[node, body, 0] + self._ends[node, body, 1])
         half = 0.5 * np.sqrt(((self._ends[node, body, 1] - self._ends[node, body, 0]) ** 2).sum(axis=1))
+        moved = self.movers.displaced(node, part)
+        if moved is not None:
+            middle -= moved[0]
         cheap = window.box_distance(middle, part) - half - self.bodies.radius[body]
+        if moved is not None:
+            cheap -= moved[1]
         far = cheap >= reach
         self.bound[node[far], body[far], part[far]] = cheap[far]
         self.exact[node[far], body[far], part[far]] = np.inf
@@ -241,9 +248,12 @@ class ObstacleProximity:
         self.asked = len(node)
         if len(node) == 0:
             return
+        shift, growth = (None, 0.0) if moved is None else (moved[0][near], moved[1][near])
         distance, direction, witness = self.narrow.query(
-            kin, node, body, part, window.parts, window.transforms, window.rotation, window.translation, self.influence
-        )
+            kin, node, body, part, window.parts, window.transforms, window.rotation, window.translation,
+            self.influence + float(np.max(growth)), shift,
+        )  # fmt: skip
+        distance -= growth
         self.exact[node, body, part] = distance
         self.bound[node, body, part] = distance - GJK_EXCESS
         self._since[node, body, part] = 0.0
@@ -280,6 +290,7 @@ class ObstacleProximity:
         body: npt.NDArray[np.intp],
         part: npt.NDArray[np.intp],
         need: Array,
+        moved: tuple[Array, Array] | None = None,
     ) -> Array:
         """Lower bounds (K,) [m] at configurations that are no nodes of the strip (those of ``kin``).
 
@@ -287,18 +298,20 @@ class ObstacleProximity:
             kin: kinematics of these configurations.
             node, body, part: (K,) triples; ``part`` counts in the window.
             need: (K,) a bound at least this large is good enough, so that the box test may do.
+            moved: shift and growth of the parts, as from :meth:`Movers.between`.
         """
         window = self.window
         assert window is not None
         frame = kin.T[self.bodies.joint[body], node]
         ends = np.matmul(frame[:, None, :, :3], self.bodies.ends[body][..., None])[..., 0] + frame[:, None, :, 3]
         half = 0.5 * np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
-        bound = window.box_distance(ends.mean(axis=1), part) - half - self.bodies.radius[body]
+        shift, growth = (0.0, np.zeros(len(node))) if moved is None else moved
+        bound = window.box_distance(ends.mean(axis=1) - shift, part) - half - self.bodies.radius[body] - growth
         ask = np.flatnonzero(bound < need)
         if len(ask):
             ask = ask[np.lexsort((body[ask], node[ask]))]
             bound[ask] = self.narrow.query(
                 kin, node[ask], body[ask], part[ask], window.parts, window.transforms, window.rotation,
-                window.translation, -np.inf,
-            )[0] - GJK_EXCESS  # fmt: skip
+                window.translation, -np.inf, None if moved is None else moved[0][ask],
+            )[0] - GJK_EXCESS - growth[ask]  # fmt: skip
         return bound

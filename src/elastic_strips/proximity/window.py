@@ -47,10 +47,17 @@ class Window:
     obstacle: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @staticmethod
-    def build(scene: Scene, low: Array, high: Array, slack: float) -> Window:
-        """Collect the parts near the boxes ``low``, ``high`` (N, 3) of the nodes, each grown by ``slack`` [m]."""
+    def build(
+        scene: Scene, low: Array, high: Array, slack: float, *, always: npt.NDArray[np.intp] | None = None
+    ) -> Window:
+        """Collect the parts near the boxes ``low``, ``high`` (N, 3) of the nodes, each grown by ``slack`` [m].
+
+        The parts of the obstacles ``always`` are in it wherever they are.
+        """
         low, high = low - slack, high + slack
         rows = _near_rows(scene, low, high)
+        if always is not None and len(always):
+            rows = np.union1d(rows, np.flatnonzero(np.isin(scene.table.obstacle_index, always)))
         window = Window(scene, rows, low, high)
         table = scene.table
         window.parts = [table.parts[r] for r in rows]

@@ -126,6 +126,9 @@ class Certifier:
         bound = self.obstacles.bound
         slack = bound[:-1] + bound[1:]
         slack -= (travel + 2.0 * clearance)[:, :, None]
+        approach = self.obstacles.movers.travel()
+        if approach is not None:
+            slack -= approach[:, None, :]
         slack[states != 0] = np.inf
         segment, body, part = where_true(slack <= 0.0)
         if len(segment) == 0:
@@ -135,6 +138,8 @@ class Certifier:
         unique, inverse = np.unique(key, return_inverse=True)
         s, g = unique // len(self.bodies), unique % len(self.bodies)
         tight = self.bounds.tight_travel(kin, s, g, v[s])[inverse]
+        if approach is not None:
+            tight = tight + approach[segment, part]
         keep = bound[segment, body, part] + bound[segment + 1, body, part] <= tight + 2.0 * clearance
         segment, body, part, tight = segment[keep], body[keep], part[keep], tight[keep]
         if len(segment) == 0:
@@ -222,7 +227,9 @@ class Certifier:
             from ..proximity import GJK_EXCESS
 
             return self.self_pairs.query(self._between, node, triples.body)[0] - GJK_EXCESS
-        return self.obstacles.measure(self._between, node, triples.body, triples.part, need)
+        fraction = 0.5 * (triples.low + triples.high)
+        moved = self.obstacles.movers.between(triples.segment, fraction, triples.part)
+        return self.obstacles.measure(self._between, node, triples.body, triples.part, need, moved)
 
     def _report(
         self,

@@ -1,0 +1,92 @@
+"""Certificates of strips among moving obstacles: nothing that is certified comes near what it meets on its way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from brute_force import configuration, link_distances, make_obstacle
+
+from elastic_strips.deform import Deformer, DeformParams
+from elastic_strips.proximity import Forecast
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+
+SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex")
+
+
+def closest(strip: Strip, segment: int, scene: Scene, forecast: Forecast, times: np.ndarray, samples: int) -> float:
+    """Nearest that the robot comes to the grown obstacles on a segment, by dense sampling in time."""
+    robot, nearest = strip.robot, np.inf
+    for f in np.linspace(0.0, 1.0, samples):
+        t = (1.0 - f) * times[segment] + f * times[segment + 1]
+        row = robot.space.interpolate(strip.chart[segment], strip.chart[segment + 1], f)
+        there = scene
+        for m, k in enumerate(forecast.obstacles):
+            pose = scene.obstacles[k].pose.copy()
+            pose[:3, 3] += forecast.velocity[m] * t
+            there = there.moved(scene.names[k], pose)
+        d = link_distances(robot, there, configuration(robot, row))
+        growth = np.zeros(len(scene))
+        growth[forecast.obstacles] = forecast.offset + forecast.speed * t + 0.5 * forecast.acceleration * t * t
+        nearest = min(nearest, float((d - growth[scene.table.obstacle_index]).min()))
+    return nearest
+
+
+@pytest.mark.parametrize("name", ["silvermate", "rover"])
+def test_certified_among_moving_obstacles(name, request, rng):
+    robot = request.getfixturevalue(name)
+    deformer = Deformer(robot, DeformParams(clearance=0.01))
+    certified, refused, near = 0, 0, 0
+    for _ in range(12):
+        scene = Scene([make_obstacle(s, rng, (-0.5, -1.5, 0.0), (2.5, 1.5, 1.2)) for s in SHAPES])
+        moving = sorted(rng.choice(len(SHAPES), 3, replace=False).tolist())
+        forecast = Forecast(
+            np.array(moving), rng.uniform(-1.0, 1.0, (3, 3)), np.full(3, 0.01), rng.uniform(0, 0.1, 3),
+            rng.uniform(0, 0.4, 3),
+        )  # fmt: skip
+        strip = Strip(
+            robot, [robot.home(x=x, y=0.3 * y) for x, y in zip(np.linspace(0, 2, 5), rng.normal(size=5), strict=True)]
+        )
+        times = np.cumsum(np.append(0.0, rng.uniform(0.1, 0.6, 4)))
+        ahead = forecast.ahead(times)
+        report = deformer.assess(strip, scene, foresight=lambda chart, ahead=ahead: ahead)
+        for j, good in enumerate(report.certificate.segments):
+            d = closest(strip, j, scene, forecast, times, 41)
+            if good:
+                assert d > 0.01 - 1e-5
+                certified += 1
+                near += d < 0.08
+            else:
+                assert d < 0.2
+                refused += 1
+        still = deformer.certify(strip, scene)
+        fresh = Deformer(robot, DeformParams(clearance=0.01)).certify(strip, scene)
+        np.testing.assert_array_equal(still.states, fresh.states)
+    assert certified >= 8
+    assert refused >= 8
+
+
+def test_a_crossing_obstacle_is_passed_behind(silvermate):
+    """The strip goes where the obstacle will have left, and not where it stands now."""
+    from elastic_strips.planning import straight_line
+    from elastic_strips.scene import Cylinder
+
+    scene = Scene([Cylinder(0.3, 1.6, at=(2.0, 0.2, 0.8), name="walker")])
+    leaving = Forecast(np.array([0]), np.array([[0.0, 0.8, 0.0]]), np.zeros(1), np.zeros(1), np.zeros(1))
+    strip = Strip.from_chart(
+        silvermate, straight_line(silvermate, silvermate.home(), silvermate.home(x=4.0), spacing=0.13)
+    )
+
+    def foresight(chart):
+        v = silvermate.space.difference(chart[:-1], chart[1:])
+        return leaving.ahead(np.append(0.0, np.cumsum(np.hypot(v[:, 0], v[:, 1]))) / 1.0)
+
+    deformer = Deformer(silvermate)
+    aside, around = strip, strip
+    for _ in range(15):
+        moving = deformer.step(aside, scene, foresight=foresight)
+        aside = moving.strip
+    assert moving.certified
+    standing = Deformer(silvermate).settle(around, scene, max_ticks=15)
+    assert np.abs(aside.chart[:, 1]).max() < 0.05
+    assert np.abs(standing.strip.chart[:, 1]).max() > 0.2
