@@ -56,6 +56,17 @@ def tiago() -> RobotModel:
 
 
 @pytest.fixture(scope="session")
+def jackal_box() -> RobotModel:
+    """A robot without an arm: no joint is planned."""
+    return load_robot("jackal-box")
+
+
+@pytest.fixture(scope="session")
+def bridge_arm() -> RobotModel:
+    return load_robot("bridge-arm")
+
+
+@pytest.fixture(scope="session")
 def gantry_urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("urdf") / "gantry.urdf"
     path.write_text(GANTRY)

@@ -26,7 +26,7 @@ from .errors import (
     ScenarioError,
     SceneError,
 )
-from .io import read_scene, write_scene
+from .io import read_scene, read_world, write_scene, write_world
 from .planning import PlanReport, plan, plan_report
 from .robot import RobotModel, load_robot, robot_names
 from .scenarios import get_scenario, run_scenario, scenario_names
@@ -42,7 +42,9 @@ from .scene import (
     Scene,
     Sphere,
     Twist,
+    Unknown,
     Voxels,
+    World,
 )
 from .strip import Strip
 from .tunnel import Certificate, strip_clearance
@@ -67,8 +69,12 @@ __all__ = [
     "Points",
     "Twist",
     "Keyframes",
+    "Unknown",
+    "World",
     "read_scene",
     "write_scene",
+    "read_world",
+    "write_world",
     "Strip",
     "plan",
     "plan_report",

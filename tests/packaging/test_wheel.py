@@ -76,9 +76,9 @@ def test_the_wheel_holds_what_it_needs(wheel: Path) -> None:
         names = set(archive.namelist())
         (metadata,) = [archive.read(n).decode() for n in names if n.endswith(".dist-info/METADATA")]
         (entries,) = [archive.read(n).decode() for n in names if n.endswith(".dist-info/entry_points.txt")]
-    robots = {str(p.relative_to(ROOT)) for p in (ROOT / "urdf").glob("silvermate.*")}
+    robots = {str(p.relative_to(ROOT)) for p in (ROOT / "urdf").glob("*.?rdf")}
     meshes = {str(p.relative_to(ROOT)) for p in (ROOT / "urdf" / "meshes").glob("*.obj")}
-    assert len(robots) >= 2
+    assert len(robots) >= 5
     assert meshes
     for name in ("py.typed", "__init__.py", "cli/main.py", *robots, *meshes):
         assert f"elastic_strips/{name}" in names

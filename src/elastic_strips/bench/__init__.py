@@ -1,7 +1,21 @@
-"""Benchmarks: planning, replanning and the tick, measured on this machine."""
+"""Benchmarks: planning, replanning, the tick and the closed loop, measured on this machine."""
 
+from .drive import bench_drive, bench_faults
 from .plan import bench_plan
+from .problems import bench_bridge, bench_problems
+from .reaction import bench_reaction
 from .replan import bench_replan
+from .soak import bench_soak
 from .tick import bench_tick
 
-__all__ = ["bench_plan", "bench_replan", "bench_tick"]
+__all__ = [
+    "bench_bridge",
+    "bench_drive",
+    "bench_faults",
+    "bench_plan",
+    "bench_problems",
+    "bench_reaction",
+    "bench_replan",
+    "bench_soak",
+    "bench_tick",
+]

@@ -1,4 +1,4 @@
-"""Command line: ``elastic-strips run | view | bench | list``."""
+"""Command line: ``elastic-strips run | drive | view | bench | list``."""
 
 from .main import main
 

@@ -9,6 +9,7 @@ import click
 from ..bench import bench_plan, bench_replan, bench_tick
 from ..io import check_writable, write_json
 from ..robot import load_robot
+from .bench_drive_command import COMMANDS
 from .progress import LateProgress
 
 _robot = click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")
@@ -18,7 +19,7 @@ _seeds = click.option(
 _json = click.option("--json", "json_file", type=click.Path(), metavar="FILE", help="Write all figures.")
 
 
-@click.group(short_help="Measure planning, replanning and the tick.")
+@click.group(short_help="Measure planning, replanning, the tick and the closed loop.")
 def bench() -> None:
     """Measure on this machine. The figures are percentiles; on a shared machine trust the ratios."""
 
@@ -116,3 +117,7 @@ def _row(label: str, text: str) -> None:
 def _write(json_file: str | None, figures: dict[str, Any]) -> None:
     if json_file is not None:
         click.echo(f"figures {write_json(json_file, figures)}")
+
+
+for command in COMMANDS:
+    bench.add_command(command)

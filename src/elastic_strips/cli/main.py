@@ -10,6 +10,7 @@ import click
 from .._version import __version__
 from ..errors import ElasticStripsError
 from .bench_command import bench
+from .drive_command import drive
 from .list_command import list_command
 from .run_command import run
 from .view_command import view
@@ -25,8 +26,9 @@ Start with:
   elastic-strips list                     what there is to run
   elastic-strips run case-7 --view        run it and watch it in the browser
   elastic-strips run case-7 --json r.json write the strip and its certificate
+  elastic-strips drive moving-corridor    drive among moving obstacles
 
-Exit codes: 0 certified, 2 wrong input, 3 blocked or broken, 130 interrupted.
+Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken or not reached, 130 interrupted.
 """
 
 
@@ -38,6 +40,7 @@ def cli(verbose: bool) -> None:
 
 
 cli.add_command(run)
+cli.add_command(drive)
 cli.add_command(view)
 cli.add_command(bench)
 cli.add_command(list_command)

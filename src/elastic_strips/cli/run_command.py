@@ -58,7 +58,7 @@ def run(
 
     Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
     """
-    _check_outputs(scenario, json_file, html_file)
+    check_outputs(scenario, json_file, html_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, preset, base)
     result = _run(problem, model, preset, seed, timeout)
@@ -70,7 +70,7 @@ def run(
     return EXIT_CERTIFIED if result.certified else EXIT_NOT_CERTIFIED
 
 
-def _check_outputs(scenario: str, *files: str | None) -> None:
+def check_outputs(scenario: str, *files: str | None) -> None:
     """Every output can be written, and none would overwrite the scenario or another output."""
     taken = {Path(scenario).absolute()}
     for name in files:

@@ -164,6 +164,16 @@ class Deformer:
         nothing = ForceField(np.zeros((0, 3)), np.zeros((0, 3)))
         return self._report(scene, TickResult(certificate, slip, 0.0, {}, nothing), 0, 0, detail)
 
+    def reset(self) -> None:
+        """Forget all that is kept from tick to tick; for after an exception."""
+        self._certified, self._trust = False, 1.0
+        self.workspace.reset()
+
+    @property
+    def spacing_weight(self) -> Array:
+        """(nv,) metric in which node spacing is measured [m²/m² or m²/rad²]."""
+        return self._default.spacing_weight
+
     def carry(self, strip: Strip, chart: Array, source: Indices) -> Strip:
         """A strip made of the last one's nodes and new ones; what is known of the old nodes is kept.
 
@@ -239,7 +249,7 @@ class Deformer:
             weight=self._default.spacing_weight,
             max_spacing=params.max_spacing,
             min_spacing=params.min_spacing,
-            split=~result.certificate.segments,
+            split=None if work.foresight else ~result.certificate.segments,  # what moves on will be gone
             max_nodes=params.max_nodes,
         )
         self.clock.mark("maintenance")

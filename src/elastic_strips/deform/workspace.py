@@ -69,6 +69,12 @@ class Workspace:
         """Exact distance queries made so far."""
         return self.obstacles.narrow.queries + self.self_pairs.queries
 
+    def reset(self) -> None:
+        """Forget all that is known."""
+        self._strip = None
+        self.obstacles.reset()
+        self.self_pairs.reset()
+
     def holds(self, strip: Strip) -> bool:
         """Whether the current nodes are those of this very strip."""
         return strip is self._strip

@@ -1,23 +1,38 @@
-"""IO room: scene and scenario files in and out; every complaint names file, line and key."""
+"""IO room: scene, scenario and benchmark files in and out; every complaint names file and place."""
 
+from elastic_strips.io.barn import barn_ids, load_barn
+from elastic_strips.io.bridge import load_bridge
+from elastic_strips.io.drive_problem import DriveProblem
+from elastic_strips.io.dynabarn import dynabarn_ids, load_dynabarn
 from elastic_strips.io.files import check_writable, write_json
+from elastic_strips.io.nav2_map import load_nav2_map
 from elastic_strips.io.obstacle_document import obstacle_documents, shape_document
 from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
-from elastic_strips.io.scene_file import read_scene, scene_from_node
-from elastic_strips.io.scene_writer import write_scene
+from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
+from elastic_strips.io.scene_writer import write_scene, write_world
 from elastic_strips.io.yaml_source import Node, load_yaml
 
 __all__ = [
+    "DriveProblem",
     "Node",
     "PoseSpec",
     "ScenarioSpec",
+    "barn_ids",
     "check_writable",
+    "dynabarn_ids",
+    "load_barn",
+    "load_bridge",
+    "load_dynabarn",
+    "load_nav2_map",
     "load_yaml",
     "obstacle_documents",
     "read_scenario",
     "read_scene",
+    "read_world",
     "scene_from_node",
     "shape_document",
+    "world_from_node",
     "write_json",
     "write_scene",
+    "write_world",
 ]

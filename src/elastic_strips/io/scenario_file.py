@@ -10,9 +10,9 @@ from pathlib import Path
 
 from elastic_strips.errors import ScenarioError
 from elastic_strips.io import schema
-from elastic_strips.io.scene_file import VERSION, scene_from_node
+from elastic_strips.io.scene_file import VERSION, world_from_node
 from elastic_strips.io.yaml_source import Node, load_yaml
-from elastic_strips.scene import Scene
+from elastic_strips.scene import Scene, World
 
 BASES = ("diff_drive", "omni", "fixed")
 PRESETS = ("default", "paper")
@@ -45,7 +45,8 @@ class ScenarioSpec:
         base: "diff_drive", "omni", "fixed", or None for the robot's own.
         preset: "default", "paper" or None.
         params: Overrides of parameters by name; not checked here.
-        scene: The scene at its time.
+        scene: What exists at the scene's time.
+        world: All obstacles, and when they appear and vanish.
         start: Start of the strip.
         goal: Goal of the strip.
         seed: Seed of everything random.
@@ -59,6 +60,7 @@ class ScenarioSpec:
     preset: str | None
     params: Mapping[str, float]
     scene: Scene
+    world: World
     start: PoseSpec
     goal: PoseSpec
     seed: int
@@ -92,6 +94,7 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
     file = root.source.path
     if "version" in entries:
         schema.integer(entries["version"], low=VERSION, high=VERSION)
+    world = _world(entries["scene"])
     return ScenarioSpec(
         name=schema.string(entries["name"]) if "name" in entries else file.stem,
         description=schema.string(entries["description"]) if "description" in entries else "",
@@ -99,7 +102,8 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
         base=schema.string(entries["base"], valid=BASES) if "base" in entries else None,
         preset=schema.string(entries["preset"], valid=PRESETS) if "preset" in entries else None,
         params=_numbers(entries["params"], high=1e12) if "params" in entries else {},
-        scene=_scene(entries["scene"]),
+        scene=world.at(world.scene.time),
+        world=world,
         start=_pose(entries["start"]),
         goal=_pose(entries["goal"]),
         seed=schema.integer(entries["seed"], low=0, high=2**32 - 1) if "seed" in entries else 0,
@@ -118,10 +122,10 @@ def _robot(node: Node) -> str:
     return str(path)
 
 
-def _scene(node: Node) -> Scene:
+def _world(node: Node) -> World:
     if not isinstance(node.value, str):
-        return scene_from_node(node)
-    return scene_from_node(load_yaml(node.source.path.parent / schema.string(node), error=ScenarioError))
+        return world_from_node(node)
+    return world_from_node(load_yaml(node.source.path.parent / schema.string(node), error=ScenarioError))
 
 
 def _pose(node: Node) -> PoseSpec:

@@ -1,4 +1,4 @@
-"""IO room, scene files: a `Scene` from YAML; the schema is documented in docs/scene-files.md."""
+"""IO room, scene files: a `Scene` or a `World` from YAML; the schema is documented in docs/scene-files.md."""
 
 from __future__ import annotations
 
@@ -28,13 +28,17 @@ from elastic_strips.scene import (
     Scene,
     Sphere,
     Twist,
+    Unknown,
     Voxels,
+    World,
     checks,
 )
+from elastic_strips.scene.motion import MAX_SPEED
 
 VERSION = 1
 MAX_ARRAY_BYTES = 500_000_000
-_COMMON = ("shape", "name", "at", "quat", "rpy", "motion")
+_COMMON = ("shape", "name", "at", "quat", "rpy", "motion", "appears", "vanishes")
+_MOTIONS = ("twist", "keyframes", "unknown")
 _SHAPES: dict[str, tuple[str, ...]] = {
     "box": ("size",),
     "sphere": ("radius",),
@@ -49,17 +53,34 @@ _SHAPES: dict[str, tuple[str, ...]] = {
 
 
 def read_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene file.
+    """Read a scene file: the obstacles that exist at the file's time.
 
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
-    node = load_yaml(path)
-    return scene_from_node(node)
+    return scene_from_node(load_yaml(path))
+
+
+def read_world(path: str | os.PathLike[str]) -> World:
+    """Read a scene file: all obstacles, and when they appear and vanish.
+
+    Raises:
+        SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
+    """
+    return world_from_node(load_yaml(path))
 
 
 def scene_from_node(node: Node) -> Scene:
-    """Scene of a mapping node, as a scene file or a scenario's ``scene`` holds it.
+    """Scene of a mapping node, as a scene file or a scenario's ``scene`` holds it: what exists at its time.
+
+    Paths in it are relative to the node's own file.
+    """
+    world = world_from_node(node)
+    return world.at(world.scene.time)
+
+
+def world_from_node(node: Node) -> World:
+    """World of a mapping node, as a scene file or a scenario's ``scene`` holds it.
 
     Paths in it are relative to the node's own file.
     """
@@ -69,7 +90,8 @@ def scene_from_node(node: Node) -> Scene:
     time = schema.number(entries["time"], low=-1e9, high=1e9, unit="s") if "time" in entries else 0.0
     obstacles: list[Obstacle] = []
     named: dict[str, int] = {}
-    for item in schema.items(entries["obstacles"]):
+    items = schema.items(entries["obstacles"])
+    for item in items:
         obstacle = _obstacle(item)
         if obstacle.name is not None:
             line = item.value["name"].line
@@ -78,7 +100,22 @@ def scene_from_node(node: Node) -> Scene:
                 item.value["name"].fail(f"{taken}; names must be unique")
             named[obstacle.name] = line
         obstacles.append(obstacle)
-    return schema.checked(node, Scene, obstacles, time=time)
+    scene = schema.checked(node, Scene, obstacles, time=time)
+    spans = dict(zip(scene.names, (_span(item) for item in items), strict=True))
+    appears = {name: span[0] for name, span in spans.items() if span[0] is not None}
+    vanishes = {name: span[1] for name, span in spans.items() if span[1] is not None}
+    return schema.checked(node, World, scene, appears, vanishes)
+
+
+def _span(node: Node) -> tuple[float | None, float | None]:
+    """When an obstacle appears and vanishes [s]; None where the file does not say."""
+    times = [
+        schema.number(node.value[key], low=-1e9, high=1e9, unit="s") if key in node.value else None
+        for key in ("appears", "vanishes")
+    ]
+    if times[0] is not None and times[1] is not None and not times[1] > times[0]:
+        node.value["vanishes"].fail(f"is {times[1]:g} s; it must be later than 'appears', {times[0]:g} s")
+    return times[0], times[1]
 
 
 def _obstacle(node: Node) -> Obstacle:
@@ -112,10 +149,13 @@ def _placement(entries: dict[str, Node]) -> dict[str, Any]:
 
 
 def _motion(node: Node) -> Motion:
-    kinds = schema.mapping(node, ("twist", "keyframes"), what="a motion")
+    kinds = schema.mapping(node, _MOTIONS, what="a motion")
     if len(kinds) != 1:
-        node.fail(f"must hold one of 'twist' and 'keyframes', not {len(kinds)} keys")
+        node.fail(f"must hold one of 'twist', 'keyframes' and 'unknown', not {len(kinds)} keys")
     kind, inner = next(iter(kinds.items()))
+    if kind == "unknown":
+        entries = schema.mapping(inner, ("max_speed",), needed=("max_speed",), what="an unknown motion")
+        return Unknown(schema.number(entries["max_speed"], low=0.0, high=MAX_SPEED, unit="m/s"))
     if kind == "twist":
         entries = schema.mapping(inner, ("linear", "angular"), what="a twist")
         values = {key: schema.vector(entry, 3) for key, entry in entries.items()}

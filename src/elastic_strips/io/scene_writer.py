@@ -1,4 +1,4 @@
-"""IO room, scene writer: a `Scene` as a YAML file that `read_scene` reads back."""
+"""IO room, scene writer: a `Scene` or a `World` as a YAML file that `read_scene` and `read_world` read back."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_strips.errors import SceneError
 from elastic_strips.io.scene_file import VERSION
-from elastic_strips.scene import Keyframes, Obstacle, Scene, Twist, checks
+from elastic_strips.scene import Keyframes, Obstacle, Scene, Twist, Unknown, World, checks
 
 
 def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
@@ -21,12 +21,30 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     Twists are written with their pose at time 0. Meshes that came from a file are written as that file's relative path.
 
     Raises:
-        SceneError: A motion is neither a twist nor keyframes, or the file cannot be written.
+        SceneError: A motion is neither a twist nor keyframes nor unknown, or the file cannot be written.
     """
+    _write(scene, {}, path)
+
+
+def write_world(world: World, path: str | os.PathLike[str]) -> None:
+    """Write a scene file that `read_world` reads back: all obstacles, and when they appear and vanish.
+
+    Raises:
+        SceneError: As for `write_scene`.
+    """
+    spans: dict[str, dict[str, str]] = {name: {} for name in world.scene.names}
+    for key, times in (("appears", world.appears), ("vanishes", world.vanishes)):
+        for name, time in times.items():
+            spans[name][key] = _text(time)
+    _write(world.scene, spans, path)
+
+
+def _write(scene: Scene, spans: dict[str, dict[str, str]], path: str | os.PathLike[str]) -> None:
+    """Write the obstacles, each with further keys by its name."""
     target = Path(path)
     lines = [f"version: {VERSION}", f"time: {_text(scene.time)}", "obstacles:" if len(scene) else "obstacles: []"]
     for obstacle in scene:
-        entries = _entries(obstacle, target)
+        entries = _entries(obstacle, target) | spans.get(obstacle.name or "", {})
         lines += [f"  {'-' if k == 0 else ' '} {key}: {value}" for k, (key, value) in enumerate(entries.items())]
     _replace(target, "\n".join(lines) + "\n")
 
@@ -59,6 +77,8 @@ def _entries(obstacle: Obstacle, target: Path) -> dict[str, str]:
             frames["quats"] = motion.quats.tolist()
         frames["loop"] = motion.loop
         entries["motion"] = f"{{keyframes: {_text(frames)}}}"
+    elif isinstance(motion, Unknown):
+        entries["motion"] = f"{{unknown: {_text({'max_speed': motion.max_speed})}}}"
     elif motion is not None:
         raise SceneError(
             f"obstacle {obstacle.name!r}: a motion of type {type(motion).__name__} cannot be written to a file"

@@ -187,7 +187,8 @@ class _Reader:
         if self._planar:
             state[0].setX(float(row[0]))
             state[0].setY(float(row[1]))
-            state[0].setYaw(float(row[2]))
+            yaw = math.remainder(float(row[2]), 2.0 * math.pi)
+            state[0].setYaw(yaw if yaw < math.pi else -math.pi)  # OMPL refuses pi itself as out of bounds
         if self._nj:
             joints = state[1 if self._planar else 0]
             for i in range(self._nj):

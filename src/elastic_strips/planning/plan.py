@@ -1,4 +1,7 @@
-"""plan: an initial strip, by the straight line where that relaxes to a certified strip, else by OMPL."""
+"""plan: an initial strip, by the straight line where that relaxes to a certified strip, else by OMPL.
+
+A path that is given comes before both; a path over a grid, where it is asked for, between them.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,10 @@ from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
 from .ends import check_ends
+from .grid_path import grid_path
 from .line import straight_line
 from .ompl_planner import ompl_path
+from .waypoints import waypoint_rows
 
 _log = logging.getLogger(__name__)
 _LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
@@ -34,7 +39,7 @@ class PlanReport:
         strip: the strip; initial: what it was relaxed from. It is certified if
             ``certified``, else the best that was reached, as it is.
         certified: whether every segment is certified.
-        method: ``"line"``, ``"ompl"``, or ``"none"`` where nothing was certified.
+        method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, or ``"none"`` where nothing was certified.
         reason: what happened, for people.
         report: the last deformation report.
         attempts: planner calls made.
@@ -67,6 +72,8 @@ def plan_report(
     line_ticks: int = 6,
     deformer: Deformer | None = None,
     line: bool = True,
+    path: npt.ArrayLike | None = None,
+    grid: bool = False,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
     """Plan an initial strip and tell how it went.
@@ -81,11 +88,13 @@ def plan_report(
         line_ticks: most ticks that the straight line gets.
         deformer: a workspace of the same robot to use again.
         line: whether to try the straight line at all.
+        path: what to try first: waypoints (K, 2) of the base [m], or chart rows (K, nv), from start to goal.
+        grid: whether to try the way that :func:`grid_path` finds before OMPL is asked; not for a fixed base.
         watch: called with every tick's report.
 
     Raises:
         ConfigurationError: start or goal is not sound, or in collision; names the pair.
-        ParameterError: a seed, timeout or number of ticks outside its range.
+        ParameterError: a seed, timeout or number of ticks outside its range, or a path of another shape.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ParameterError(f"seed={seed!r} must be an integer ≥ 0")
@@ -115,6 +124,22 @@ def plan_report(
             timings,
         )
 
+    def relaxed(rows: Array) -> tuple[Strip, DeformReport]:
+        nonlocal ticks
+        mark = perf_counter()
+        strip = path_strip(robot, rows)
+        report = relax_path(deformer, strip, scene, watch=watch)
+        ticks += report.ticks
+        timings["relaxation"] += perf_counter() - mark
+        return strip, report
+
+    if path is not None:
+        initial, report = relaxed(waypoint_rows(robot, q_start, q_goal, path, spacing=spacing))
+        if report.usable:
+            return done(report, "path", f"the given path relaxed to a certified strip in {report.ticks} ticks")
+        reasons.append(f"given path: {report.reason}")
+        best = report
+
     mark = perf_counter()
     rows = straight_line(robot, q_start, q_goal, spacing=spacing)
     initial = Strip.from_chart(robot, rows)
@@ -123,8 +148,22 @@ def plan_report(
     timings["line"] += perf_counter() - mark
     if report.usable:
         return done(report, "line", f"the straight line relaxed to a certified strip in {report.ticks} ticks")
-    best = report
+    best = report if best is None or report.clearance > best.clearance else best
     reasons.append(f"straight line: {report.reason}")
+
+    if grid and robot.space.planar:
+        attempts += 1
+        way = grid_path(robot, scene, q_start, q_goal)
+        timings["planner"] += way.seconds
+        if way.way is None:
+            reasons.append(way.reason)
+        else:
+            strip, report = relaxed(waypoint_rows(robot, q_start, q_goal, way.way, spacing=spacing))
+            if report.usable:
+                initial = strip
+                return done(report, "grid", f"the grid's path relaxed to a certified strip in {report.ticks} ticks")
+            reasons.append(f"grid's path: {report.reason}")
+            best = report if report.clearance > best.clearance else best
 
     for attempt in range(64):
         left = timeout - (perf_counter() - began)
@@ -141,17 +180,12 @@ def plan_report(
         if found.chart is None:
             reasons.append(found.reason)
             continue
-        mark = perf_counter()
-        path = path_strip(robot, found.chart)
-        report = relax_path(deformer, path, scene, watch=watch)
-        ticks += report.ticks
-        timings["relaxation"] += perf_counter() - mark
+        strip, report = relaxed(found.chart)
         if report.usable:
-            initial = path
+            initial = strip
             return done(report, "ompl", f"OMPL path {attempts} relaxed to a certified strip in {report.ticks} ticks")
         reasons.append(f"path {attempts}: {report.reason}")
-        if report.clearance > best.clearance:
-            best = report
+        best = report if report.clearance > best.clearance else best
     reason = "no certified strip: " + "; ".join(reasons[-4:])
     _log.warning("%s", reason)
     return done(best, "none", reason)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..robot import Kinematics
-from ..robot.space import Array
+from ..robot.space import Array, Indices, where_true
 from .bodies import BodySet
 from .bounds import MotionBounds
 from .narrowphase import GJK_EXCESS
@@ -134,7 +134,15 @@ class SelfProximity:
 
     def refine(self, kin: Kinematics, reach: float) -> None:
         """Make every pair exact whose bound is below ``reach`` and that moved since it was asked."""
-        node, pair = np.nonzero((self.bound < reach) & (self._since > self.tolerance))
+        node, pair = where_true((self.bound < reach) & (self._since > self.tolerance))
+        self._ask(kin, node, pair, np.full(len(node), reach))
+
+    def refine_at(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
+        """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
+        stale = (self.bound[node, pair] < reach) & (self._since[node, pair] > self.tolerance)
+        self._ask(kin, node[stale], pair[stale], reach[stale])
+
+    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
         self.asked = 0
         if len(node) == 0:
             return

@@ -13,6 +13,8 @@ import coal
 
 _TOLERANCE = 1e-12
 _AGREEMENT = 1e-4
+_FAILED = -1e100
+"""Coal says −1.8e308 where its solver for penetration does not converge."""
 
 
 def distance_request(*, fine_apart: bool = False, fine_deep: bool = False) -> coal.DistanceRequest:
@@ -60,6 +62,11 @@ class PairSolver:
         self._apart = distance_request(fine_apart=True)
         self._deep = distance_request()
         self._fine = distance_request(fine_apart=True, fine_deep=True)
+        self._coarse = []
+        for tolerance in (1e-4, 1e-3, 1e-2, 0.1):
+            request = distance_request()
+            request.epa_tolerance = tolerance
+            self._coarse.append(request)
 
     def ask(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
         """Signed distance [m]; ``result`` then holds the normal and the witness points."""
@@ -74,7 +81,11 @@ class PairSolver:
         deep = pair.deep(one, two, self._deep, result)
         result.clear()
         fine = pair.fine(one, two, self._fine, result)
-        if abs(fine - deep) < _AGREEMENT:
+        if fine > _FAILED and abs(fine - deep) < _AGREEMENT:
             return fine
-        result.clear()
-        return pair.deep(one, two, self._deep, result)
+        for request in (self._deep, *self._coarse):  # even Coal's own tolerance is not always reached
+            result.clear()
+            deep = pair.deep(one, two, request, result)
+            if deep > _FAILED:
+                return deep
+        raise FloatingPointError("Coal finds no penetration depth of two shapes at any tolerance")

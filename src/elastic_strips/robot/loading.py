@@ -23,19 +23,21 @@ from .urdf_geometry import MAX_LENGTH
 
 @dataclass(frozen=True, slots=True)
 class KnownRobot:
-    """A robot that can be loaded by its name."""
+    """A robot that can be loaded by its name; ``own`` names its files in ``urdf/`` if they come with the package."""
 
     summary: str
     base: BaseKind
     planned: tuple[str, ...] | None
     home: Mapping[str, float]
     hand_frame: str | None
+    own: str | None = None
 
     def files(self, name: str) -> tuple[Path, Path | None, tuple[Path, ...]]:
         """URDF, SRDF and package folders."""
-        if name == "silvermate":
+        if self.own is not None:
             folder = urdf_dir()
-            return folder / "silvermate.urdf", folder / "silvermate.srdf", (folder,)
+            srdf = folder / f"{self.own}.srdf"
+            return folder / f"{self.own}.urdf", srdf if srdf.is_file() else None, (folder,)
         share = _example_robot_data()
         return share / "example-robot-data/robots/tiago_description/robots/tiago.urdf", None, (share,)
 
@@ -48,11 +50,19 @@ _TIAGO_HOME = {
 _KNOWN = {
     "silvermate": KnownRobot(
         "the paper's robot: round differential-drive base, 7-DOF arm",
-        BaseKind.DIFF_DRIVE, None, {}, "hand_frame",
+        BaseKind.DIFF_DRIVE, None, {}, "hand_frame", "silvermate",
     ),
     "tiago": KnownRobot(
         "PAL Robotics' TIAGo of example-robot-data: differential drive, lift, 7-DOF arm",
         BaseKind.DIFF_DRIVE, tuple(_TIAGO_HOME), _TIAGO_HOME, "hand_palm_link",
+    ),
+    "jackal-box": KnownRobot(
+        "a Jackal-sized box on two wheels, 0.508 x 0.43 m, no arm: differential drive",
+        BaseKind.DIFF_DRIVE, None, {}, None, "jackal_box",
+    ),
+    "bridge-arm": KnownRobot(
+        "a box on two wheels, 0.5 x 0.5 m, with a 6-DOF arm of the UR5's proportions: differential drive",
+        BaseKind.DIFF_DRIVE, None, {}, "tool_frame", "bridge_arm",
     ),
 }  # fmt: skip
 
@@ -76,7 +86,7 @@ def load_robot(
     locked: Mapping[str, float] | None = None,
     package_dirs: tuple[str | Path, ...] = (),
 ) -> RobotModel:
-    """Load a robot by name (``"silvermate"``, ``"tiago"``) or from a URDF file.
+    """Load a robot by name (``"silvermate"``, ``"tiago"``, ``"jackal-box"``, ``"bridge-arm"``) or from a URDF file.
 
     Args:
         name_or_path: a name, or a path that ends in ``.urdf`` or holds a separator.

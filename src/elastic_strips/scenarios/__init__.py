@@ -2,12 +2,23 @@
 
 from .corridor import corridor_scene
 from .document import FORMAT, FORMAT_VERSION, result_document
+from .drive import PLANTS, DriveOutcome, conclude, drive_scenario, make_runner
+from .drive_document import DRIVE_FORMAT, DRIVE_FORMAT_VERSION, drive_document
+from .moving import moving_corridor
 from .passage import passage
 from .registry import get_scenario, scenario_names
 from .run import RunResult, run_scenario
 from .scenario import Scenario
 
 __all__ = [
+    "DRIVE_FORMAT",
+    "DRIVE_FORMAT_VERSION",
+    "PLANTS",
+    "DriveOutcome",
+    "conclude",
+    "drive_document",
+    "drive_scenario",
+    "make_runner",
     "FORMAT",
     "FORMAT_VERSION",
     "result_document",
@@ -15,6 +26,7 @@ __all__ = [
     "Scenario",
     "corridor_scene",
     "get_scenario",
+    "moving_corridor",
     "passage",
     "run_scenario",
     "scenario_names",

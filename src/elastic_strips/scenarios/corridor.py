@@ -9,10 +9,12 @@ from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, S
 
 LENGTH = 8.0
 """Distance [m] from start to goal, along x."""
-_HALF_WIDTH = 2.0
+HALF_WIDTH = 2.0
+"""Half the distance [m] between the two walls."""
 _OBSTACLES = 32
 _BLOCKERS = 4
-_PASSAGE = 0.56  # half width [m] kept free about the guide curve: base radius, arm and room to turn
+PASSAGE = 0.56
+"""Half width [m] kept free about the guide curve: base radius, arm and room to turn."""
 _ENDS = 0.95  # radius [m] about start and goal kept free: robot and influence distance
 _STEPS = 400
 
@@ -37,7 +39,7 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
     rng = np.random.default_rng(seed)
     guide = _guide(rng)
     items: list[Obstacle] = [
-        Box((LENGTH + 3.0, 0.1, 1.2), at=(LENGTH / 2, side * (_HALF_WIDTH + 0.05), 0.6), name=name)
+        Box((LENGTH + 3.0, 0.1, 1.2), at=(LENGTH / 2, side * (HALF_WIDTH + 0.05), 0.6), name=name)
         for side, name in ((1.0, "wall-left"), (-1.0, "wall-right"))
     ]
     blockers = 0
@@ -49,13 +51,18 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
         kind = kinds[int(rng.integers(6 if block else len(kinds)))]
         radius = float(rng.uniform(0.1, 0.28))
         x = float(rng.uniform(0.0, LENGTH)) if not block else float(rng.uniform(1.2, LENGTH - 1.2))
-        y = float(rng.uniform(-0.12, 0.12)) if block else float(rng.uniform(-_HALF_WIDTH, _HALF_WIDTH))
+        y = float(rng.uniform(-0.12, 0.12)) if block else float(rng.uniform(-HALF_WIDTH, HALF_WIDTH))
         free = np.min(np.hypot(guide[:, 0] - x, guide[:, 1] - y))
-        if free < radius + _PASSAGE or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _ENDS:
+        if free < radius + PASSAGE or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _ENDS:
             continue
         items.append(_obstacle(kind, radius, x, y, rng, f"{kind}-{len(items)}"))
         blockers += block
     raise ScenarioError(f"corridor: seed {seed} found no room for {obstacles} obstacles; ask for fewer")
+
+
+def corridor_guide(seed: int) -> np.ndarray:
+    """The curve (K, 2) [m] from start to goal about which the corridor of that seed is free."""
+    return _guide(np.random.default_rng(seed))
 
 
 def _guide(rng: np.random.Generator) -> np.ndarray:
@@ -66,7 +73,7 @@ def _guide(rng: np.random.Generator) -> np.ndarray:
     y = envelope * float(rng.uniform(0.95, 1.25)) * np.sin(np.pi * waves * x / LENGTH + rng.uniform(-0.3, 0.3))
     if rng.random() < 0.5:
         y = -y
-    return np.column_stack((x, np.clip(y, -_HALF_WIDTH + 0.62, _HALF_WIDTH - 0.62)))
+    return np.column_stack((x, np.clip(y, -HALF_WIDTH + 0.62, HALF_WIDTH - 0.62)))
 
 
 def _obstacle(kind: str, radius: float, x: float, y: float, rng: np.random.Generator, name: str) -> Obstacle:

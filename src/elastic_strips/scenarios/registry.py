@@ -10,6 +10,8 @@ import numpy as np
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
 from .corridor import LENGTH, corridor_scene
+from .moving import NAME as MOVING
+from .moving import moving_corridor
 from .paper_cases import TABLE_2, paper_case
 from .scenario import Scenario
 
@@ -29,7 +31,11 @@ def _case(name: str) -> Callable[[int], Scenario]:
     return lambda seed: paper_case(name)
 
 
-REGISTRY: dict[str, Callable[[int], Scenario]] = {name: _case(name) for name in TABLE_2} | {"corridor": _corridor}
+REGISTRY: dict[str, Callable[[int], Scenario]] = {
+    **{name: _case(name) for name in TABLE_2},
+    "corridor": _corridor,
+    MOVING: moving_corridor,
+}
 """Scenario name → maker, given a seed."""
 
 

@@ -10,7 +10,7 @@ from ..errors import ConfigurationError, RobotError, ScenarioError
 from ..io import PoseSpec, ScenarioSpec
 from ..robot import BaseKind, RobotModel, load_robot
 from ..robot.space import Array
-from ..scene import Scene
+from ..scene import Scene, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Scenario:
 
     Attributes:
         name, summary: what it is called and about.
-        scene: the obstacles.
+        scene: the obstacles that exist at its time.
         start, goal: base poses and joint values.
         robot: name or URDF path of the robot that it was made for.
         base: base kind, or None for the robot's own.
@@ -29,6 +29,9 @@ class Scenario:
             fit.
         gap: names of two obstacles whose gap tells the passage (between, around-left, around-right), or None.
         seed: of everything random.
+        timeline: all obstacles with when they appear and vanish, or None where ``scene`` holds all there ever is; ask
+            :attr:`world`.
+        speed_class: bound of the movers' speeds [m/s] that the robot may count on, or None where none is stated.
     """
 
     name: str
@@ -43,6 +46,13 @@ class Scenario:
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     gap: tuple[str, str] | None = None
     seed: int = 0
+    timeline: World | None = None
+    speed_class: float | None = None
+
+    @property
+    def world(self) -> World:
+        """What exists when; keep it while time goes on, it makes each snapshot from the one before."""
+        return World(self.scene) if self.timeline is None else self.timeline
 
     @staticmethod
     def from_spec(spec: ScenarioSpec) -> Scenario:
@@ -51,7 +61,7 @@ class Scenario:
         return Scenario(
             name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
             robot=spec.robot, base=spec.base, preset=spec.preset or "default",
-            params={"default": overrides, "paper": overrides}, seed=spec.seed,
+            params={"default": overrides, "paper": overrides}, seed=spec.seed, timeline=spec.world,
         )  # fmt: skip
 
     def load_robot(self, robot: str | None = None, preset: str | None = None, base: str | None = None) -> RobotModel:

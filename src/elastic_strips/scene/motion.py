@@ -1,4 +1,7 @@
-"""Scene room, motion: how an obstacle moves with time, and how fast any of its points can get."""
+"""Scene room, motion: how an obstacle moves with time, and how fast any of its points can get.
+
+Motions that are known: `Twist` here, `Keyframes` in `elastic_strips.scene.keyframes`; one that is not: `Unknown`.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,21 @@ class Motion(abc.ABC):
         """Whether the motion starts from the obstacle's pose (true) or gives absolute poses (false)."""
         return True
 
+    @property
+    def still(self) -> bool:
+        """Whether `pose` gives back the pose that it is given: an obstacle stays as it is from snapshot to snapshot."""
+        return False
+
     @abc.abstractmethod
     def pose(self, initial_pose: Array, t: float) -> Array:
         """Pose (4, 4) at time ``t`` [s] of an obstacle that has ``initial_pose`` (4, 4) at time 0."""
+
+    @abc.abstractmethod
+    def velocity(self, initial_pose: Array, t: float) -> tuple[Array, Array]:
+        """Velocity of the obstacle's origin (3,) [m/s] and angular velocity (3,) [rad/s] at ``t`` [s], world frame.
+
+        Where the velocity jumps, it is that from ``t`` on (the right-sided derivative of `pose`).
+        """
 
     @abc.abstractmethod
     def speed_bound(self, radius: float, *, start: float | None = None, end: float | None = None) -> float:
@@ -67,150 +82,63 @@ class Twist(Motion):
             result[:3, :3] = _axis_rotation(self.angular / rate, rate * t) @ result[:3, :3]
         return result
 
+    def velocity(self, initial_pose: Array, t: float) -> tuple[Array, Array]:
+        """``linear`` and ``angular``, at all times; see `Motion.velocity`."""
+        return self.linear, self.angular
+
     def speed_bound(self, radius: float, *, start: float | None = None, end: float | None = None) -> float:
         """Largest speed [m/s] of a point within ``radius`` [m] of the origin; the same at all times."""
-        return float(np.linalg.norm(self.linear) + np.linalg.norm(self.angular) * _radius(radius))
+        return float(np.linalg.norm(self.linear) + np.linalg.norm(self.angular) * check_radius(radius))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Twist, (self.linear, self.angular)
 
 
-@dataclass(frozen=True, slots=True, eq=False, init=False)
-class Keyframes(Motion):
-    """Absolute poses at given times; between them the position is linear and the orientation slerps.
+@dataclass(frozen=True, slots=True, eq=False)
+class Unknown(Motion):
+    """A motion of which nothing is known but a bound of its speed; what a sensor makes of an obstacle it sees once.
 
-    Before the first and after the last keyframe the obstacle rests there, unless ``loop`` repeats the motion for ever.
-    A loop whose last pose is not its first one *jumps* (``jumps`` is true): `speed_bound` is infinite for an interval
-    of time with a jump in it.
+    As far as is known the obstacle stays where it is: `pose` is its last pose and `velocity` is 0, but any of its
+    points may be up to ``max_speed`` times the elapsed time away from there.
 
     Args:
-        times: Strictly increasing times (K,) [s].
-        positions: Positions of the obstacle's origin (K, 3) [m], world frame.
-        quats: Unit quaternions (K, 4) (x, y, z, w), world frame; ``None`` keeps the obstacle's own orientation.
-        loop: Repeat with the period ``times[-1] - times[0]``.
+        max_speed: Largest speed of any point of the obstacle [m/s].
     """
 
-    times: Array
-    positions: Array
-    quats: Array | None
-    loop: bool
-    jumps: bool
-    _linear: Array  # (K - 1,) speed of the origin in each piece [m/s]
-    _angular: Array  # (K - 1,) [rad/s]
+    max_speed: float
 
-    def __init__(self, times: Any, positions: Any, *, quats: Any = None, loop: bool = False) -> None:
-        put = object.__setattr__
-        t = checks.array("Keyframes times", times, (None,))
-        p = checks.array("Keyframes positions", positions, (None, 3))
-        if len(p) != len(t):
-            raise SceneError(f"Keyframes need one position per time: {len(p)} positions, {len(t)} times")
-        late = np.flatnonzero(np.diff(t) <= 0.0)
-        if late.size:
-            k = int(late[0])
-            raise SceneError(f"Keyframes times must increase strictly: times[{k + 1}] = {t[k + 1]:g} after {t[k]:g}")
-        if not isinstance(loop, (bool, np.bool_)):
-            raise SceneError(f"Keyframes loop must be true or false, not {checks.shown(loop)}")
-        if loop and len(t) < 2:
-            raise SceneError("a Keyframes loop needs at least two keyframes, not 1")
-        rotations = np.zeros(len(t) - 1)
-        q = None
-        if quats is not None:
-            raw = checks.array("Keyframes quats", quats, (None, 4), limit=1e3)
-            if len(raw) != len(t):
-                raise SceneError(f"Keyframes need one quaternion per time: {len(raw)} quaternions, {len(t)} times")
-            q = np.array([checks.quaternion(f"Keyframes quats[{k}]", row) for k, row in enumerate(raw)])
-            for k in range(1, len(q)):  # slerp the short way
-                if q[k] @ q[k - 1] < 0.0:
-                    q[k] = -q[k]
-            rotations = np.array([_angle(q[k], q[k + 1]) for k in range(len(q) - 1)])
-            q.flags.writeable = False
-        spans = np.diff(t)
-        linear, angular = np.linalg.norm(np.diff(p, axis=0), axis=1) / spans, rotations / spans
-        if linear.size and max(linear.max(), angular.max()) > MAX_SPEED:
-            k = int(np.argmax(np.maximum(linear, angular)))
-            raise SceneError(
-                f"Keyframes {k} to {k + 1} need {linear[k]:g} m/s and {angular[k]:g} rad/s; "
-                f"at most {MAX_SPEED:g} is allowed"
-            )
-        opened = np.linalg.norm(p[-1] - p[0]) > 1e-9 or (q is not None and _angle(q[0], q[-1]) > 1e-9)
-        put(self, "times", t)
-        put(self, "positions", p)
-        put(self, "quats", q)
-        put(self, "loop", bool(loop))
-        put(self, "jumps", bool(loop and opened))
-        put(self, "_linear", linear)
-        put(self, "_angular", angular)
+    def __post_init__(self) -> None:
+        speed = checks.number("Unknown max_speed", self.max_speed, low=0.0, high=MAX_SPEED, unit="m/s")
+        object.__setattr__(self, "max_speed", speed)
 
     @property
-    def relative(self) -> bool:
-        """False: keyframes are absolute."""
-        return False
+    def still(self) -> bool:
+        """True: as far as is known."""
+        return True
 
     def pose(self, initial_pose: Array, t: float) -> Array:
-        """Pose (4, 4) at time ``t`` [s]; of ``initial_pose`` only the orientation counts, where ``quats`` is None."""
-        times, positions = self.times, self.positions
-        result = np.array(initial_pose, dtype=np.float64)
-        phase = self._phase(t) if self.loop else min(max(t, float(times[0])), float(times[-1]))
-        k = min(max(int(np.searchsorted(times, phase, side="right")) - 1, 0), max(len(times) - 2, 0))
-        if len(times) == 1:
-            share, after = 0.0, 0
-        else:
-            share, after = (phase - float(times[k])) / float(times[k + 1] - times[k]), k + 1
-        result[:3, 3] = positions[k] + share * (positions[after] - positions[k])
-        if self.quats is not None:
-            result[:3, :3] = checks.rotation_of(_slerp(self.quats[k], self.quats[after], share))
-        return result
+        """A copy of ``initial_pose`` (4, 4), at all times."""
+        return np.array(initial_pose, dtype=np.float64)
+
+    def velocity(self, initial_pose: Array, t: float) -> tuple[Array, Array]:
+        """Zeros (3,) and (3,): no direction is known."""
+        return np.zeros(3), np.zeros(3)
 
     def speed_bound(self, radius: float, *, start: float | None = None, end: float | None = None) -> float:
-        """Largest speed [m/s] of a point within ``radius`` [m] of the origin between ``start`` and ``end`` [s].
-
-        Infinite if the loop jumps in that interval.
-        """
-        radius = _radius(radius)
-        begin = -math.inf if start is None else float(start)
-        stop = math.inf if end is None else float(end)
-        if not begin <= stop:
-            raise SceneError(f"speed_bound needs start <= end, not {begin:g} and {stop:g} s")
-        if not self._linear.size:
-            return 0.0
-        speeds = self._linear + radius * self._angular
-        if not self.loop:
-            moving = (self.times[:-1] <= stop) & (self.times[1:] >= begin)
-            return float(speeds[moving].max(initial=0.0))
-        first, last = float(self.times[0]), float(self.times[-1])
-        period = last - first
-        if not stop - begin < period:
-            return math.inf if self.jumps else float(speeds.max())
-        slack = 1e-9 * max(1.0, abs(begin), abs(stop))  # the phase is rounded
-        a = self._phase(begin) - slack
-        b = a + (stop - begin) + 2.0 * slack
-        if self.jumps and (b >= last or a <= first):
-            return math.inf
-        moving = (self.times[:-1] <= b) & (self.times[1:] >= a)
-        for shift in (-period, period):
-            moving |= (self.times[:-1] <= b + shift) & (self.times[1:] >= a + shift)
-        return float(speeds[moving].max(initial=0.0))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _keyframes, (self.times, self.positions, self.quats, self.loop)
-
-    def _phase(self, t: float) -> float:
-        first, last = float(self.times[0]), float(self.times[-1])
-        return first + (t - first) % (last - first)
-
-
-def _keyframes(times: Array, positions: Array, quats: Array | None, loop: bool) -> Keyframes:
-    return Keyframes(times, positions, quats=quats, loop=loop)
+        """``max_speed`` [m/s], whatever the ``radius``."""
+        check_radius(radius)
+        return self.max_speed
 
 
 def check_motion(value: Any) -> Motion | None:
     """Check that ``value`` is a `Motion` or None."""
     if value is not None and not isinstance(value, Motion):
-        raise SceneError(f"motion must be a Twist, Keyframes or None, not {checks.shown(value)}")
+        raise SceneError(f"motion must be a Twist, Keyframes, Unknown or None, not {checks.shown(value)}")
     return value
 
 
-def _radius(value: float) -> float:
+def check_radius(value: float) -> float:
+    """Check a distance from an obstacle's origin [m]."""
     radius = float(value)
     if not radius >= 0.0:
         raise SceneError(f"radius is {radius:g} m; it must be at least 0")
@@ -221,19 +149,3 @@ def _axis_rotation(axis: Array, angle: float) -> Array:
     """Rotation matrix (3, 3) about the unit ``axis`` by ``angle`` [rad]."""
     half = 0.5 * math.remainder(angle, 2.0 * math.pi)
     return checks.rotation_of(np.append(axis * math.sin(half), math.cos(half)))
-
-
-def _angle(a: Array, b: Array) -> float:
-    """Angle [rad] in [0, pi] between two unit quaternions, accurate for small ones too."""
-    if float(a @ b) < 0.0:
-        b = -b
-    return 4.0 * math.atan2(float(np.linalg.norm(b - a)), float(np.linalg.norm(b + a)))
-
-
-def _slerp(a: Array, b: Array, share: float) -> Array:
-    """Quaternion at ``share`` in [0, 1] of the way from ``a`` to ``b`` (a @ b >= 0)."""
-    half = 0.5 * _angle(a, b)
-    if half < 1e-9:
-        return a
-    q = (math.sin((1.0 - share) * half) * a + math.sin(share * half) * b) / math.sin(half)
-    return q / np.linalg.norm(q)

@@ -92,6 +92,12 @@ class Obstacle:
             self.reach, start=None if start is None else start - shift, end=None if end is None else end - shift
         )
 
+    def velocity(self) -> tuple[Array, Array]:
+        """Velocity of the origin (3,) [m/s] and angular velocity (3,) [rad/s] at `time`, world frame."""
+        if self.motion is None:
+            return np.zeros(3), np.zeros(3)
+        return self.motion.velocity(self.anchor, self.time - self._origin_time())
+
     def moved(self: _Self, pose: Any) -> _Self:
         """Copy at ``pose`` (4, 4) (or a ``pin.SE3``) [m] now, sharing the parts; a twist goes on from there.
 
@@ -100,10 +106,19 @@ class Obstacle:
         pose = checks.pose(pose)
         return self._copy(self.name, pose, self.time, pose, self.time)
 
+    def sensed(self: _Self, pose: Array, motion: Motion | None) -> _Self:
+        """Copy as a sensor sees it: at ``pose`` (4, 4) [m] now, and moving from there as ``motion`` says.
+
+        Shares the parts; ``pose`` and ``motion`` are not checked.
+        """
+        new = self._copy(self.name, pose, self.time, pose, self.time)
+        _put(new, "motion", motion)
+        return new
+
     def at(self: _Self, t: float) -> _Self:
         """Copy at its pose at time ``t`` [s], or itself if it does not move."""
         t = checks.number("time", t, low=-1e12, high=1e12, unit="s")
-        if self.motion is None or t == self.time:
+        if self.motion is None or self.motion.still or t == self.time:
             return self
         pose = _pose_at(self.motion, self.anchor, t - self._origin_time())
         return self._copy(self.name, pose, t, self.anchor, self.anchor_time)

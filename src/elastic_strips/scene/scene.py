@@ -98,6 +98,21 @@ class Scene:
             new = old[k].moved(pose)
         return self._derived((*old[:k], new, *old[k + 1 :]), self.time, (k,))
 
+    def seen(self, obstacles: Iterable[Obstacle]) -> Scene:
+        """Snapshot in which the obstacles of those names are these: copies of the scene's own, elsewhere or moving so.
+
+        Raises:
+            SceneError: an obstacle that is no copy of the one of its name.
+        """
+        new, places = list(self.obstacles), []
+        for obstacle in obstacles:
+            k = self._place(obstacle.name or "")
+            if obstacle.solid is not new[k].solid:
+                raise SceneError(f"obstacle {obstacle.name!r} is no copy of the scene's: it has other parts")
+            new[k] = obstacle
+            places.append(k)
+        return self._derived(tuple(new), self.time, tuple(sorted(places)))
+
     def with_obstacle(self, obstacle: Obstacle) -> Scene:
         """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time."""
         if not isinstance(obstacle, Obstacle):

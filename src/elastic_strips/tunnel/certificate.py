@@ -160,10 +160,13 @@ class Certifier:
         b = self.bodies.tree.space.base_nv
         travel = np.abs(v[:, b:]) @ proximity.radius[b:]
         bound = proximity.bound
-        segment, pair = np.nonzero(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
+        segment, pair = where_true(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
         if len(segment) == 0:
             return _empty()
-        proximity.refine(kin, float(travel[segment, pair].max()) + 2.0 * clearance)
+        for end in (0, 1):
+            other = bound[segment + 1 - end, pair]
+            need = travel[segment, pair] + 2.0 * clearance - other + 1e-4
+            proximity.refine_at(kin, segment + end, pair, need)
         count = len(segment)
         triples = _Open(
             segment, pair, np.full(count, -1), np.zeros(count), np.ones(count),

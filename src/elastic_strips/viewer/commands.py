@@ -2,7 +2,8 @@
 
 A key is ``path + NUL + kind``. A later command with the same key makes an earlier one superfluous, so that whoever is
 slow (a browser, a pipe) may skip to the newest. Kinds ``object``, ``property …``, ``delete`` and ``animation`` are
-meshcat's own commands; ``transforms``, ``instances``, ``hud`` and ``camera`` are read by the script in ``page``.
+meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions`` and ``camera`` are read by the script in
+``page``.
 """
 
 from __future__ import annotations
@@ -137,8 +138,14 @@ def delete(path: str) -> Command:
 
 
 def hud(content: Mapping[str, Any]) -> Command:
-    """Fill the card in the corner: title, chip, rows, legend."""
+    """Fill the card in the corner: title, chip, rows, a note (optional), legend."""
     return key("", "hud"), _pack({"type": "hud", **content})
+
+
+def captions(times: ArrayLike, cards: Sequence[Mapping[str, Any]], common: Mapping[str, Any]) -> Command:
+    """Fill the card with what is ``common`` to all of ``cards`` (K) and each of them from its time (K,) [s] on."""
+    data = {"type": "captions", "times": floats(times), "cards": [dict(c) for c in cards], "common": dict(common)}
+    return key("", "captions"), _pack(data)
 
 
 def camera(points: ArrayLike, direction: ArrayLike) -> Command:

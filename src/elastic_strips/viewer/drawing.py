@@ -23,17 +23,23 @@ CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 FORCE, GHOST, HULL, BASE_THREAD, HAND_THREAD = "#c2257a", "#3f7fb5", "#58a6c9", "#1f5f8b", "#f0902b"
 _CHIP = {"SETTLED": CERTIFIED, "DEFORMING": "#b7791f", "BROKEN": REFUSED, "BLOCKED": REFUSED}
 _MAX_HULLS = 600
+STILL = ("/ghosts", "/strip", "/forces")
+"""What a picture shows and what plays may have to hide."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What is to be drawn: a scene and a strip, with the report about it where there is one."""
+    """What is to be drawn: a scene and a strip, with the report about it where there is one.
+
+    The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
+    """
 
     robot: RobotModel
     scene: Scene
     strip: Any
     report: Any = None
     frame: bool = False
+    q: Any = None
 
 
 def hexcolor(color: str) -> tuple[float, float, float]:
@@ -68,12 +74,14 @@ class Drawing:
         chart = snapshot.robot.space.to_chart(np.asarray(snapshot.strip.q))
         poses.update(chart)
         points = poses.points()
-        out.append(self.robot_at(poses.matrices(self.joints, [0])[0]))
         out += self._ghosts(poses, points)
         out += self.strip("strip", chart, points, segment_colors(snapshot.report, len(chart)))
-        out += self._markers(chart)
+        out += self.markers(chart)
         out += self._forces(snapshot.report)
         out += self._tunnel(snapshot.report, points)
+        if snapshot.q is not None:
+            poses.update(snapshot.robot.space.to_chart(np.asarray(snapshot.q))[None])
+        out.append(self.robot_at(poses.matrices(self.joints, [0])[0]))
         out.append(self.card(snapshot))
         if snapshot.frame or "camera" not in self._made:
             self._made.add("camera")
@@ -110,9 +118,9 @@ class Drawing:
         if not self.playing:
             return []
         self.playing = False
-        shown = [commands.visible(path, True) for path in ("/ghosts", "/strip", "/forces")]
+        shown = [commands.visible(path, True) for path in STILL]
         self._made -= {path for path in self._made if path.startswith("/playback")}
-        return [commands.no_animation(), commands.delete("/playback"), *shown]
+        return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
 
     def robot_at(self, matrices: geometry.Floats) -> Command:
         """Move the solid robot: (B, 16) matrices."""
@@ -137,8 +145,8 @@ class Drawing:
             out.append(commands.mesh(f"/{path}/base", band, commands.material(lit=False), cast=False))
         return out
 
-    def camera(self, chart: Doubles, scene: Scene) -> Command:
-        """Look at the strip from the side, from above and from a little behind its start."""
+    def camera(self, chart: Doubles, scene: Scene, *, height: float = 0.62) -> Command:
+        """Look at the strip from the side, from a little behind its start, and from above, the more the higher."""
         assert self.poses is not None
         chosen = np.unique(np.linspace(0, len(chart) - 1, 24).round().astype(int))
         self.poses.update(chart[chosen])
@@ -159,7 +167,7 @@ class Drawing:
         length = float(np.linalg.norm(along))
         along = along / length if length > 0.3 else np.array([1.0, 0.0])
         view = np.array([along[1], -along[0]]) - 0.42 * along
-        return commands.camera(points, [view[0], view[1], 0.62])
+        return commands.camera(points, [view[0], view[1], height])
 
     def card(self, snapshot: Snapshot) -> Command:
         """Fill the card in the corner."""
@@ -188,7 +196,8 @@ class Drawing:
         matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
         return [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
 
-    def _markers(self, chart: Doubles) -> list[Command]:
+    def markers(self, chart: Doubles) -> list[Command]:
+        """Lay rings where the first and the last of chart rows (N, nv) have their base."""
         assert self.robot is not None
         if not self.robot.space.planar:
             return []

@@ -13,7 +13,7 @@ from elastic_strips.viewer import bodies, commands
 from elastic_strips.viewer.commands import Command
 from elastic_strips.viewer.meshes import linear
 
-_STILL, _MOVING, _CLOUD = linear(0xC9A27E), linear(0xE07A3F), linear(0xA3ADB8)
+_STILL, MOVING, _CLOUD = linear(0xC9A27E), linear(0xE07A3F), linear(0xA3ADB8)
 
 
 class Obstacles:
@@ -26,20 +26,25 @@ class Obstacles:
     def __init__(self) -> None:
         """Start without obstacles."""
         self._scene: Scene | None = None
+        self._alone: frozenset[str] = frozenset()
         self._own: dict[str, tuple[Any, NDArray[np.float64] | None]] = {}
         self._shared: dict[str, NDArray[np.float32]] = {}
 
-    def draw(self, scene: Scene) -> list[Command]:
-        """Return the commands that turn the picture of the last scene into that of this one."""
-        if scene is self._scene:
+    def draw(self, scene: Scene, *, alone: frozenset[str] = frozenset()) -> list[Command]:
+        """Return the commands that turn the picture of the last scene into that of this one.
+
+        Obstacles named ``alone`` are objects of their own even if they stand still, so that they can be hidden.
+        """
+        if scene is self._scene and alone == self._alone:
             return []
-        self._scene = scene
+        self._scene, self._alone = scene, alone
         out: list[Command] = []
         instances: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
         seen: set[str] = set()
         moved: list[tuple[str, NDArray[np.float64]]] = []
         for obstacle in scene:
-            unit = bodies.unit_shape(obstacle) if obstacle.motion is None else None
+            single = obstacle.motion is not None or obstacle.name in alone
+            unit = None if single else bodies.unit_shape(obstacle)
             if unit is not None:
                 shape, factors = unit
                 T = np.array(obstacle.pose)
@@ -52,8 +57,8 @@ class Obstacles:
                 mesh = bodies.obstacle_mesh(obstacle)
                 if mesh is None:
                     continue
-                color = _MOVING if obstacle.motion is not None else _STILL
-                if obstacle.motion is None and obstacle.shape in ("voxels", "points"):
+                color = MOVING if single else _STILL
+                if not single and obstacle.shape in ("voxels", "points"):
                     color = _CLOUD
                 out.append(commands.mesh(path, mesh, commands.material(color)))
             seen.add(path)

@@ -27,6 +27,7 @@ html, body { margin: 0; height: 100%; background: #eef1f4; overflow: hidden; }
   font-weight: 600; margin-left: 8px; vertical-align: 1px; }
 #es-card .row { display: flex; justify-content: space-between; gap: 24px; }
 #es-card .row b { font-weight: 600; font-variant-numeric: tabular-nums; }
+#es-card .note { margin-top: 5px; color: #24303c; font-size: 12px; line-height: 1.35; min-height: 2.7em; }
 #es-card .legend { margin-top: 6px; color: #566372; font-size: 12px; }
 #es-card .legend span { white-space: nowrap; margin-right: 10px; }
 #es-card .legend i { display: inline-block; width: 10px; height: 10px; border-radius: 3px; margin-right: 5px; }
@@ -177,6 +178,7 @@ function card(cmd) {
     element(row, "span", name);
     element(row, "b", value);
   }
+  if (cmd.note !== undefined) element(box, "div", cmd.note).className = "note";
   const legend = element(box, "div");
   legend.className = "legend";
   for (const [name, color] of cmd.legend) {
@@ -190,9 +192,17 @@ function card(cmd) {
 const animator = viewer.animator, slider = byId("es-time");
 byId("es-toggle").onclick = () => { animator.playing ? animator.pause() : animator.play(); };
 slider.oninput = () => { animator.pause(); animator.seek(+slider.value); animator.display_progress(+slider.value); };
+let captions = null, caption = -1;  // what the card says while something plays
+function say(time) {
+  if (!captions) return;
+  let k = 0;
+  while (k + 1 < captions.times.length && captions.times[k + 1] <= time + 1e-3) k++;
+  if (k !== caption) card({ ...captions.common, ...captions.cards[caption = k] });
+}
 const progress = animator.display_progress.bind(animator);
 animator.display_progress = (time) => {
   progress(time);
+  say(time);
   if (document.activeElement !== slider || animator.playing) slider.value = time;
 };
 setInterval(() => {
@@ -214,6 +224,7 @@ viewer.handle_command = (cmd) => {
       break;
     case "hud": card(cmd); break;
     case "camera": look(cmd.points, cmd.direction); break;
+    case "captions": captions = cmd.cards.length ? cmd : null; caption = -1; break;
     case "no_animation": animator.pause(); animator.clear(); byId("es-play").style.display = "none"; break;
     case "set_animation":
       handle(cmd);

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from elastic_strips.errors import InputError
@@ -15,7 +15,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.viewer import commands, geometry
 from elastic_strips.viewer.commands import Command
-from elastic_strips.viewer.drawing import Drawing, Snapshot, segment_colors
+from elastic_strips.viewer.drawing import STILL, Drawing, Snapshot, segment_colors
 from elastic_strips.viewer.geometry import Doubles, Floats
 
 _FPS, _MAX_FRAMES, _MAX_STRIPS = 30.0, 900, 24
@@ -88,12 +88,12 @@ def draw(drawing: Drawing, play: Playback, *, frame: bool = True) -> list[Comman
     matrices = poses.matrices(drawing.joints)
     tracks: list[Mapping[str, Any]] = []
     for b, path in enumerate(drawing.body_paths):
-        tracks += _motion(path, times, matrices[:, b])
+        tracks += motion(path, times, matrices[:, b])
     for obstacle in drawing.obstacles.moving(play.scene):
         there = [obstacle.at(play.scene.time + s * play.duration).pose for s in share]
-        tracks += _motion(drawing.obstacles.path(obstacle), times, commands.columns(np.array(there)))
+        tracks += motion(drawing.obstacles.path(obstacle), times, commands.columns(np.array(there)))
     if len(charts) > 1:
-        out += [commands.visible(path, False) for path in ("/ghosts", "/strip", "/forces")]
+        out += [commands.visible(path, False) for path in STILL]
         out += _strips(drawing, play, charts, tracks, frames)
     if frame:
         out.append(drawing.camera(np.concatenate(charts), play.scene))
@@ -145,14 +145,27 @@ def _strips(
         out += drawing.strip(path[1:], charts[which], poses.points(), colors)
         out.append(commands.visible(path, k == 0))
         end = begins[k + 1] if k + 1 < len(chosen) else frames + 1
-        # All of the same length, because each repeats by itself.
-        times = np.unique([0, begins[k], min(end, frames), frames])
-        values = (times >= begins[k]) & (times < end)
-        tracks.append({"path": path, "property": "visible", "type": "bool", "times": times, "values": values})
+        times = np.arange(frames + 1)
+        tracks.append(seen(path, (times >= begins[k]) & (times < end)))
     return out
 
 
-def _motion(path: str, times: ArrayLike, matrices: Floats) -> list[Mapping[str, Any]]:
+def seen(path: str, there: NDArray[np.bool_]) -> Mapping[str, Any]:
+    """The track that shows an object in the frames (F,) in which it is ``there``, and hides it in the others.
+
+    It is as long as the others that have F frames, because each repeats by itself.
+    """
+    times = np.union1d(np.flatnonzero(np.diff(there)) + 1, [0, len(there) - 1])
+    return {"path": path, "property": "visible", "type": "bool", "times": times, "values": there[times]}
+
+
+def counted(path: str, count: NDArray[np.intp]) -> Mapping[str, Any]:
+    """The track that draws the first ``count`` (F,) instances of an object in each frame."""
+    times = np.arange(len(count))
+    return {"path": path + "/<object>", "property": "count", "type": "number", "times": times, "values": count}
+
+
+def motion(path: str, times: ArrayLike, matrices: Floats) -> list[Mapping[str, Any]]:
     """Tracks of position and orientation through (F, 16) column-major matrices."""
     T = np.swapaxes(matrices.reshape(-1, 4, 4), -1, -2)
     quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import os
 import tempfile
@@ -12,18 +13,21 @@ from pathlib import Path
 from typing import Any
 
 from elastic_strips.errors import ParameterError
+from elastic_strips.execution.record import Record as RunRecord
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.viewer import page, playback
+from elastic_strips.viewer import page, playback, replay
 from elastic_strips.viewer.commands import Command
 from elastic_strips.viewer.drawing import Drawing, Snapshot
 from elastic_strips.viewer.link import Link, LinkError
 from elastic_strips.viewer.playback import Playback
+from elastic_strips.viewer.replay import Replay
 from elastic_strips.viewer.server import Record
 
 _log = logging.getLogger(__name__)
 _RATE = 30.0  # pictures per second
 _PATIENCE = 60.0  # [s]
+Job = Snapshot | Playback | Replay
 
 
 class Viewer:
@@ -68,7 +72,7 @@ class Viewer:
         self._record = Record()
         self._record_lock = threading.Lock()
         self._condition = threading.Condition()
-        self._pending: Snapshot | Playback | None = None
+        self._pending: Job | None = None
         self._posted = self._drawn = 0
         self._robot: RobotModel | None = None
         self._scene = Scene()
@@ -110,19 +114,20 @@ class Viewer:
         self._post(Snapshot(robot, scene, play.strips[0], play.reports[0], frame=True))
         return self
 
-    def update(self, report: Any, scene: Scene | None = None) -> None:
+    def update(self, report: Any, scene: Scene | None = None, *, q: Any = None) -> None:
         """Show the newest report; for control loops: costs microseconds, and the newest wins.
 
         Args:
             report: A ``DeformReport`` or a ``Strip``.
             scene: The scene if it has changed.
+            q: Configuration (nq,) where the robot is; at the strip's first node where None.
         """
         if self._failed or self._closed:
             return
         if scene is not None:
             self._scene = scene
         strip = getattr(report, "strip", report)
-        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report)
+        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report, q=q)
         if self._lost:
             self._missed = job  # nobody looks; save_html may want it
         else:
@@ -145,6 +150,32 @@ class Viewer:
         play = playback.playback(robot, scene, strips, duration)
         self._robot, self._scene = robot, scene
         self._post(play)
+        return self
+
+    def replay(
+        self,
+        robot: RobotModel,
+        record: RunRecord,
+        *,
+        speed: float = 1.0,
+        begin: float | None = None,
+        end: float | None = None,
+    ) -> Viewer:
+        """Play a recorded run: robot, obstacles, the strip of the time, where base and hand went, what went on.
+
+        Args:
+            robot: The recorded robot, such as ``record_robot(record)``.
+            record: What a run wrote down.
+            speed: How many times as fast as it was.
+            begin: Time of the record to begin with [s]; its first where None.
+            end: Time to end with [s]; its last where None.
+
+        Raises:
+            InputError: Another robot, a speed out of range, or nothing between begin and end.
+        """
+        job = replay.replay(robot, record, speed, begin, end)
+        self._robot, self._scene = robot, record.world.at(job.end)
+        self._post(job)
         return self
 
     def html(self) -> str:
@@ -205,13 +236,13 @@ class Viewer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _post(self, job: Snapshot | Playback) -> None:
+    def _post(self, job: Job) -> None:
         if self._failed or self._closed:
             return
         with self._condition:
             old = self._pending
             if isinstance(job, Snapshot) and isinstance(old, Snapshot) and old.frame and not job.frame:
-                job = Snapshot(job.robot, job.scene, job.strip, job.report, frame=True)  # nobody skips the camera
+                job = dataclasses.replace(job, frame=True)  # nobody skips the camera
             self._pending = job
             self._posted += 1
             self._condition.notify_all()
@@ -244,6 +275,11 @@ class Viewer:
             if not self._closed:
                 _log.warning("the viewer has lost its server; planning goes on without live pictures: %s", error)
 
+    def _draw(self, job: Job) -> list[Command]:
+        if isinstance(job, Replay):
+            return replay.draw(self._drawing, job)
+        return self._drawing.draw(job) if isinstance(job, Snapshot) else playback.draw(self._drawing, job)
+
     def _turn(self) -> bool:
         """Draw what is pending; False at the end."""
         with self._condition:
@@ -255,9 +291,7 @@ class Viewer:
             self._send([])  # look whether the server is there
             return True
         begin = time.monotonic()
-        commands: list[Command] = (
-            self._drawing.draw(job) if isinstance(job, Snapshot) else playback.draw(self._drawing, job)
-        )
+        commands = self._draw(job)
         with self._record_lock:
             self._record.extend(commands)
         with self._condition:

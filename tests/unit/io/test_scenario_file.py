@@ -7,6 +7,7 @@ import pytest
 
 from elastic_strips.errors import ScenarioError
 from elastic_strips.io import PoseSpec, read_scenario
+from elastic_strips.scenarios import get_scenario
 
 DOCS = Path(__file__).parents[3] / "docs" / "scene-files.md"
 SHORT = "robot: silvermate\nscene: {obstacles: []}\nstart: {x: 1}\ngoal: {}\n"
@@ -59,6 +60,18 @@ def test_scene_and_urdf_files_are_relative_to_the_scenario(tmp_path, monkeypatch
     spec = read(tmp_path, text)
     assert spec.scene.names == ("points-0",)
     assert spec.robot == str(tmp_path / "world" / "bot.urdf")
+
+
+def test_a_scenario_holds_who_appears_later(tmp_path):
+    """The scenario's scene is what exists at its time, its world holds the rest."""
+    text = SHORT.replace("[]", "[{shape: sphere, radius: 1, appears: 2, at: [0, 0, 9]}, {shape: sphere, radius: 2}]")
+    spec = read(tmp_path, text)
+    assert spec.scene.names == ("sphere-1",)
+    assert spec.world.at(2.0).names == ("sphere-0", "sphere-1")
+    scenario = get_scenario(tmp_path / "case.yaml")
+    assert scenario.scene.names == spec.scene.names
+    assert scenario.world.at(2.0).names == ("sphere-0", "sphere-1")
+    assert get_scenario("case-1").world.at(3.0).names == get_scenario("case-1").scene.names
 
 
 BAD = [

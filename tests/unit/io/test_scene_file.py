@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from elastic_strips.errors import SceneError
-from elastic_strips.io import read_scene, write_scene
+from elastic_strips.io import read_scene, read_world, write_scene, write_world
 from elastic_strips.scene import (
     Box,
     Capsule,
@@ -24,7 +24,9 @@ from elastic_strips.scene import (
     Scene,
     Sphere,
     Twist,
+    Unknown,
     Voxels,
+    World,
 )
 
 DOCS = Path(__file__).parents[3] / "docs" / "scene-files.md"
@@ -55,6 +57,29 @@ def test_documented_example_loads(tmp_path):
     assert len(scene.obstacle("shelf").parts[0].boxes) == 1
     assert scene.at(2.0).obstacle("cart").pose[1, 3] == pytest.approx(0.0)
     assert scene.at(2.0).obstacle("person").pose[0, 3] == pytest.approx(8 - 1.6)
+    world = read_world(tmp_path / "scene.yaml")
+    assert (dict(world.appears), dict(world.vanishes)) == ({"dog": 2.5}, {"dog": 9.0})
+    assert world.at(0.0).names == scene.names
+    assert world.at(3.0).obstacle("dog").motion.max_speed == 1.5
+
+
+def test_a_scene_holds_what_exists_at_its_time_and_a_world_all(tmp_path):
+    text = "time: 5\nobstacles:\n- {shape: sphere, radius: 1, vanishes: 5}\n- {shape: sphere, radius: 2, appears: 5}\n"
+    text += "- {shape: sphere, radius: 3}\n"
+    assert read(tmp_path, text).names == ("sphere-1", "sphere-2")
+    world = read_world(tmp_path / "scene.yaml")
+    assert world.scene.names == ("sphere-0", "sphere-1", "sphere-2")
+    assert world.at(4.9).names == ("sphere-0", "sphere-2")
+
+
+def test_worlds_are_written_and_read_back(tmp_path):
+    world = World(Scene(every_shape(), time=0.5), {"true": 1.0, "null": -1 / 3}, {"true": 1e8})
+    write_world(world, tmp_path / "out.yaml")
+    back = read_world(tmp_path / "out.yaml")
+    same(world.scene, back.scene)
+    assert (dict(back.appears), dict(back.vanishes)) == (dict(world.appears), dict(world.vanishes))
+    write_scene(world.at(0.5), tmp_path / "out.yaml")
+    assert "true" not in read_world(tmp_path / "out.yaml").scene.names
 
 
 def test_rpy_is_that_of_urdf(tmp_path):
@@ -100,7 +125,15 @@ BAD = [
     (box("name: ''"), 4, "name: must be a non-empty string"),
     (box("name: a\n- {shape: sphere, radius: 1, name: a}"), 5, r"obstacles\[1\]\.name: the name 'a' is taken.*line 4"),
     (box("motion: fast"), 4, "motion: must be a mapping of a motion"),
-    (box("motion: {}"), 4, "one of 'twist' and 'keyframes'"),
+    (box("motion: {}"), 4, "one of 'twist', 'keyframes' and 'unknown'"),
+    (box("motion: {unknown: {}}"), 4, "'max_speed' is missing"),
+    (box("motion: {unknown: 1.5}"), 4, "must be a mapping of an unknown motion"),
+    (box("motion: {unknown: {max_speed: -1}}"), 4, r"max_speed: the value is -1, outside \[0"),
+    (box("motion: {unknown: {maxspeed: 1}}"), 4, "did you mean 'max_speed'"),
+    (box("appears: soon"), 4, r"obstacles\[0\]\.appears: must be a number, not 'soon'"),
+    (box("appears: .nan"), 4, "appears: the value must be finite"),
+    (box("vanish: 3"), 4, "unknown key 'vanish' of a box; did you mean 'vanishes'"),
+    (box("appears: 3\n  vanishes: 3"), 5, r"vanishes: is 3 s; it must be later than 'appears', 3 s"),
     (box("motion: {twits: {}}"), 4, "unknown key 'twits' of a motion; did you mean 'twist'"),
     (box("motion: {twist: {linear: [1, 2]}}"), 4, r"motion\.twist\.linear: must be a list of 3 numbers"),
     (box("motion: {twist: {linear: [1, 2, 1e9]}}"), 4, "must be finite and within"),
@@ -155,7 +188,7 @@ def every_shape():
     box = trimesh.creation.box((1, 2, 3))
     return [
         Box((0.1, 1 / 3, 1e-5), at=(1e-7, -2 / 3, 1e5), quat=quat, name="1e-3"),
-        Sphere(0.2, name="ball: 'ü' \"x\" #é😀"),
+        Sphere(0.2, name="ball: 'ü' \"x\" #é😀", at=(1, 2, 3), motion=Unknown(1 / 3)),
         Cylinder(0.2, 0.4, motion=Twist((0.1, 1 / 3, 0), (0, 0, 0.2)), quat=quat),
         Capsule(0.2, 0.4, motion=Keyframes([0, 1.5], [[0, 0, 0], [1, 2, 3]], quats=[quat, (0, 0, 0, 1)])),
         Cone(0.2, 0.4, quat=quat, motion=Keyframes([0, 1, 2], [[1, 0, 0], [1, 2, 3], [1, 0, 0]], loop=True)),
@@ -277,6 +310,9 @@ def test_unwritable_places_and_motions_are_refused(tmp_path):
     class Wobble(Motion):
         def pose(self, initial_pose, t):
             return np.array(initial_pose)
+
+        def velocity(self, initial_pose, t):
+            return np.zeros(3), np.zeros(3)
 
         def speed_bound(self, radius, *, start=None, end=None):
             return 0.0

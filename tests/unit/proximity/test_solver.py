@@ -47,3 +47,29 @@ def test_a_sphere_inside_a_drum_leaves_through_the_lid():
     d = solver.ask(pair, coal.Transform3s(np.eye(3), np.array([0.0, 0.03, 0.02])), coal.Transform3s())
     assert d == pytest.approx(-0.03 - 0.05, abs=1e-6)
     np.testing.assert_allclose(solver.result.normal, [0.0, 0.0, -1.0], atol=1e-5)
+
+
+class Stubborn:
+    """A functor that fails, as Coal's do at times, below a tolerance of its solver for penetration."""
+
+    def __init__(self, tolerance: float) -> None:
+        self.tolerance, self.asked = tolerance, 0
+
+    def __call__(self, one, two, request, result) -> float:
+        self.asked += 1
+        return -0.05 if request.epa_tolerance >= self.tolerance else -1.7976931348623157e308
+
+
+@pytest.mark.parametrize("tolerance, tries", [(1e-7, 2), (5e-5, 3), (5e-3, 5)])
+def test_a_depth_that_is_not_found_is_asked_for_with_less_demand(tolerance, tries):
+    """Seen while driving: two cylinders for which Coal's own tolerance is not reached and −1.8e308 comes back."""
+    stubborn = Stubborn(tolerance)
+    pair = ShapePair(stubborn, stubborn, Stubborn(np.inf), ())
+    assert PairSolver().ask(pair, coal.Transform3s(), coal.Transform3s()) == -0.05
+    assert stubborn.asked == tries + 1
+
+
+def test_a_depth_that_is_never_found_is_an_error():
+    never = Stubborn(np.inf)
+    with pytest.raises(FloatingPointError, match="no penetration depth"):
+        PairSolver().ask(ShapePair(never, never, never, ()), coal.Transform3s(), coal.Transform3s())

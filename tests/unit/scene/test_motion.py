@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import Box, Keyframes, Sphere, Twist
+from elastic_strips.scene import Box, Keyframes, Scene, Sphere, Twist, Unknown
 
 EYE = np.eye(4)
 
@@ -68,6 +68,8 @@ def test_open_loop_jumps_and_only_the_interval_with_the_jump_is_unbounded():
     assert motion.jumps
     assert motion.speed_bound(1.0) == math.inf
     assert motion.speed_bound(1.0, start=2, end=9) == pytest.approx(0.5)
+    assert motion.speed_bound(1.0, start=0, end=9) == pytest.approx(0.5)  # at 0 it is there already
+    assert motion.speed_bound(1.0, start=-1e-12, end=9) == math.inf
     assert motion.speed_bound(1.0, start=9, end=11) == math.inf
     assert motion.speed_bound(1.0, start=32, end=39) == pytest.approx(0.5)
     assert motion.speed_bound(1.0, start=32, end=40) == math.inf
@@ -129,7 +131,71 @@ def test_speed_bound_of_keyframes_holds_on_intervals(seed, loop):
     assert 0.5 * motion.speed_bound(0.7) <= everywhere * 1.2
 
 
+def seen_velocity(motion, pose, t, step=1e-6):
+    """Linear and angular velocity [m/s, rad/s], world frame, by finite differences just after ``t``."""
+    before, after = motion.pose(pose, t), motion.pose(pose, t + step)
+    turn = (after[:3, :3] - before[:3, :3]) @ before[:3, :3].T / step
+    return (after[:3, 3] - before[:3, 3]) / step, np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.booleans())
+def test_velocity_is_the_right_sided_derivative_of_the_pose(seed, turning, loop):
+    """Twists and keyframes, between keyframes, at them, before the first and after the last; loops too."""
+    rng = np.random.default_rng(seed)
+    pose = Box((1, 1, 1), at=rng.normal(size=3), quat=yaw_quat(rng.uniform(-3, 3))).pose
+    count = int(rng.integers(2, 6))
+    times = np.round(np.cumsum(rng.uniform(0.2, 2.0, count)), 3)
+    quats = rng.normal(size=(count, 4))
+    quats /= np.linalg.norm(quats, axis=1)[:, None]
+    frames = Keyframes(times, rng.normal(size=(count, 3)), quats=quats if turning else None, loop=loop)
+    twist = Twist(rng.normal(size=3), rng.normal(size=3) if turning else (0, 0, 0))
+    for motion in (frames, twist):
+        for t in (times[0] - 0.50037, *times[:-1], times[-1] + 0.30037, *rng.uniform(times[0], times[-1] - 1e-4, 10)):
+            linear, angular = motion.velocity(pose, t)
+            seen = seen_velocity(motion, pose, t)
+            np.testing.assert_allclose(linear, seen[0], atol=1e-4)
+            np.testing.assert_allclose(angular, seen[1], atol=1e-4)
+    if not loop:
+        assert not np.any(frames.velocity(pose, times[-1]))
+    assert Keyframes([1.0], [[0, 0, 0]]).velocity(pose, 1.0)[0].tolist() == [0, 0, 0]
+
+
+def test_velocity_never_exceeds_the_speed_bound():
+    motion = Keyframes([0, 1, 3], [[0, 0, 0], [2, 0, 0], [2, 3, 0]], quats=[yaw_quat(a) for a in (0, 1, -1)])
+    for t in np.linspace(-1, 4, 60):
+        linear, angular = motion.velocity(EYE, t)
+        bound = motion.speed_bound(0.5, start=t, end=t + 1e-9)
+        assert np.linalg.norm(linear) + 0.5 * np.linalg.norm(angular) <= bound + 1e-9
+
+
+def test_velocity_of_an_obstacle_is_that_of_its_own_time():
+    """A twist goes on from where an obstacle was moved to; keyframes keep their own clock."""
+    motion = Keyframes([0, 1, 3], [[0, 0, 0], [2, 0, 0], [2, 3, 0]])
+    scene = Scene([Sphere(0.1, name="a", motion=motion), Sphere(0.1, name="b", motion=Twist((1, 0, 0)))], time=2.0)
+    moved = scene.moved("a", EYE).moved("b", EYE)
+    np.testing.assert_allclose(moved.obstacle("a").velocity()[0], (0, 1.5, 0))
+    np.testing.assert_allclose(moved.obstacle("b").velocity()[0], (1, 0, 0))
+    np.testing.assert_allclose(scene.at(0.5).obstacle("a").velocity()[0], (2, 0, 0))
+    assert not np.any(Sphere(0.1).velocity())
+
+
+def test_an_unknown_motion_stays_but_may_move():
+    """Its pose is the last one and its velocity 0; its bound holds at all times and for any shape."""
+    ball = Sphere(0.4, at=(1, 2, 3), motion=Unknown(1.2))
+    for t in (-5.0, 0.0, 7.0):
+        np.testing.assert_array_equal(ball.at(t).pose, ball.pose)
+        assert not np.any(Unknown(1.2).velocity(ball.pose, t))
+    assert ball.speed_bound() == ball.speed_bound(start=3, end=4) == Unknown(1.2).speed_bound(9.0) == 1.2
+    assert Unknown(0).max_speed == 0.0
+
+
 BAD = [
+    (lambda: Unknown(-0.1), r"Unknown max_speed is -0.1, outside \[0"),
+    (lambda: Unknown(math.nan), "finite"),
+    (lambda: Unknown(True), "must be a number"),
+    (lambda: Unknown(1.0).speed_bound(-1), "radius"),
+    (lambda: Sphere(1, motion=1.0), "Twist, Keyframes, Unknown or None"),
     (lambda: Twist((1, 2)), "Twist linear"),
     (lambda: Twist((0, 0, 0), (0, 0, math.inf)), "Twist angular"),
     (lambda: Twist((0, 0, 1e5)), "within"),

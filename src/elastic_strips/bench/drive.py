@@ -1,0 +1,185 @@
+"""Driving benchmark: many seeded runs among moving obstacles, each judged from its true states."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import ElasticStripsError
+from ..execution import FAULTS, Fault
+from ..robot import load_robot
+from ..scenarios import drive_scenario, get_scenario
+from .measure import machine, percentiles
+from .pool import cached, spread
+
+CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
+"""Classes of the movers' largest speed [m/s]."""
+FAULT_SECONDS = {"lost_odometry": 0.5, "scene_frozen": 2.0, "slow_tick": 1.0}
+"""Durations of the faults; one second for the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveTask:
+    """One run: scenario, seed, robot, plant, and perhaps a fault and its time [s]."""
+
+    scenario: str
+    seed: int
+    robot: str
+    plant: str = "kinematic"
+    fault: str = ""
+    time_limit: float = 90.0
+
+
+def drive_once(task: DriveTask) -> dict[str, Any]:
+    """Drive and judge; a worker's task."""
+    robot = cached(task.robot, lambda: load_robot(task.robot))
+    faults = []
+    if task.fault:
+        start = float(np.random.default_rng(task.seed).uniform(1.0, 6.0))
+        faults = [Fault(task.fault, start, FAULT_SECONDS.get(task.fault, 1.0))]
+    scenario = get_scenario(task.scenario, seed=task.seed)
+    killed: dict[str, Any] = {}
+    if task.fault == "viewer_killed":
+        killed["watch"] = _doomed_viewer(faults[0].start)
+        faults = []
+    try:
+        outcome = drive_scenario(
+            scenario, robot=robot, seed=task.seed, plant=task.plant, time_limit=task.time_limit, faults=faults, **killed
+        )
+    except ElasticStripsError as error:
+        return {"seed": task.seed, "fault": task.fault, "error": str(error), "reached": False, "collisions": 0}
+    result, verdict = outcome.result, outcome.verdict
+    rows = result.record.control
+    extra = {}
+    if task.plant == "mujoco":
+        extra["physical_contacts"] = list(outcome.physical_contacts)
+    return {
+        "seed": task.seed,
+        "fault": task.fault,
+        "speed_class": scenario.speed_class,
+        "movers": len(scenario.world.names_moving),
+        "state": result.state.name.lower(),
+        "reached": outcome.reached,
+        "collisions": len(verdict.collisions),
+        "contacts": verdict.as_dict()["collisions"],
+        "contacts_at_rest": len(verdict.rest_contacts),
+        "min_clearance_m": verdict.min_clearance_m if verdict.closest else None,
+        "time_s": verdict.time_s,
+        "path_m": verdict.path_m,
+        "stops": [[time, reason] for time, reason in result.stops],
+        "stops_without_reason": sum(not reason for _, reason in result.stops),
+        "at_rest_at_end": bool(np.abs(rows.v[-1]).max() < 0.01),
+        "replans": result.replans,
+        "limit_excess": dict(verdict.excess),
+        "max_lateral_slip": verdict.max_lateral_slip_m,
+        "tracking_m": float(np.hypot(*(rows.chart - rows.reference)[:, :2].T).max()),
+        "tick_ms": result.statistics.percentiles(),
+        "faults": [[e.time, e.reason] for e in result.events if e.kind == "fault"],
+        "wall_s": result.seconds,
+        **extra,
+    }
+
+
+def bench_drive(
+    robot: str,
+    seeds: Sequence[int],
+    step: Callable[[str], object] = lambda note: None,
+    *,
+    scenario: str = "moving-corridor",
+    plant: str = "kinematic",
+    processes: int | None = None,
+) -> dict[str, Any]:
+    """Drive a scenario of many seeds.
+
+    Returns:
+        Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
+    """
+    tasks = [DriveTask(scenario, int(seed), robot, plant) for seed in seeds]
+    runs = []
+    for run in spread(drive_once, tasks, processes):
+        runs.append(run)
+        step(f"seed {run['seed']}: {'reached' if run['reached'] else 'not reached'}")
+    runs.sort(key=lambda r: r["seed"])
+    classes = []
+    for low, high in CLASSES:
+        mine = [r for r in runs if r.get("speed_class") and low <= r["speed_class"] < high + (high == 1.5) * 1e-6]
+        if mine:
+            classes.append({"from": low, "to": high, **_summary(mine)})
+    return {
+        "benchmark": "drive",
+        "machine": machine(),
+        "robot": robot,
+        "scenario": scenario,
+        "plant": plant,
+        **_summary(runs),
+        "classes": classes,
+        "runs": runs,
+    }
+
+
+def bench_faults(
+    robot: str,
+    seeds: Sequence[int],
+    step: Callable[[str], object] = lambda note: None,
+    *,
+    scenario: str = "moving-corridor",
+    processes: int | None = None,
+) -> dict[str, Any]:
+    """Each kind of fault in many seeded runs: at rest or at the goal in the end, no contact at speed, fault named."""
+    tasks = [DriveTask(scenario, int(s), robot, fault=kind, time_limit=45.0) for kind in FAULTS for s in seeds]
+    runs = []
+    for run in spread(drive_once, tasks, processes):
+        runs.append(run)
+        step(f"{run['fault']}, seed {run['seed']}")
+    kinds = {}
+    for kind in FAULTS:
+        mine = [r for r in runs if r["fault"] == kind]
+        kinds[kind] = {
+            **_summary(mine),
+            "at_rest_or_goal": float(np.mean([r.get("at_rest_at_end", False) for r in mine])),
+            "named": float(np.mean([bool(r.get("faults")) for r in mine])),
+        }
+    return {"benchmark": "faults", "machine": machine(), "robot": robot, "kinds": kinds, "runs": runs}
+
+
+def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures of some runs."""
+    done = [r for r in runs if "error" not in r]
+    return {
+        "count": len(runs),
+        "reached": float(np.mean([r["reached"] for r in runs])),
+        "collisions": int(sum(r["collisions"] for r in runs)),
+        "runs_with_contacts_at_rest": int(sum(r["contacts_at_rest"] > 0 for r in done)),
+        "stops": int(sum(len(r["stops"]) for r in done)),
+        "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),
+        "time_s": percentiles([r["time_s"] for r in done if r["reached"]]),
+        "tracking_m": percentiles([r["tracking_m"] for r in done]),
+        "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
+        "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
+        "errors": [r["error"] for r in runs if "error" in r],
+    }
+
+
+def _doomed_viewer(time: float) -> Callable[[Any], None]:
+    """A watcher with a live viewer whose server is killed at a time [s]."""
+    from ..viewer import Viewer
+
+    viewer = Viewer(server=True, open_browser=False)
+    state = {"killed": False}
+
+    def watch(runner: Any) -> None:
+        if runner.time >= time and not state["killed"]:
+            state["killed"] = True
+            if viewer.server_pid is not None:
+                os.kill(viewer.server_pid, signal.SIGKILL)
+            runner.supervisor.log(runner.time, "fault", "viewer killed")
+        viewer.update(runner.pilot.strip, runner.world.at(runner.time))
+        if runner.supervisor.state.name == "REACHED":
+            viewer.close()
+
+    return watch

@@ -1,0 +1,167 @@
+"""``elastic-strips drive``: the closed loop; what is driven is judged, recorded and shown."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+from ..execution import FAULTS, Fault, Runner, RunState
+from ..io import check_writable, write_json
+from ..io.record_file import write_record
+from ..scenarios import PLANTS, DriveOutcome, conclude, drive_document, get_scenario, make_runner
+from .progress import LateProgress
+from .run_command import check_outputs
+
+EXIT_REACHED = 0
+EXIT_NOT_REACHED = 3
+EXIT_INTERRUPTED = 130
+
+
+@click.command(short_help="Drive a scenario: the closed loop in simulated time.")
+@click.argument("scenario", metavar="NAME|FILE.yaml")
+@click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
+@click.option(
+    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default."
+)
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of plan, plant, noise and generated scenes.")
+@click.option(
+    "--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True,
+    help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
+)  # fmt: skip
+@click.option("--time-limit", type=click.FloatRange(0.1, 36000), help="Longest run [s of simulated time].")
+@click.option("--realtime", is_flag=True, help="As fast as the clock; without it, as fast as it can.")
+@click.option(
+    "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
+    help="Put in a fault, times in seconds. KIND: " + ", ".join(FAULTS) + ". May be given again.",
+)  # fmt: skip
+@click.option("--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/drive-format.md).")
+@click.option(
+    "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
+    help="Write everything that happened (docs/record-format.md).",
+)  # fmt: skip
+@click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the drive.")
+@click.option("--view", is_flag=True, help="Show it while it drives, in the browser on this machine only.")
+def drive(
+    scenario: str,
+    robot: str | None,
+    base: str | None,
+    seed: int | None,
+    plant: str,
+    time_limit: float | None,
+    realtime: bool,
+    faults: tuple[str, ...],
+    json_file: str | None,
+    record_file: str | None,
+    html_file: str | None,
+    view: bool,
+) -> int:
+    """Plan a strip and drive it in a closed loop: at every tick the strip gives way to what is sensed, the motion ahead
+    is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
+
+    Ctrl-C brings the robot to rest, and what was recorded is written.
+
+    Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
+    """
+    check_outputs(scenario, json_file, record_file, html_file)
+    if record_file is not None:
+        check_writable(record_file)
+    problem = get_scenario(scenario, seed=seed or 0)
+    model = problem.load_robot(robot, "default", base)
+    viewer = _viewer() if view else None
+    with LateProgress(f"{problem.name}: driving") as bar:
+
+        def watch(runner: Runner) -> None:
+            bar.step(f"{runner.time:.1f} s, {runner.supervisor.state.name.lower()}")
+            if viewer is not None:
+                viewer.update(
+                    runner.proposal.report if runner.proposal else runner.pilot.strip,
+                    runner.world.at(runner.time), q=model.space.from_chart(runner.plant.chart),
+                )  # fmt: skip
+
+        number = problem.seed if seed is None else seed
+        runner = make_runner(
+            problem, robot=model, seed=number, plant=plant, faults=[Fault.parse(text) for text in faults],
+            realtime=realtime or view, watch=watch,
+        )  # fmt: skip
+        if viewer is not None:
+            viewer.show(model, problem.world.at(0.0), runner.pilot.strip)
+            click.echo(f"viewer  {viewer.url}")
+        with _stopping(runner) as interrupted:
+            result = runner.run(time_limit=time_limit)
+    runner.plant.close()
+    outcome = conclude(problem, runner, result, plant=plant, seed=number)
+    _summary(outcome)
+    if json_file is not None:
+        click.echo(f"result  {write_json(json_file, drive_document(outcome))}")
+    if record_file is not None:
+        click.echo(f"record  {write_record(result.record, record_file)}")
+    if html_file is not None:
+        from ..viewer import Viewer
+
+        with Viewer(server=False) as page:
+            page.replay(model, result.record)
+            click.echo(f"page    {page.save_html(html_file)}")
+    if viewer is not None:
+        viewer.close()
+    if interrupted:
+        return EXIT_INTERRUPTED
+    return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
+
+
+def _viewer() -> Any:
+    from ..viewer import Viewer
+
+    return Viewer(server=True, open_browser=sys.stdout.isatty())
+
+
+@contextmanager
+def _stopping(runner: Runner) -> Iterator[list[int]]:
+    """The first Ctrl-C brings the robot to rest; a second one ends the program."""
+    interrupted: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        if interrupted:
+            raise KeyboardInterrupt
+        interrupted.append(number)
+        click.echo("stopping the robot (Ctrl-C again ends at once)", err=True)
+        runner.stop()
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _summary(outcome: DriveOutcome) -> None:
+    result, verdict = outcome.result, outcome.verdict
+    if outcome.reached:
+        text = "reached"
+    elif result.state is RunState.REACHED:
+        text = "not reached: the robot believes to be at the goal, but is not"
+    else:
+        text = f"not reached: {result.state.name.lower()}, {result.reason}"
+    click.echo(f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: {text}")
+    ticks = result.statistics.percentiles()
+    clearance = "none" if verdict.closest is None else f"{verdict.min_clearance_m:.3f} m"
+    click.echo(
+        f"  {verdict.time_s:.1f} s, {verdict.path_m:.2f} m, {len(verdict.collisions)} collisions, "
+        f"least clearance {clearance}, {len(result.stops)} stops, {result.replans} times planned anew"
+    )
+    click.echo(
+        f"  planning ticks p50 {ticks['p50']:.1f}, p95 {ticks['p95']:.1f}, p99 {ticks['p99']:.1f} ms, "
+        f"{result.statistics.misses} of {len(result.statistics.seconds)} late"
+    )
+    for contact in verdict.rest_contacts:
+        click.echo(f"  {contact.obstacle} ran into {contact.link} at rest, from {contact.time:.1f} s on")
+    for contact in verdict.collisions:
+        click.echo(f"  COLLISION of {contact.link} with {contact.obstacle} at {contact.speed:.2f} m/s")
+    for time, reason in result.stops[:5]:
+        click.echo(f"  stopped at {time:.2f} s: {reason}")
+    if len(result.stops) > 5:
+        click.echo(f"  … and {len(result.stops) - 5} more stops")

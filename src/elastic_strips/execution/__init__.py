@@ -1,0 +1,68 @@
+"""Execution: strips become motions in time; motions are certified, tracked, supervised, recorded and judged."""
+
+from .estimation import Estimator, EstimatorParams
+from .faults import FAULTS, Fault
+from .judge import Contact, Tolerance, Verdict, judge
+from .limits import MotionLimits
+from .params import DriveParams, ObstacleAssumptions
+from .path import DrivePath, RetimingError
+from .perception import Perception, PerceptionError, PerceptionParams
+from .pilot import Pilot, Proposal
+from .plant import KinematicPlant, Plant, PlantParams
+from .prediction import predict
+from .record import Event, Record, RecordError, RunState
+from .recorder import Recorder
+from .result import DriveResult, TickStatistics
+from .retiming import Retimer, retime
+from .runner import Runner
+from .sensing import Measurement, SensorParams
+from .separation import protective_separation
+from .supervisor import Supervisor
+from .timed_certificate import TrajectoryCertifier
+from .tracking import Command, TrackingController, TrackingGains
+from .trajectory import ReferenceState, Trajectory
+
+__all__ = [
+    "FAULTS",
+    "Command",
+    "Contact",
+    "DrivePath",
+    "DriveParams",
+    "DriveResult",
+    "Estimator",
+    "EstimatorParams",
+    "Event",
+    "Fault",
+    "KinematicPlant",
+    "Measurement",
+    "MotionLimits",
+    "ObstacleAssumptions",
+    "Perception",
+    "PerceptionError",
+    "PerceptionParams",
+    "Pilot",
+    "Plant",
+    "PlantParams",
+    "Proposal",
+    "Record",
+    "RecordError",
+    "Recorder",
+    "ReferenceState",
+    "Retimer",
+    "RetimingError",
+    "RunState",
+    "Runner",
+    "SensorParams",
+    "Supervisor",
+    "TickStatistics",
+    "Tolerance",
+    "TrackingController",
+    "TrackingGains",
+    "Trajectory",
+    "TrajectoryCertifier",
+    "Verdict",
+    "judge",
+    "predict",
+    "protective_separation",
+    "retime",
+]

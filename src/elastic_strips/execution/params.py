@@ -1,0 +1,112 @@
+"""Execution room, parameters: rates, margins, and what is assumed of obstacles; validated where they are made."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from ..deform import DeformParams
+from ..errors import ParameterError
+
+
+def _check(owner: object, *, zero: tuple[str, ...] = ()) -> None:
+    """Every number of a dataclass is finite and > 0, or ≥ 0 where it is named in ``zero``."""
+    for f in fields(owner):  # type: ignore[arg-type]
+        value = getattr(owner, f.name)
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+            continue
+        if not np.isfinite(value) or value < 0 or (value == 0 and f.name not in zero):
+            bound = "≥ 0" if f.name in zero else "> 0"
+            raise ParameterError(f"{type(owner).__name__}.{f.name}={value!r} must be finite and {bound}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObstacleAssumptions:
+    """What the safety of the motion rests on: how wrong the sensed scene and its prediction can be.
+
+    An obstacle that is sensed at a pose with a velocity is within ``position_error + velocity_error·t +
+    ½·acceleration·t²`` of where constant velocity takes it, t after the snapshot. One whose motion is unknown
+    (:class:`~elastic_strips.scene.Unknown`) is within its speed bound times t of where it is.
+
+    Attributes:
+        position_error: error of a sensed pose [m].
+        velocity_error: error of a sensed velocity [m/s].
+        acceleration: largest acceleration of an obstacle whose velocity is sensed [m/s²].
+        max_speed: largest speed of an obstacle [m/s]: no prediction is wrong by more than twice that times t.
+    """
+
+    position_error: float = 0.005
+    velocity_error: float = 0.02
+    acceleration: float = 0.5
+    max_speed: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check(self, zero=("position_error", "velocity_error", "acceleration"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveParams:
+    """How a strip is driven; times [s], lengths [m], angles [rad].
+
+    Attributes:
+        deform: parameters of the strip; its clearance is raised to what execution needs.
+        assumptions: of the obstacles.
+        control_dt: period of the control loop.
+        plan_every: control periods from one planning tick to the next.
+        latency: control periods from sensing to the first command of the motion that was planned on it.
+        sample_dt: step of planned motions; between samples base and joints go on exact arcs and lines.
+        tracking_error: how far any point of the robot may be from where the planned motion has it; measured.
+        margin: clearance that is kept beyond the tracking error.
+        settle_time: how long the robot may creep on after a planned motion has ended.
+        recover_iterations: further iterations of a tick in which the strip has lost its certificate.
+        maintain_every: planning ticks from one insertion and removal of nodes to the next.
+        horizon: longest time ahead that the strip gives way to predicted motion.
+        max_scene_age: a scene that is older is not driven on.
+        replan_after: a strip that stays broken so long, at rest, is planned anew.
+        replan_time: simulated duration of planning anew.
+        speeds: fractions of full speed that are tried one after the other until one is certified.
+        ease_speed, ease_acceleration: parts of the motors' limits that motions are planned with; the rest is used where
+            the way changes and they would not do.
+        goal_position, goal_angle: tolerance at the goal, of the base [m], and of heading and joints [rad or m].
+        time_limit: longest run.
+    """
+
+    deform: DeformParams = field(default_factory=lambda: DeformParams(max_nodes=200))
+    assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
+    control_dt: float = 0.01
+    plan_every: int = 5
+    latency: int = 2
+    sample_dt: float = 0.02
+    tracking_error: float = 0.02
+    margin: float = 0.005
+    settle_time: float = 0.15
+    recover_iterations: int = 4
+    maintain_every: int = 3
+    horizon: float = 3.0
+    max_scene_age: float = 0.25
+    replan_after: float = 0.8
+    replan_time: float = 0.3
+    speeds: tuple[float, ...] = (1.0, 0.5, 0.25)
+    ease_speed: float = 0.95
+    ease_acceleration: float = 0.75
+    goal_position: float = 0.05
+    goal_angle: float = 0.05
+    time_limit: float = 120.0
+
+    def __post_init__(self) -> None:
+        _check(self, zero=("latency", "settle_time", "recover_iterations"))
+        for name in ("plan_every", "latency", "maintain_every", "recover_iterations"):
+            if not isinstance(getattr(self, name), (int, np.integer)):
+                raise ParameterError(f"DriveParams.{name}={getattr(self, name)!r} must be a whole number")
+        if not self.speeds or not all(0.0 < s <= 1.0 for s in self.speeds):
+            raise ParameterError(f"DriveParams.speeds={self.speeds!r} must be fractions in (0, 1]")
+
+    @property
+    def clearance(self) -> float:
+        """Distance [m] that planned motions prove to obstacles: tracking error and margin."""
+        return self.tracking_error + self.margin
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)

@@ -1,0 +1,101 @@
+"""Execution room, perception: what the planner gets to see of the world: late, with noise, and sometimes wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError, SceneError
+from ..scene import Scene, Twist, Unknown, World
+from .faults import SCENE_DELAY, FaultPlan
+from .params import ObstacleAssumptions
+
+
+class PerceptionError(SceneError):
+    """No usable scene came; the message says why."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PerceptionParams:
+    """Noise of the sensed scene: within the assumptions by construction.
+
+    Attributes:
+        delay: age of a sensed scene [s].
+        noise: fraction of the assumed errors of position and velocity that the noise may reach, 0 to 1.
+    """
+
+    delay: float = 0.05
+    noise: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.noise <= 1.0:
+            raise ParameterError(f"PerceptionParams.noise={self.noise!r} must lie in [0, 1]")
+        if not (np.isfinite(self.delay) and self.delay >= 0.0):
+            raise ParameterError(f"PerceptionParams.delay={self.delay!r} must be finite and ≥ 0 s")
+
+
+class Perception:
+    """Workspace: turns a world into what is sensed of it.
+
+    Static obstacles are known (a map); of moving ones position and velocity are sensed, each off by a constant within
+    the assumed bounds.
+
+    Args:
+        world: the true one.
+        assumptions: bounds of the errors.
+        params: of the noise.
+        rng: source of the noise.
+        faults: what goes wrong.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        assumptions: ObstacleAssumptions,
+        params: PerceptionParams,
+        rng: np.random.Generator,
+        faults: FaultPlan,
+    ) -> None:
+        self.world, self.params, self.faults = world, params, faults
+        self._position: dict[str, np.ndarray] = {}
+        self._velocity: dict[str, np.ndarray] = {}
+        for name in world.names_moving:
+            for store, size in (
+                (self._position, assumptions.position_error),
+                (self._velocity, assumptions.velocity_error),
+            ):
+                way = rng.normal(size=3)
+                way[2] = 0.0
+                store[name] = way / np.linalg.norm(way) * size * params.noise * rng.uniform()
+        self._frozen: Scene | None = None
+
+    def sense(self, t: float) -> Scene:
+        """The newest scene at time ``t`` [s]; its ``time`` says how old it is.
+
+        Raises:
+            PerceptionError: what came is no scene.
+        """
+        if self.faults.active("nan_obstacle", t):
+            raise PerceptionError("the sensed scene holds a pose that is not finite")
+        if self.faults.active("scene_frozen", t) and self._frozen is not None:
+            return self._frozen
+        delay = self.params.delay + (SCENE_DELAY if self.faults.active("scene_late", t) else 0.0)
+        self._frozen = self._noisy(self.world.at(t - delay))
+        return self._frozen
+
+    def _noisy(self, scene: Scene) -> Scene:
+        """Moving obstacles as they are sensed: a pose and a velocity, both a little off, and no more of the future."""
+        seen = []
+        for obstacle in scene:
+            if obstacle.motion is None:
+                continue
+            name = obstacle.name or ""
+            pose = np.array(obstacle.pose)
+            pose[:3, 3] += self._position[name]
+            if isinstance(obstacle.motion, Unknown):
+                seen.append(obstacle.sensed(pose, obstacle.motion))
+                continue
+            linear, angular = obstacle.velocity()
+            seen.append(obstacle.sensed(pose, Twist(linear + self._velocity[name], angular)))
+        return scene.seen(seen) if seen else scene

@@ -1,0 +1,350 @@
+"""Execution room, runner: the closed loop: sense, give way, certify, track, drive; in simulated time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from time import perf_counter, sleep
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import ElasticStripsError
+from ..planning import PlanReport, plan_report
+from ..robot import RobotModel
+from ..scene import Scene, World
+from ..strip import Strip
+from .estimation import Estimator
+from .faults import Fault, FaultPlan
+from .limits import MotionLimits
+from .params import DriveParams
+from .perception import Perception, PerceptionParams
+from .pilot import Pilot, Proposal
+from .plant import KinematicPlant, Plant
+from .record import Record, RunState
+from .recorder import Recorder
+from .result import DriveResult, TickStatistics
+from .supervisor import Supervisor, standstill
+from .tracking import TrackingController
+
+_log = logging.getLogger(__name__)
+Watch = Callable[["Runner"], object]
+
+
+class Runner:
+    """Workspace: drives a robot through a world, from start to goal.
+
+    Args:
+        robot: the robot.
+        world: the true obstacles over time; a :class:`Scene` stands still or moves as its obstacles say.
+        start: configuration (nq,).
+        goal: configuration (nq,), or several of them, one after the other.
+        params: of the drive.
+        limits: of the motors; read off the robot where None.
+        strip: the strip to begin with; planned where None.
+        path: waypoints (K, 2) [m] that the first plan tries before all else.
+        grid: whether plans may use a way over a grid.
+        plant: the machine; a :class:`KinematicPlant` where None.
+        perception: noise and delay of the sensed scene.
+        faults: what goes wrong on purpose.
+        seed: of the first plan, of the plant and of what is sensed.
+        watch: called after every planning tick, with this runner; what it raises is logged and goes no further.
+        realtime: whether to wait for the wall clock.
+        record: whether to write down every step; without it a result has a record of the last step only.
+        metadata: plain JSON values to keep with the record.
+
+    Raises:
+        ConfigurationError: start or goal is not sound, or in collision.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        world: World | Scene,
+        start: npt.ArrayLike,
+        goal: npt.ArrayLike | Sequence[npt.ArrayLike],
+        *,
+        params: DriveParams | None = None,
+        limits: MotionLimits | None = None,
+        strip: Strip | None = None,
+        path: npt.ArrayLike | None = None,
+        grid: bool = True,
+        plant: Plant | None = None,
+        perception: PerceptionParams | None = None,
+        faults: Iterable[Fault] = (),
+        seed: int = 0,
+        watch: Watch | None = None,
+        realtime: bool = False,
+        record: bool = True,
+        metadata: dict[str, object] | None = None,
+    ) -> None:
+        self.robot, self.params = robot, params or DriveParams()
+        self.world = world if isinstance(world, World) else World(world)
+        self.limits = limits or MotionLimits.for_robot(robot)
+        self.faults = FaultPlan(faults)
+        self.seed, self.watch, self.realtime, self.grid = seed, watch, realtime, grid
+        plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
+        self.plant: Plant = plant or KinematicPlant(robot, self.limits, seed=np.random.default_rng(plant_seed))
+        self.perception = Perception(
+            self.world, self.params.assumptions, perception or PerceptionParams(),
+            np.random.default_rng(sense_seed), self.faults,
+        )  # fmt: skip
+        goals = np.atleast_2d(robot.check_q(goal, what="goal"))
+        self.goals = [goals[0], *goals[1:]]
+        self.goal_q = self.goals.pop(0)
+        self.goal = robot.space.to_chart(self.goal_q)
+        first = robot.space.to_chart(robot.check_q(start, what="start"))
+        self.time = 0.0
+        self.first_plan: PlanReport | None = None
+        if strip is None:
+            self.first_plan = plan_report(
+                robot,
+                self._planned_scene(0.0),
+                start,
+                self.goal_q,
+                seed=seed,
+                params=self._deform,
+                path=path,
+                grid=grid,
+            )
+            strip = self.first_plan.strip
+        self.pilot = Pilot(robot, self.limits, self.params, strip)
+        self.plant.reset(first)
+        self.estimator = Estimator(robot, self.limits)
+        self.estimator.reset(first, 0.0)
+        self.estimate = first
+        self.tracker = TrackingController(robot, self.limits)
+        self.supervisor = Supervisor(standstill(robot, self.limits, first, 0.0, self.params.control_dt))
+        last = robot.space.to_chart(goals[-1])
+        self._new_recorder = lambda: Recorder(robot, self.world, goal=last, metadata=metadata or {})
+        self.recorder, self._recording, self._step = self._new_recorder(), record, 0
+        self.scene: Scene = self.world.at(0.0)
+        self.proposal: Proposal | None = None
+        self.statistics = TickStatistics()
+        self._waiting: list[tuple[float, Proposal]] = []
+        self._broken_since: float | None = None
+        self._replan_at: float | None = None
+        self._replans = 0
+        self._stop = False
+
+    @property
+    def _deform(self):  # type: ignore[no-untyped-def]
+        return self.params.deform.replaced(clearance=max(self.params.deform.clearance, self.params.clearance))
+
+    def stop(self) -> None:
+        """Ask the loop to end: the held motion is driven to its rest first."""
+        self._stop = True
+
+    def run(self, *, time_limit: float | None = None) -> DriveResult:
+        """Drive until the goal is reached, the time is over, or :meth:`stop` was called."""
+        params, supervisor = self.params, self.supervisor
+        limit = params.time_limit if time_limit is None else time_limit
+        began, first = perf_counter(), self._step
+        while True:
+            step = self._step
+            t = self.time = step * params.control_dt
+            over = t >= limit
+            if not self._stop and not over and step % params.plan_every == 0:
+                self._planning_tick(t)
+            self._take_waiting(t)
+            state = supervisor.update(t)
+            self._control(t, state)
+            self._step += 1
+            if state is RunState.REACHED and self._settled():
+                if not self.goals:
+                    break
+                self.retarget(self.goals.pop(0))
+            if (self._stop or over) and supervisor.at_rest(t) and self._settled():
+                break
+            if self.realtime:
+                ahead = began + (self._step - first) * params.control_dt - perf_counter()
+                if ahead > 0.0:
+                    sleep(ahead)
+        return self._result(perf_counter() - began)
+
+    def retarget(self, goal: npt.ArrayLike) -> None:
+        """At rest, take another goal (nq,) and plan a strip to it."""
+        self.goal_q = self.robot.check_q(goal, what="goal")
+        self.goal = self.robot.space.to_chart(self.goal_q)
+        self.supervisor.restart("new goal", self.time)
+        q = self.robot.space.from_chart(self.supervisor.reference(self.time).chart)
+        report = plan_report(
+            self.robot, self._planned_scene(self.time), q, self.goal_q, seed=self.seed, params=self._deform,
+            grid=self.grid,
+        )  # fmt: skip
+        self.supervisor.log(self.time, "goal", report.reason)
+        self.pilot.take(report.strip)
+
+    # the control loop
+
+    def _control(self, t: float, state: RunState) -> None:
+        params = self.params
+        if self.faults.active("lost_odometry", t):
+            self.plant.lost_odometry(t + params.control_dt)
+            self.supervisor.log(t, "fault", "odometry lost")
+        reference = self.supervisor.reference(t)
+        command = self.tracker.command(reference, self.estimate)
+        if not self._recording and len(self.recorder) > 100:
+            self.recorder = self._new_recorder()
+        self.recorder.control(
+            t, chart=self.plant.chart, v=self.plant.v, reference=reference.chart, reference_v=reference.v,
+            estimate=self.estimate, drive=command.drive, joints=command.joints, state=int(state),
+        )  # fmt: skip
+        measurement = self.plant.step(command, params.control_dt)
+        self.estimate = self.estimator.update(measurement)
+
+    def _settled(self) -> bool:
+        """Whether the robot truly stands; the plant's own truth, only to know when to stop recording."""
+        return bool(np.abs(self.plant.v).max(initial=0.0) < 1e-3)
+
+    # the planning loop
+
+    def _planning_tick(self, t: float) -> None:
+        params, supervisor = self.params, self.supervisor
+        began = perf_counter()
+        try:
+            self._plan(t)
+        except ElasticStripsError as error:
+            supervisor.keep(f"{type(error).__name__}: {error}", t)
+            supervisor.log(t, "fault", str(error))
+        except Exception as error:  # whatever it is: the held motion is driven to its end
+            _log.exception("planning tick failed")
+            self.pilot.deformer.reset()
+            supervisor.keep(f"planning failed: {type(error).__name__}: {error}", t)
+            supervisor.log(t, "fault", f"planning exception: {type(error).__name__}: {error}")
+        seconds = perf_counter() - began
+        proposal = self.proposal
+        self.statistics.add(seconds, params.latency * params.control_dt)
+        self.recorder.planning(
+            t,
+            tick_ms=1e3 * seconds,
+            phase_ms={k: 1e3 * s for k, s in proposal.timings.items()} if proposal else {},
+            status=proposal.report.status.value if proposal else "",
+            certified=bool(proposal and proposal.report.certified),
+            clearance=proposal.report.clearance if proposal else np.nan,
+            horizon_end=supervisor.held.end_time,
+            strip=self.pilot.strip.chart,
+            reason=(proposal.reason if proposal else "") or supervisor.reason,
+        )
+        if self.watch is not None:
+            try:
+                self.watch(self)
+            except Exception:  # a viewer that dies does not stop the robot
+                _log.exception("the watcher failed")
+                self.watch = None
+                supervisor.log(t, "fault", "viewer lost")
+
+    def _plan(self, t: float) -> None:
+        params, supervisor = self.params, self.supervisor
+        self.proposal = None
+        if self.faults.active("planning_exception", t):
+            raise RuntimeError("planning exception put in on purpose")
+        scene = self.perception.sense(t)
+        age = t - scene.time
+        if age > params.max_scene_age:
+            supervisor.keep(f"stale scene: {age:.2f} s old, at most {params.max_scene_age:g} s", t)
+            supervisor.log(t, "fault", "stale scene")
+            return
+        self.scene = scene
+        if self.estimator.lost_for > 0.1:
+            supervisor.keep("odometry lost", t)
+            return
+        if self._replan(t, scene) or self._rest_of_goal(t, scene):
+            return
+        begin = t + params.latency * params.control_dt
+        if supervisor.at_rest(t) and self._settled_estimate(t):
+            rest = standstill(self.robot, self.limits, self.estimate.copy(), begin, params.control_dt)
+            supervisor.rebase(rest)
+        proposal = self.proposal = self.pilot.tick(t, scene, supervisor.held, begin)
+        late = 10.0 * params.latency * params.control_dt if self.faults.active("slow_tick", t) else 0.0
+        if proposal.accepted:
+            self._waiting.append((t + late, proposal))
+        elif proposal.kept:
+            supervisor.confirm(t, proposal.reason)
+        else:
+            supervisor.keep(proposal.reason, t)
+        self._watch_strip(t, proposal)
+
+    def _take_waiting(self, t: float) -> None:
+        """Offer what has been planned and is ready by now."""
+        ready = [p for due, p in self._waiting if due <= t + 1e-9]
+        self._waiting = [(due, p) for due, p in self._waiting if due > t + 1e-9]
+        for proposal in ready:
+            if proposal.motion is None or proposal.certificate is None:
+                continue
+            if proposal.motion.start_time < t - 1e-9:
+                self.supervisor.log(t, "fault", "late tick")
+            self.supervisor.offer(proposal.motion, proposal.certificate, t, at_goal=proposal.at_goal)
+
+    def _rest_of_goal(self, t: float, scene: Scene) -> bool:
+        """Whether the held motion ends at the goal and is still certified: then nothing better can be planned."""
+        supervisor = self.supervisor
+        if not supervisor.at_goal or supervisor.at_rest(t):
+            return supervisor.at_goal
+        begin = t + self.params.latency * self.params.control_dt
+        certificate = self.pilot.certify(supervisor.held.tail(begin), scene)
+        if certificate.certified:
+            supervisor.confirm(t, "the motion ends at the goal")
+        return certificate.certified
+
+    def _settled_estimate(self, t: float) -> bool:
+        """Whether the robot has come to rest after the held motion's end."""
+        return t >= self.supervisor.held.end_time + self.params.settle_time
+
+    # planning anew
+
+    def _planned_scene(self, t: float) -> Scene:
+        """What a planner of still scenes gets: the obstacles that stand."""
+        scene = self.world.at(t) if t == 0.0 else self.scene
+        standing = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < 0.05]
+        return Scene([o.sensed(o.pose, None) for o in standing], time=scene.time)
+
+    def _watch_strip(self, t: float, proposal: Proposal) -> None:
+        """A strip that stays broken while the robot stands is planned anew."""
+        if proposal.accepted or not self.supervisor.at_rest(t):
+            self._broken_since = None
+            return
+        if self._broken_since is None:
+            self._broken_since = t
+        elif t - self._broken_since > self.params.replan_after * (1 + self._replans):
+            self._broken_since = None
+            self._replan_at = t + self.params.replan_time
+            self.supervisor.log(t, "replanning", proposal.reason)
+
+    def _replan(self, t: float, scene: Scene) -> bool:
+        """Plan anew where that was asked for; the robot stands meanwhile."""
+        if self._replan_at is None:
+            return False
+        if t < self._replan_at:
+            return True
+        self._replan_at = None
+        self._replans += 1
+        q = self.robot.space.from_chart(self.supervisor.reference(t).chart)
+        try:
+            report = plan_report(
+                self.robot, self._planned_scene(t), q, self.goal_q, seed=self.seed + self._replans,
+                params=self._deform, timeout=4.0, line=False, grid=self.grid,
+            )  # fmt: skip
+        except ElasticStripsError as error:
+            self.supervisor.log(t, "replanned", f"failed: {error}")
+            return True
+        self.supervisor.log(t, "replanned", report.reason)
+        if report.certified:
+            self.pilot.take(report.strip)
+        return True
+
+    def _result(self, seconds: float) -> DriveResult:
+        supervisor = self.supervisor
+        for event in supervisor.events:
+            self.recorder.event(event.time, event.kind, event.reason)
+        record: Record = self.recorder.finish()
+        return DriveResult(
+            record=record,
+            state=supervisor.state,
+            reason=supervisor.reason,
+            stops=tuple(supervisor.stops),
+            events=tuple(supervisor.events),
+            replans=self._replans,
+            statistics=self.statistics,
+            seconds=seconds,
+        )

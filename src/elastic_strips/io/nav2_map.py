@@ -1,0 +1,103 @@
+"""IO room, Nav2 maps: an occupancy map (YAML and PGM) as a scene of voxels."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_strips.errors import ScenarioError
+from elastic_strips.io import schema
+from elastic_strips.io.yaml_source import Node, load_yaml
+from elastic_strips.scene import Scene, Voxels
+
+_KEYS = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+_UNKNOWN = ("free", "occupied")
+MAX_CELLS = 100_000_000
+
+
+def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height: float = 1.0) -> Scene:
+    """A map in Nav2's format as a scene with one obstacle, ``map``: a box from the floor up for every occupied cell.
+
+    A pixel of brightness b (of 255) has the occupancy p = (255 − b) / 255, or b / 255 where ``negate`` is set. A cell
+    is occupied where p > ``occupied_thresh``, free where p < ``free_thresh``, and unknown between (mode ``trinary``).
+    Neighbouring boxes are merged. A map without an occupied cell gives a scene without obstacles.
+
+    Args:
+        path: The map's YAML file; it names the image, a PGM file.
+        unknown: What unknown cells are: ``"free"``, as Nav2's planners take them by default, or ``"occupied"``.
+        height: Of the boxes [m].
+
+    Raises:
+        ScenarioError: A file is missing, cannot be read, or does not fit; the message names file, line and key.
+    """
+    if unknown not in _UNKNOWN:
+        raise ScenarioError(f"unknown={unknown!r}; valid: {', '.join(map(repr, _UNKNOWN))}")
+    root = load_yaml(path, error=ScenarioError)
+    needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
+    entries = schema.mapping(root, _KEYS, needed=needed, what="a map")
+    if "mode" in entries:
+        schema.string(entries["mode"], valid=("trinary",))
+    negate = "negate" in entries and schema.integer(entries["negate"], low=0, high=1) == 1
+    resolution = schema.number(entries["resolution"], low=1e-4, high=100.0)
+    x, y, yaw = schema.vector(entries["origin"], 3).tolist()
+    high, low = (schema.number(entries[k], low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
+    if low > high:
+        entries["free_thresh"].fail(f"is {low:g}; it must not exceed 'occupied_thresh', {high:g}")
+    image = read_pgm(entries["image"])
+    p = image if negate else 1.0 - image
+    filled = p > high if unknown == "free" else p >= low
+    rows, columns = np.nonzero(filled[::-1])  # the first row of an image is its upper edge
+    if not len(rows):
+        return Scene([])
+    centers = np.column_stack(((columns + 0.5) * resolution, (rows + 0.5) * resolution, np.zeros(len(rows))))
+    quat = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+    size = (resolution, resolution, height)
+    return schema.checked(root, lambda: Scene([Voxels(centers, size, at=(x, y, 0.5 * height), quat=quat, name="map")]))
+
+
+def read_pgm(node: Node) -> NDArray[np.float64]:
+    """Brightness (rows, columns) in [0, 1] of the PGM file (P2 or P5) that a node names, relative to its own file."""
+    file: Path = node.source.path.parent / schema.string(node)
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        node.fail(f"{file}: cannot read the image: {error.strerror or error}")
+    if data[:2] not in (b"P2", b"P5"):
+        node.fail(f"{file}: is no PGM image (P2 or P5)")
+    numbers, at = [], 2
+    while len(numbers) < 3:  # width, height, largest value; comments run from # to the end of the line
+        while data[at : at + 1].isspace():
+            at += 1
+        if data[at : at + 1] == b"#":
+            end = data.find(b"\n", at)
+            at = len(data) if end < 0 else end
+            continue
+        end = at
+        while data[end : end + 1].isdigit():
+            end += 1
+        if end == at or end - at > 9:
+            node.fail(f"{file}: the image's header is damaged")
+        numbers.append(int(data[at:end]))
+        at = end
+    width, rows, top = numbers
+    if not 0 < width * rows <= MAX_CELLS or not 0 < top < 65536:
+        node.fail(f"{file}: {width} × {rows} pixels up to {top} are not read; at most {MAX_CELLS} pixels up to 65535")
+    if data[:2] == b"P2":
+        try:
+            pixels = np.array(data[at:].split(), dtype=np.float64)
+        except ValueError:
+            node.fail(f"{file}: the image holds something that is no number")
+    else:
+        kind = np.dtype(np.uint8 if top < 256 else ">u2")
+        body = data[at + 1 :]
+        pixels = np.frombuffer(body[: len(body) // kind.itemsize * kind.itemsize], dtype=kind).astype(np.float64)
+    if len(pixels) < width * rows:
+        node.fail(f"{file}: the image has {len(pixels)} pixels; {width} × {rows} = {width * rows} are needed")
+    image = pixels[: width * rows].reshape(rows, width) / top
+    if not (image.min() >= 0.0 and image.max() <= 1.0):
+        node.fail(f"{file}: the image has pixels beyond its largest value, {top}")
+    return image

@@ -1,0 +1,260 @@
+"""IO room, record files: a run as one ``.npz`` file that numpy alone can read; docs/record-format.md describes it."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips._version import __version__
+from elastic_strips.errors import InputError, RobotError
+from elastic_strips.execution.record import (
+    DRIVE_NAMES,
+    ControlRows,
+    Event,
+    PlanningRows,
+    Record,
+    RecordError,
+    frozen,
+)
+from elastic_strips.io.files import check_writable
+from elastic_strips.io.record_table import UNITS, chart_columns, record_csv, velocity_columns
+from elastic_strips.io.record_world import world_documents, world_from_documents
+from elastic_strips.robot import BaseKind, RobotModel, load_robot, robot_names
+
+FORMAT = "elastic-strips-record"
+FORMAT_VERSION = 1
+_CONTROL = tuple(f.name for f in fields(ControlRows))
+_PLANNING = tuple(f.name for f in fields(PlanningRows) if f.name not in ("phases", "statuses", "reasons"))
+_TABLES = ("phases", "statuses", "reasons")
+
+
+def check_record_file(path: str | os.PathLike[str]) -> Path:
+    """The path, if a record can be written there.
+
+    Raises:
+        InputError: as of `check_writable`, or a suffix that is neither ``.npz`` nor ``.csv``.
+    """
+    target = check_writable(path)
+    if target.suffix.lower() not in (".npz", ".csv"):
+        raise RecordError(
+            f"{target}: a record is written to .npz (everything) or .csv (control rows), not {target.suffix!r}"
+        )
+    return target
+
+
+def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
+    """Write a record, whole or not at all: everything into a ``.npz`` file, the control rows into a ``.csv`` file.
+
+    Raises:
+        InputError: another suffix, a file that cannot be written, or metadata that is not plain JSON values.
+    """
+    target = check_record_file(path)
+    data = record_csv(record).encode() if target.suffix.lower() == ".csv" else _packed(record)
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+        os.chmod(name, 0o644)
+        os.replace(name, target)
+    except OSError as error:
+        os.unlink(name)
+        raise InputError(f"{target}: cannot write: {error.strerror}") from None
+    except BaseException:
+        os.unlink(name)
+        raise
+    return target
+
+
+def read_record(path: str | os.PathLike[str]) -> Record:
+    """Read a ``.npz`` record.
+
+    Its world holds convex obstacles that follow the recorded poses, ``name#k`` where one had several pieces.
+
+    Raises:
+        RecordError: no such file, no record, another version, an array that is missing or does not fit, a file that
+            is cut off or damaged; the message names the file and what is wrong with it.
+    """
+    file = Path(path)
+    try:
+        with file.open("rb") as stream:
+            if stream.read(2) != b"PK":
+                raise RecordError("is no record, and no .npz file at all")
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as loaded:
+                return _unpacked(_metadata(loaded), loaded)
+    except zipfile.BadZipFile as error:
+        raise RecordError(f"{file}: is damaged or cut off: {error}") from None
+    except InputError as error:
+        raise RecordError(f"{file}: {error}") from None
+    except (OSError, EOFError, ValueError, KeyError, zlib.error, MemoryError, NotImplementedError) as error:
+        raise RecordError(f"{file}: cannot read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def record_robot(record: Record, robot: str | None = None) -> RobotModel:
+    """Load the robot of a record.
+
+    Args:
+        record: the record.
+        robot: name or URDF to take instead of the recorded one, which may have moved.
+
+    Raises:
+        RobotError: it cannot be loaded, or is another robot.
+    """
+    name = robot or (record.robot if record.robot in robot_names() else record.urdf)
+    if name is None:
+        raise RobotError(f"the record names no URDF of {record.robot!r}; give one")
+    found = load_robot(name, base=record.base.value, locked=dict(record.locked))
+    record.check_robot(found)
+    return found
+
+
+def _packed(record: Record) -> bytes:
+    documents, names, position, quaternion = world_documents(record.world, record.control.time)
+    planning = record.planning
+    metadata = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "elastic_strips": __version__,
+        "robot": record.robot,
+        "urdf": None if record.urdf is None else str(Path(record.urdf).absolute()),
+        "base": record.base.value,
+        "joint_names": list(record.joint_names),
+        "locked": {name: float(value) for name, value in record.locked.items()},
+        "goal": None if record.goal is None else record.goal.tolist(),
+        "states": list(record.states),
+        **{name: list(getattr(planning, name)) for name in _TABLES},
+        "columns": {
+            "chart": chart_columns(record),
+            "velocity": velocity_columns(record),
+            "drive": record.drive_names,
+            "joints": record.joint_names,
+        },
+        "units": UNITS,
+        "events": [[event.time, event.kind, event.reason] for event in record.events],
+        "tracks": names,
+        "obstacles": documents,
+        "metadata": dict(record.metadata),
+    }
+    try:
+        text = json.dumps(metadata, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise RecordError(f"metadata must be plain JSON values: {error}") from None
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "metadata": np.array(text),
+        **{f"control_{name}": getattr(record.control, name) for name in _CONTROL},
+        **{f"planning_{name}": getattr(planning, name) for name in _PLANNING},
+        "track_position": position,
+        "track_quaternion": quaternion,
+    }
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+def _metadata(loaded: Mapping[str, Any]) -> dict[str, Any]:
+    if "metadata" not in loaded:
+        raise RecordError("holds no array 'metadata': it is no record")
+    text = loaded["metadata"]
+    try:
+        document = json.loads(str(text)) if text.ndim == 0 and text.dtype.kind == "U" else None
+    except (ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise RecordError(f"is no record (format {FORMAT!r})")
+    if document.get("version") != FORMAT_VERSION:
+        raise RecordError(f"has format version {document.get('version')!r}; this program reads {FORMAT_VERSION}")
+    return document
+
+
+def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
+    try:
+        base = BaseKind(document["base"])
+        joints, states = _names(document, "joint_names"), _names(document, "states")
+        nv = len(joints) + (3 if base.planar else 0)
+        tables = {name: _names(document, name) for name in _TABLES}
+        goal = None if document["goal"] is None else np.array(document["goal"], dtype=float)
+        events = tuple(Event(float(time), str(kind), str(reason)) for time, kind, reason in document["events"])
+        locked = {str(name): float(value) for name, value in document["locked"].items()}
+        obstacles, tracks, metadata = document["obstacles"], len(document["tracks"]), dict(document["metadata"])
+        robot, urdf = document["robot"], document["urdf"]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise RecordError(f"the metadata are damaged: {type(error).__name__}: {error}") from None
+    if goal is not None and goal.shape != (nv,):
+        raise RecordError(f"the goal has shape {goal.shape}; it must be ({nv},)")
+    T = _array(loaded, "control_time", (None,)).shape[0]
+    widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints)}
+    shapes = {name: (T,) if name in ("time", "state") else (T, widths.get(name, nv)) for name in _CONTROL}
+    control = ControlRows(**{name: _array(loaded, f"control_{name}", shape) for name, shape in shapes.items()})
+    P = _array(loaded, "planning_time", (None,)).shape[0]
+    special = {"phase_ms": (P, len(tables["phases"])), "node_offset": (P + 1,), "nodes": (None, nv)}
+    rows = {name: _array(loaded, f"planning_{name}", special.get(name, (P,))) for name in _PLANNING}
+    planning = PlanningRows(**rows, **tables)  # type: ignore[arg-type]
+    _check_rows(control, planning, states)
+    position = _array(loaded, "track_position", (T, tracks, 3))
+    quaternion = _array(loaded, "track_quaternion", (T, tracks, 4))
+    return Record(
+        robot=str(robot),
+        base=base,
+        joint_names=joints,
+        locked=locked,
+        urdf=None if urdf is None else str(urdf),
+        control=control,
+        planning=planning,
+        events=events,
+        world=world_from_documents(obstacles, control.time, position, quaternion),
+        goal=None if goal is None else frozen(goal),
+        states=states,
+        metadata=metadata,
+    )
+
+
+def _names(document: dict[str, Any], key: str) -> tuple[str, ...]:
+    names = document[key]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"{key} must be a list of names")
+    return tuple(names)
+
+
+_KINDS = {"state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i"}
+_KIND_NAMES = {"u": "unsigned integers", "b": "truth values", "i": "integers", "f": "floating point numbers"}
+
+
+def _array(loaded: Mapping[str, Any], key: str, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
+    if key not in loaded:
+        raise RecordError(f"the array {key!r} is missing")
+    array = loaded[key]
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("any" if n is None else str(n) for n in shape)
+        raise RecordError(f"the array {key!r} has shape {array.shape}, not ({wanted})")
+    kind = _KINDS.get(key.partition("_")[2], "f")
+    if array.dtype.kind != kind:
+        raise RecordError(f"the array {key!r} holds {array.dtype}, not {_KIND_NAMES[kind]}")
+    return frozen(array)
+
+
+def _check_rows(control: ControlRows, planning: PlanningRows, states: tuple[str, ...]) -> None:
+    if not len(control) or not np.isfinite(control.time).all() or not (np.diff(control.time) > 0.0).all():
+        raise RecordError("'control_time' must be finite and ascend, with one row at least")
+    offset = planning.node_offset
+    if offset[0] != 0 or offset[-1] != len(planning.nodes) or (np.diff(offset) < 0).any():
+        raise RecordError(f"'planning_node_offset' must ascend from 0 to the {len(planning.nodes)} nodes")
+    for name, codes, count in (
+        ("control_state", control.state, len(states)),
+        ("planning_status", planning.status, len(planning.statuses)),
+        ("planning_reason", planning.reason, len(planning.reasons)),
+    ):
+        if len(codes) and not 0 <= codes.min() <= codes.max() < count:
+            raise RecordError(
+                f"{name!r} goes from {codes.min()} to {codes.max()}; there are names for 0 to {count - 1}"
+            )

@@ -1,0 +1,250 @@
+"""Paths over a grid: the cheapest way of the base among the obstacles as seen from above, wide gaps before short ways.
+
+The robot is a disc to the grid, as narrow as the narrowest way it could pass; where it is wider, and whether it can
+turn there, the relaxation and the certificate decide. So a path is an initial guess, no proof.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from scipy.ndimage import distance_transform_edt, gaussian_filter1d
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from ..errors import ParameterError
+from ..robot import RobotModel
+from ..robot.space import Array
+from ..scene import Scene
+
+_DIRECTIONS = 32  # of which half planes hold an obstacle's outline: it is at most 0.5 % of its radius too large
+_FLOOR = 0.02  # [m] obstacles that lie lower are driven over
+_STEEP = 12.0  # cost of a cell at the narrowest clearance against one in the open
+_SMOOTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
+_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
+
+
+@dataclass(frozen=True, slots=True)
+class Footprint:
+    """A robot as seen from above in one posture: the disc that its base at least needs, and the one that holds all.
+
+    Attributes:
+        inner: radius [m] of the largest disc about the base's origin within the widest body that stands on the floor.
+        outer: radius [m] of a disc about the base's origin that holds the robot.
+        height: of its highest point [m].
+    """
+
+    inner: float
+    outer: float
+    height: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridPath:
+    """What was found on the grid.
+
+    Attributes:
+        way: (K, 2) waypoints of the base from start to goal [m], a cell apart; None where there is no way.
+        reason: why there is none, else empty.
+        cells: size of the grid.
+        seconds: what it took.
+    """
+
+    way: Array | None
+    reason: str
+    cells: int
+    seconds: float
+
+
+def grid_path(
+    robot: RobotModel,
+    scene: Scene,
+    start: Array,
+    goal: Array,
+    *,
+    resolution: float = 0.05,
+    comfort: float = 0.35,
+    widen: float = 3.0,
+) -> GridPath:
+    """A way of the base from start to goal, found on a grid by Dijkstra's algorithm, its corners rounded.
+
+    A cell costs more the nearer an obstacle is; it is closed where the robot's `Footprint.inner` disc does not fit.
+    All obstacles that are not above the robot in its start posture, or on the floor below 2 cm, count.
+
+    Args:
+        robot: the robot; its base must move.
+        scene: the obstacles, standing still.
+        start, goal: configurations (nq,).
+        resolution: edge of a cell [m].
+        comfort: clearance [m] beyond the inner disc from which on more of it is worth nothing.
+        widen: how far beyond start and goal the grid reaches [m].
+
+    Raises:
+        ParameterError: the base is fixed, or a length is not positive.
+    """
+    if not robot.space.planar:
+        raise ParameterError(f"grid_path: the base of {robot.name!r} is fixed; diff_drive or omni is needed")
+    for name, value in (("resolution", resolution), ("comfort", comfort), ("widen", widen)):
+        if not value > 0.0:
+            raise ParameterError(f"grid_path: {name}={value!r} must be > 0 m")
+    began = perf_counter()
+    ends = robot.space.to_chart(np.stack((start, goal)))[:, :2]
+    low = np.floor((ends.min(axis=0) - widen) / resolution) * resolution
+    shape = np.ceil((ends.max(axis=0) + widen - low) / resolution).astype(int) + 1
+    body = footprint(robot, start)
+    clear = clearance_map(scene, low, shape, resolution, body.height)
+    cells = np.clip(np.rint((ends - low) / resolution).astype(int), 0, shape - 1)
+    cost = _cost(clear, body.inner, comfort, cells, resolution)
+    route = _cheapest(cost, cells)
+    spent = perf_counter() - began
+    if route is None:
+        return GridPath(None, f"no way for the base on a grid of {resolution:g} m", cost.size, spent)
+    way = low + resolution * route
+    way[0], way[-1] = ends
+    return GridPath(_smooth(way, resolution), "", cost.size, perf_counter() - began)
+
+
+def footprint(robot: RobotModel, q: Array) -> Footprint:
+    """A robot seen from above in the posture of the configuration ``q`` (nq,)."""
+    still = q.copy()
+    still[:4] = 0.0, 0.0, 1.0, 0.0
+    data, geometry = robot.model.createData(), robot.collision_model.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.collision_model, geometry, still)
+    turn = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    around = np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_DIRECTIONS)))
+    inner = outer = height = 0.0
+    for piece, pose in zip(robot.geometries, geometry.oMg, strict=True):
+        reach = support(piece.geometry, around @ pose.rotation) + around @ pose.translation
+        height = max(height, float(support(piece.geometry, pose.rotation[2:]).item() + pose.translation[2]))
+        inner, outer = max(inner, float(reach.min())), max(outer, float(reach.max()) / np.cos(np.pi / _DIRECTIONS))
+    return Footprint(inner, outer, height)
+
+
+def support(geometry: Any, directions: Array) -> Array:
+    """Support (K,) [m] of a convex Coal geometry: how far it extends along each of ``directions`` (K, 3), its frame."""
+    flat = np.hypot(directions[:, 0], directions[:, 1])
+    up = np.abs(directions[:, 2])
+    if isinstance(geometry, coal.Box):
+        return np.abs(directions) @ np.asarray(geometry.halfSide)
+    if isinstance(geometry, coal.Sphere):
+        return np.full(len(directions), geometry.radius)
+    if isinstance(geometry, coal.Capsule):
+        return geometry.radius + geometry.halfLength * up
+    if isinstance(geometry, coal.Cylinder):
+        return geometry.radius * flat + geometry.halfLength * up
+    if isinstance(geometry, coal.Cone):
+        base = geometry.radius * flat - geometry.halfLength * directions[:, 2]
+        return np.maximum(base, geometry.halfLength * directions[:, 2])
+    return (directions @ np.asarray(geometry.points()).reshape(-1, 3).T).max(axis=1)
+
+
+def clearance_map(scene: Scene, low: Array, shape: Array, resolution: float, height: float) -> Array:
+    """Distance (rows, columns) [m] of each cell's middle to the nearest obstacle, seen from above, to about a cell.
+
+    Args:
+        scene: the obstacles.
+        low: (2,) middle of the first cell [m]; shape: (2,) number of cells along x and y.
+        resolution: edge of a cell [m].
+        height: obstacles that are above it are left out [m].
+    """
+    table = scene.table
+    taken = np.zeros(tuple(shape), dtype=bool)
+    turn = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    around = np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_DIRECTIONS)))
+    center, half = table.center, table.half_extents
+    high = low + resolution * (shape - 1)
+    near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
+    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > _FLOOR)
+    for row in np.flatnonzero(near).tolist():
+        part, rotation, at = table.parts[row], table.rotation[row], table.translation[row]
+        local = around @ rotation
+        if part.geometry is None:
+            for box, shift in part.boxes:
+                _fill(taken, support(box, local), at + rotation @ np.asarray(shift), around, low, resolution)
+        else:
+            _fill(taken, support(part.geometry, local), at, around, low, resolution)
+    if not taken.any():
+        return np.full(taken.shape, np.inf)
+    return np.asarray(distance_transform_edt(~taken, sampling=resolution))
+
+
+def _fill(taken: Array, reach: Array, at: Array, around: Array, low: Array, resolution: float) -> None:
+    """Close the cells whose middle is within half a cell of an outline with the supports ``reach`` about ``at``."""
+    quarter = _DIRECTIONS // 4
+    extent = reach[[0, quarter, 2 * quarter, 3 * quarter]] + 0.5 * resolution  # towards x, y, -x, -y
+    first = np.maximum(np.ceil((at[:2] - extent[2:] - low) / resolution).astype(int), 0)
+    last = np.minimum(np.floor((at[:2] + extent[:2] - low) / resolution).astype(int), np.array(taken.shape) - 1)
+    if (last < first).any():
+        return
+    x = low[0] + resolution * np.arange(first[0], last[0] + 1) - at[0]
+    y = low[1] + resolution * np.arange(first[1], last[1] + 1) - at[1]
+    inside = np.ones((len(x), len(y)), dtype=bool)
+    for direction, bound in zip(around, reach, strict=True):
+        inside &= direction[0] * x[:, None] + direction[1] * y[None, :] <= bound + 0.5 * resolution
+    taken[first[0] : last[0] + 1, first[1] : last[1] + 1] |= inside
+
+
+def _cost(clear: Array, inner: float, comfort: float, ends: Array, resolution: float) -> Array:
+    """Cost of each cell per metre: 1 in the open, more near obstacles, infinite where the robot does not fit."""
+    spare = np.clip((clear - inner) / comfort, 0.0, 1.0)
+    cost = 1.0 + (_STEEP - 1.0) * (1.0 - spare) ** 2
+    cost[clear < inner] = np.inf
+    reach = int(np.ceil(inner / resolution))
+    for i, j in ends:  # start and goal are known to be free; the map is coarse
+        window = (slice(max(i - reach, 0), i + reach + 1), slice(max(j - reach, 0), j + reach + 1))
+        closed = ~np.isfinite(cost[window]) & (clear[window] > 0.0)
+        cost[window] = np.where(closed, 4.0 * _STEEP, cost[window])
+    return cost
+
+
+def _cheapest(cost: Array, ends: Array) -> Array | None:
+    """Cells (K, 2) of the cheapest way between two cells, or None."""
+    number = np.arange(cost.size).reshape(cost.shape)
+    rows, columns, weights = [], [], []
+    for di, dj in _MOVES:
+        a = (slice(0, cost.shape[0] - di), slice(max(-dj, 0), cost.shape[1] - max(dj, 0)))
+        b = (slice(di, cost.shape[0]), slice(max(dj, 0), cost.shape[1] - max(-dj, 0)))
+        weight = 0.5 * (cost[a] + cost[b]) * float(np.hypot(di, dj))
+        open_ = np.isfinite(weight)
+        rows.append(number[a][open_])
+        columns.append(number[b][open_])
+        weights.append(weight[open_])
+    graph = csr_array(
+        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(cost.size, cost.size)
+    )
+    first, last = (int(number[tuple(end)]) for end in ends)
+    _, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
+    if first != last and before[last] < 0:
+        return None
+    way = [last]
+    while way[-1] != first:
+        way.append(int(before[way[-1]]))
+    return np.column_stack(np.unravel_index(way[::-1], cost.shape)).astype(float)
+
+
+def _smooth(way: Array, resolution: float) -> Array:
+    """The way with even steps and rounded corners; its ends stay."""
+    step = 0.5 * resolution
+    even = resample(way, step)
+    if len(even) < 4:
+        return even
+    aside = even - np.linspace(even[0], even[-1], len(even))  # zero at both ends: an odd continuation keeps them
+    rounded = gaussian_filter1d(
+        np.vstack((-aside[:0:-1], aside, -aside[-2::-1])), _SMOOTH / step, axis=0, mode="nearest"
+    )
+    result = rounded[len(even) - 1 : 2 * len(even) - 1] + np.linspace(even[0], even[-1], len(even))
+    result[0], result[-1] = way[0], way[-1]
+    return resample(result, resolution)
+
+
+def resample(way: Array, step: float) -> Array:
+    """Points at even distances, about ``step`` [m], along a polyline (K, 2); its ends stay."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    count = max(int(np.ceil(length[-1] / step)), 1) + 1
+    at = np.linspace(0.0, length[-1], count)
+    return np.column_stack([np.interp(at, length, way[:, k]) for k in range(2)])

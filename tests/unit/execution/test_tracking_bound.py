@@ -1,0 +1,125 @@
+"""The tracking bound: a displacement that no point of the robot exceeds, and what runs on the plant stay below."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from motions import smooth_motion
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.execution.estimation import Estimator
+from elastic_strips.execution.limits import MotionLimits
+from elastic_strips.execution.plant import KinematicPlant, PlantParams
+from elastic_strips.execution.tracking import TrackingController, TrackingGains
+from elastic_strips.execution.tracking_bound import (
+    DEFAULT_TRACKING_ERROR,
+    Displacement,
+    follow,
+    measure_tracking,
+    tracking_errors,
+)
+from elastic_strips.robot.geometry import support_points
+
+
+def limits_of(robot) -> MotionLimits:
+    return MotionLimits.for_robot(robot, joint_speed=1.0)
+
+
+def body_points(robot, chart, rng) -> np.ndarray:
+    """World positions of the same points of the robot's collision shapes, by Pinocchio."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.space.from_chart(chart))
+    points = []
+    for piece in robot.geometries:
+        corners, radius = support_points(piece.geometry)
+        directions = rng.standard_normal((len(corners), 3))
+        corners = corners + radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        T = data.oMi[piece.joint].homogeneous @ piece.placement
+        # corners of a cylinder's polygon lie outside it: a point well inside the hull is one of the shape for certain
+        points.append((0.98 * corners) @ T[:3, :3].T + T[:3, 3])
+    return np.vstack(points)
+
+
+def test_no_point_moves_further_than_the_bound(robot, rng):
+    measure = Displacement(robot)
+    home = robot.space.to_chart(robot.home_q)
+    for size in (1e-3, 0.02, 0.2):
+        a = home + 0.1 * rng.standard_normal((20, robot.nv))
+        b = robot.space.integrate(a, size * rng.standard_normal((20, robot.nv)))
+        bounds = measure(a, b)
+        for one, two, bound in zip(a, b, bounds, strict=True):
+            seed = int(rng.integers(1 << 30))
+            moved = body_points(robot, one, np.random.default_rng(seed))
+            moved -= body_points(robot, two, np.random.default_rng(seed))
+            truth = np.linalg.norm(moved, axis=1).max()
+            assert truth <= bound + 1e-9
+            assert bound <= 2.0 * truth
+
+
+def test_a_pure_translation_is_exact(silvermate):
+    a = silvermate.space.to_chart(silvermate.home_q)[None]
+    b = a.copy()
+    b[0, :2] += 0.03, 0.04
+    assert Displacement(silvermate)(a, b) == pytest.approx([0.05])
+    assert Displacement(silvermate)(a, a) == pytest.approx([0.0])
+
+
+@pytest.mark.parametrize("name", ["silvermate", "tiago"])
+def test_the_default_holds_for_smooth_motions_of_the_plant(name, request):
+    robot = request.getfixturevalue(name)
+    limits = limits_of(robot)
+    motions = [smooth_motion(robot, limits, seed, turn=seed % 3 == 0, seconds=5.0) for seed in range(6)]
+    errors = measure_tracking(robot, limits, motions, seeds=range(12))
+    assert errors.max <= DEFAULT_TRACKING_ERROR
+    assert errors.percentile(50) < 0.3 * DEFAULT_TRACKING_ERROR
+    assert errors.percentile(100) == errors.max
+    assert len(errors.displacement) == 12
+    assert (errors.position <= errors.displacement + 1e-12).all()
+    assert errors.max > 1e-3  # something was measured
+
+
+def test_a_bad_controller_is_found_out(silvermate):
+    limits = limits_of(silvermate)
+    motions = [smooth_motion(silvermate, limits, 1)]
+    bad = TrackingGains(along=0.0, across=0.0, heading=0.0, joint=0.0)
+    errors = measure_tracking(silvermate, limits, motions, seeds=range(3), gains=bad)
+    assert errors.max > DEFAULT_TRACKING_ERROR
+
+
+def test_the_parts_are_told_apart(silvermate):
+    """Against what the runs themselves say."""
+    limits = limits_of(silvermate)
+    plant = KinematicPlant(silvermate, limits, seed=4)
+    motion = smooth_motion(silvermate, limits, 3).shifted(7.0)
+    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits), after=0.2)
+    assert run.time[0] == 7.0
+    assert run.time[-1] == pytest.approx(motion.end_time + 0.2)
+    assert run.reference[-1] == pytest.approx(motion.chart[-1])
+    assert np.array_equal(run.truth[0], motion.chart[0])
+    assert not plant.v.any()
+    errors = tracking_errors(silvermate, [run, run])
+    off = run.truth - run.reference
+    assert errors.position == pytest.approx([np.hypot(off[:, 0], off[:, 1]).max()] * 2)
+    assert errors.heading == pytest.approx([np.abs(off[:, 2]).max()] * 2)
+    assert errors.joint == pytest.approx([np.abs(off[:, 3:]).max()] * 2)
+    wrong = run.estimate - run.truth
+    assert errors.estimate_position == pytest.approx([np.hypot(wrong[:, 0], wrong[:, 1]).max()] * 2)
+    assert errors.estimate_heading == pytest.approx([np.abs(wrong[:, 2]).max()] * 2)
+    assert len(errors.samples) == 2 * len(run.time)
+
+
+def test_a_fixed_base_has_joint_errors_alone(gantry):
+    limits = limits_of(gantry)
+    params = replace(PlantParams(), joint_lag=0.05)  # the controller believes 0.03
+    errors = measure_tracking(gantry, limits, [smooth_motion(gantry, limits, 1)], params, range(2))
+    assert errors.position.tolist() == errors.heading.tolist() == [0.0, 0.0]
+    assert errors.joint.min() > 5e-3
+    assert errors.max > 1e-3
+
+
+def test_no_trajectory_is_refused(silvermate):
+    with pytest.raises(ParameterError, match="trajectory"):
+        measure_tracking(silvermate, limits_of(silvermate), [])

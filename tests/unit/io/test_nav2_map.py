@@ -1,0 +1,155 @@
+"""Nav2 maps: which cells become boxes and where, both kinds of PGM, what is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from shared_data import shared_data
+
+from elastic_strips.errors import ScenarioError
+from elastic_strips.io import load_nav2_map
+from elastic_strips.scene import Scene
+
+YAML = """image: map.pgm
+mode: trinary
+resolution: 0.5
+origin: [1.0, -2.0, 0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.25
+"""
+PIXELS = np.array([[0, 254, 254], [254, 205, 254], [254, 254, 100], [254, 254, 10]], dtype=np.uint8)
+"""4 rows of 3 pixels, the uppermost first; 205 (p = 0.196) is free, 100 (p = 0.61) unknown, 0 and 10 occupied."""
+
+
+def write(folder, pixels=PIXELS, text=YAML, comment=b"# made\n", kind=b"P5"):
+    """A map file with its image; returns its path."""
+    rows, columns = pixels.shape
+    head = kind + b"\n" + comment + f"{columns} {rows}\n255\n".encode()
+    body = pixels.tobytes() if kind == b"P5" else " ".join(map(str, pixels.ravel())).encode()
+    (folder / "map.pgm").write_bytes(head + body)
+    path = folder / "map.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def covered(scene: Scene, point) -> bool:
+    """Whether a world point lies in one of the scene's boxes."""
+    for part, R, t in zip(scene.table.parts, scene.table.rotation, scene.table.translation, strict=True):
+        local = R.T @ (np.asarray(point) - t)
+        if any((np.abs(local - at) <= np.asarray(box.halfSide) + 1e-12).all() for box, at in part.boxes):
+            return True
+    return False
+
+
+def cells(scene: Scene, yaw=0.0) -> set[tuple[int, int]]:
+    """(column, row from below) of the cells of the 3 × 4 grid whose middle is covered."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    found = set()
+    for i in range(3):
+        for j in range(4):
+            x, y = (i + 0.5) * 0.5, (j + 0.5) * 0.5
+            if covered(scene, (1.0 + c * x - s * y, -2.0 + s * x + c * y, 0.99)):
+                found.add((i, j))
+    return found
+
+
+@pytest.mark.parametrize("kind", [b"P5", b"P2"])
+@pytest.mark.parametrize("comment", [b"", b"# one\n# two # three\n"])
+def test_occupied_cells_are_boxes_where_the_map_says(tmp_path, kind, comment):
+    """The image's last row is the lowest, the origin is the lower left corner, boxes stand on the floor."""
+    scene = load_nav2_map(write(tmp_path, kind=kind, comment=comment))
+    assert scene.names == ("map",)
+    assert cells(scene) == {(0, 3), (2, 0)}
+    assert not covered(scene, (1.25, -0.25, 1.01))
+    assert not covered(scene, (1.25, -0.25, -0.01))
+    low = (scene.table.center - scene.table.half_extents).min(axis=0)
+    high = (scene.table.center + scene.table.half_extents).max(axis=0)
+    np.testing.assert_allclose([low, high], [[1.0, -2.0, 0.0], [2.5, 0.0, 1.0]], atol=1e-12)
+
+
+def test_unknown_cells_and_height(tmp_path):
+    scene = load_nav2_map(write(tmp_path), unknown="occupied", height=2.0)
+    assert cells(scene) == {(0, 3), (2, 0), (2, 1)}
+    assert covered(scene, (1.25, -0.25, 1.99))
+
+
+def test_a_turned_and_negated_map(tmp_path):
+    text = YAML.replace("-2.0, 0]", "-2.0, 0.7]").replace("negate: 0", "negate: 1")
+    assert cells(load_nav2_map(write(tmp_path, 255 - PIXELS, text)), 0.7) == {(0, 3), (2, 0)}
+
+
+def test_a_map_of_free_cells_is_an_empty_scene(tmp_path):
+    assert len(load_nav2_map(write(tmp_path, np.full((4, 3), 254, dtype=np.uint8)))) == 0
+
+
+BAD_YAML = [
+    (YAML.replace("image: map.pgm\n", ""), "the key 'image' is missing"),
+    (YAML.replace("map.pgm", "gone.pgm"), r"map\.yaml:1: image: .*gone\.pgm: cannot read the image: No such file"),
+    (YAML.replace("map.pgm", "map.yaml"), r"map\.yaml: is no PGM image"),
+    (YAML.replace("trinary", "scale"), r"map\.yaml:2: mode: unknown value 'scale'.*Valid: trinary"),
+    (YAML.replace("0.5\n", "0\n"), r"map\.yaml:3: resolution: the value is 0"),
+    (YAML.replace(", 0]", "]"), "origin: must be a list of 3 numbers"),
+    (YAML.replace("negate: 0", "negate: 2"), r"negate: is 2, outside \[0, 1\]"),
+    (YAML.replace("0.25", "0.9"), r"map\.yaml:7: free_thresh: is 0.9; it must not exceed 'occupied_thresh', 0.65"),
+    (YAML + "maker: me\n", "unknown key 'maker' of a map"),
+]
+
+
+@pytest.mark.parametrize("text, message", BAD_YAML)
+def test_a_wrong_map_names_file_line_and_key(tmp_path, text, message):
+    with pytest.raises(ScenarioError, match=message):
+        load_nav2_map(write(tmp_path, text=text))
+
+
+BAD_IMAGES = [
+    (b"", "is no PGM image"),
+    (b"P6\n3 4\n255\n" + bytes(36), "is no PGM image"),
+    (b"P5\n3 4\n255\n" + bytes(11), r"has 11 pixels; 3 × 4 = 12 are needed"),
+    (b"P2\n3 4\n255\n" + b"1 2 x", "no number"),
+    (b"P2\n1 2\n255\n" + b"1 300", "beyond its largest value, 255"),
+    (b"P5\n3 four\n255\n" + bytes(12), "header is damaged"),
+    (b"P5\n3 # 4", "header is damaged"),
+    (b"P5\n0 4\n255\n", "0 × 4 pixels up to 255 are not read"),
+    (b"P5\n999999 999999\n255\n", "are not read"),
+    (b"P5\n3 4\n99999\n", "are not read"),
+]
+
+
+@pytest.mark.parametrize("image, message", BAD_IMAGES)
+def test_a_wrong_image_is_refused(tmp_path, image, message):
+    path = write(tmp_path)
+    (tmp_path / "map.pgm").write_bytes(image)
+    with pytest.raises(ScenarioError, match=message):
+        load_nav2_map(path)
+
+
+def test_sixteen_bit_images(tmp_path):
+    path = write(tmp_path)
+    wide = (PIXELS.astype(">u2") * 257).astype(">u2")
+    (tmp_path / "map.pgm").write_bytes(b"P5 3 4 65535\n" + wide.tobytes())
+    assert cells(load_nav2_map(path)) == {(0, 3), (2, 0)}
+
+
+def test_wrong_arguments_and_missing_files(tmp_path):
+    with pytest.raises(ScenarioError, match=r"unknown='wall'; valid: 'free', 'occupied'"):
+        load_nav2_map(write(tmp_path), unknown="wall")
+    with pytest.raises(ScenarioError, match="Voxels size"):
+        load_nav2_map(write(tmp_path), height=0.0)
+    with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the file"):
+        load_nav2_map(tmp_path / "gone.yaml")
+
+
+@pytest.mark.parametrize("name", ["nav2_depot", "nav2_warehouse"])
+def test_the_true_maps_load(name):
+    """Few boxes for many cells, and every occupied cell is covered."""
+    scene = load_nav2_map(shared_data("nav2_maps", f"{name}.yaml"))
+    (obstacle,) = scene
+    centers = obstacle.spec["centers"]
+    boxes = sum(len(part.boxes) for part in scene.table.parts)
+    assert boxes < 0.4 * len(centers)
+    rng = np.random.default_rng(0)
+    for at in centers[rng.choice(len(centers), 20, replace=False)]:
+        assert covered(scene, obstacle.pose[:3, :3] @ at + obstacle.pose[:3, 3])

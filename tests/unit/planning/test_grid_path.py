@@ -1,0 +1,214 @@
+"""Paths over a grid: clearances against exact distances, wide gaps before short ways, strips that are certified."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import SHAPES, make_obstacle
+from shared_data import shared_data
+
+from elastic_strips.deform import Deformer
+from elastic_strips.errors import ParameterError
+from elastic_strips.io import barn_ids, load_barn
+from elastic_strips.planning import grid_path, plan_report, waypoint_rows
+from elastic_strips.planning.grid_path import clearance_map, footprint, resample, support
+from elastic_strips.robot import load_robot
+from elastic_strips.scene import Box, Cylinder, Scene
+
+WALL = Scene([Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75)), Box((0.2, 3.0, 1.5), at=(2.0, -3.9, 0.75))])
+"""A wall with one door, off the straight line."""
+
+
+def slalom(seed):
+    """Posts in disorder between (0, 0) and (6, 0)."""
+    rng = np.random.default_rng(seed)
+    places = np.column_stack((rng.uniform(0.8, 5.2, 30), rng.uniform(-2.5, 2.5, 30)))
+    return Scene([Cylinder(0.1, 1.0, at=(x, y, 0.5)) for x, y in places])
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [coal.Box(0.3, 0.5, 0.8), coal.Sphere(0.4), coal.Capsule(0.2, 0.7), coal.Cylinder(0.3, 0.9), coal.Cone(0.3, 0.9)],
+    ids=lambda g: type(g).__name__,
+)
+def test_the_support_is_the_distance_from_a_far_plane(geometry, rng):
+    """A slab that faces a direction comes as near as the support says."""
+    for direction in rng.normal(size=(20, 3)):
+        direction /= np.linalg.norm(direction)
+        turn = pin.Quaternion.FromTwoVectors(np.array([1.0, 0, 0]), direction).toRotationMatrix()
+        slab, at = coal.Box(1.0, 50.0, 50.0), coal.Transform3s(turn, 5.0 * direction)
+        gap = coal.distance(geometry, coal.Transform3s(), slab, at, coal.DistanceRequest(), coal.DistanceResult())
+        assert support(geometry, direction[None])[0] == pytest.approx(4.5 - gap, abs=2e-5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_map_holds_every_obstacle_and_little_more(seed):
+    """Against exact distances of a thin post at the cells' middles, for shapes in any pose."""
+    rng = np.random.default_rng(seed)
+    items = [make_obstacle(shape, rng, (-3, -3, 0.3), (3, 3, 1.0)) for shape in SHAPES]
+    scene, low, shape, edge = Scene(items), np.array([-4.0, -4.0]), np.array([161, 161]), 0.05
+    clear = clearance_map(scene, low, shape, edge, 5.0)
+    post = coal.Cylinder(1e-4, 20.0)
+    cells = rng.integers(0, 161, (300, 2))
+    for i, j in cells:
+        at = coal.Transform3s(np.eye(3), np.array([*(low + edge * np.array([i, j])), 0.0]))
+        exact = np.inf
+        for part, turn, place in zip(scene.table.parts, scene.table.rotation, scene.table.translation, strict=True):
+            pieces = part.boxes if part.geometry is None else ((part.geometry, np.zeros(3)),)
+            for geometry, shift in pieces:
+                where = coal.Transform3s(turn, place + turn @ shift)
+                gap = coal.distance(geometry, where, post, at, coal.DistanceRequest(), coal.DistanceResult())
+                exact = min(exact, gap)
+        assert clear[i, j] <= max(exact, 0.0) + 0.75 * edge
+        assert clear[i, j] >= exact - 1.5 * edge
+
+
+def test_obstacles_above_the_robot_and_on_the_floor_do_not_count(jackal_box):
+    low, shape = np.array([-1.0, -1.0]), np.array([41, 41])
+    height = footprint(jackal_box, jackal_box.home_q).height
+    assert height == pytest.approx(0.25)
+    for z, counts in [(0.3, False), (0.2, True), (-0.1, False), (-0.04, True)]:
+        scene = Scene([Box((0.2, 0.2, 0.1), at=(0, 0, z + 0.05))])
+        assert (clearance_map(scene, low, shape, 0.05, height) == 0.0).any() == counts, z
+
+
+def test_the_footprint_of_the_robots(jackal_box, silvermate, bridge_arm):
+    """Largest disc within, smallest disc about: a box's are half its width and half its diagonal."""
+    body = footprint(jackal_box, jackal_box.home(3.0, 1.0, 0.7))
+    assert body.inner == pytest.approx(0.215)
+    assert np.hypot(0.254, 0.215) <= body.outer <= 1.005 * np.hypot(0.254, 0.215)
+    assert footprint(silvermate, silvermate.home_q).inner == pytest.approx(0.27)
+    assert footprint(silvermate, silvermate.home_q).height == pytest.approx(1.45)
+    assert footprint(bridge_arm, bridge_arm.home_q).height == pytest.approx(0.8217, abs=1e-4)
+
+
+def test_it_goes_through_the_door_and_keeps_off_its_sides(jackal_box):
+    found = grid_path(jackal_box, WALL, jackal_box.home(), jackal_box.home(4.0))
+    assert found.way is not None, found.reason
+    np.testing.assert_array_equal(found.way[[0, -1]], [[0, 0], [4, 0]])
+    at_wall = found.way[np.abs(found.way[:, 0] - 2.0).argmin()]
+    assert at_wall[1] == pytest.approx(-1.65, abs=0.25)  # the door is from -2.4 to -0.9
+    steps = np.linalg.norm(np.diff(found.way, axis=0), axis=1)
+    assert steps.max() < 1.01 * 0.05
+
+
+def test_it_prefers_a_wide_gap_to_a_short_way(jackal_box):
+    """Two doors: a straight one of 0.5 m, which the robot would just pass, and a wide one 1.2 m aside."""
+    wall = [Box((0.2, 0.9, 1.0), at=(2.0, 0.7, 0.5)), Box((0.2, 4.0, 1.0), at=(2.0, -2.25, 0.5))]
+    far = Box((0.2, 4.0, 1.0), at=(2.0, 4.5, 0.5))
+    found = grid_path(jackal_box, Scene([*wall, far]), jackal_box.home(), jackal_box.home(4.0))
+    assert found.way is not None
+    assert 1.3 < np.interp(2.0, found.way[:, 0], found.way[:, 1]) < 2.4
+    shut = Scene([*wall, Box((0.2, 6.0, 1.0), at=(2.0, 3.8, 0.5))])
+    narrow = grid_path(jackal_box, shut, jackal_box.home(), jackal_box.home(4.0))
+    assert narrow.way is not None
+    assert abs(np.interp(2.0, narrow.way[:, 0], narrow.way[:, 1])) < 0.1
+
+
+def test_no_way_is_said(jackal_box, bridge_arm):
+    """A wall without a door; and a deck that is lower than the arm in its start posture."""
+    wall = Scene([Box((0.2, 30.0, 1.5), at=(2.0, 0.0, 0.75))])
+    found = grid_path(jackal_box, wall, jackal_box.home(), jackal_box.home(4.0))
+    assert found.way is None
+    assert "no way for the base on a grid of 0.05 m" in found.reason
+    deck = Scene([Box((0.6, 30.0, 0.1), at=(2.0, 0.0, 0.75))])
+    assert grid_path(bridge_arm, deck, bridge_arm.home(), bridge_arm.home(4.0)).way is None
+    assert grid_path(jackal_box, deck, jackal_box.home(), jackal_box.home(4.0)).way is not None
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_grid_path_relaxes_to_a_certified_strip_without_cusps(jackal_box, seed):
+    """Forwards but for some centimetres while turning at an end; every segment drivable."""
+    scene, start, goal = slalom(seed), jackal_box.home(), jackal_box.home(6.0)
+    report = plan_report(jackal_box, scene, start, goal, line=False, grid=True)
+    assert (report.certified, report.method, report.attempts) == (True, "grid", 1), report.reason
+    assert Deformer(jackal_box).certify(report.strip, scene).certified
+    assert report.strip.lateral_slip.max() <= 1e-6
+    chart = report.strip.chart
+    ahead = jackal_box.space.difference(chart[:-1], chart[1:])[:, 0]
+    assert -ahead[ahead < 0.0].sum() < 0.05
+    assert ahead[2:-2].min() > 0.0
+    np.testing.assert_allclose(report.strip.q[[0, -1]], [start, goal], atol=1e-12)
+
+
+def test_the_planner_goes_on_where_the_grid_fails(bridge_arm):
+    """The grid's robot cannot duck; OMPL's can."""
+    deck = Scene([Box((0.6, 30.0, 0.1), at=(0.0, 0.0, 0.75), name="deck")])
+    report = plan_report(bridge_arm, deck, bridge_arm.home(-1.5), bridge_arm.home(1.5), grid=True, timeout=60.0)
+    assert report.certified, report.reason
+    assert report.method in ("line", "ompl")
+
+
+@pytest.mark.parametrize("base", ["diff_drive", "omni"])
+def test_a_given_path_is_tried_first(base):
+    """Waypoints, or chart rows, replace line and planner."""
+    robot = load_robot("jackal-box", base=base)
+    start, goal = robot.home(), robot.home(4.0, 0.0, 1.0)
+    way = [(0, 0), (1.0, -1.65), (3.0, -1.65), (4, 0)]
+    report = plan_report(robot, WALL, start, goal, path=way)
+    assert (report.certified, report.method, report.attempts) == (True, "path", 0), report.reason
+    again = plan_report(robot, WALL, start, goal, path=report.strip.chart)
+    assert (again.certified, again.method) == (True, "path")
+    through = plan_report(robot, WALL, start, goal, path=[(0, 0), (4, 0)], seed=1)  # a bad path does no harm
+    assert through.certified
+    assert through.method == "ompl"
+
+
+def test_waypoint_rows_turn_in_place_where_headings_differ_much(jackal_box):
+    start, goal = jackal_box.home(yaw=2.0), jackal_box.home(2.0, 0.0, 0.3)
+    rows = waypoint_rows(jackal_box, start, goal, [(0, 0), (2, 0)], spacing=0.1)
+    np.testing.assert_allclose(jackal_box.space.from_chart(rows[[0, -1]]), [start, goal], atol=1e-12)
+    turning = np.flatnonzero(np.hypot(*rows[:, :2].T) == 0.0)
+    assert len(turning) >= 6
+    assert np.abs(np.diff(rows[:, 2])).max() <= 0.36
+    np.testing.assert_allclose(rows[turning[-1] : -9, 2], 0.0, atol=0.01)
+    assert len(np.unique(rows[-9:, 0])) == 9  # 0.3 rad at the goal is bent, not turned in place
+    steps = jackal_box.space.difference(rows[:-1], rows[1:])
+    assert np.abs(steps[turning[:-1], :2]).max() == 0.0
+
+
+def test_joints_move_evenly_along_waypoints(silvermate):
+    start, goal = silvermate.home(), silvermate.home(2.0, 1.0, 0.4, arm_1_joint=1.0)
+    rows = waypoint_rows(silvermate, start, goal, [(0, 0), (1, 0), (2, 1)], spacing=0.1)
+    along = np.diff(rows[:, 3])
+    assert along.min() > 0.0
+    np.testing.assert_allclose(along, along.mean(), rtol=1e-6)
+
+
+def test_resampling_keeps_the_ends_and_the_length():
+    way = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    even = resample(way, 0.1)
+    np.testing.assert_allclose(even[[0, -1]], way[[0, -1]])
+    assert np.linalg.norm(np.diff(even, axis=0), axis=1).max() <= 0.1 + 1e-12
+    assert len(resample(np.zeros((2, 2)), 0.1)) == 2
+
+
+BAD = [
+    (lambda r, f: grid_path(f, WALL, f.home(), f.home()), "the base of 'jackal-box' is fixed"),
+    (lambda r, f: grid_path(r, WALL, r.home(), r.home(4.0), resolution=0.0), r"resolution=0\.0 must be > 0"),
+    (lambda r, f: grid_path(r, WALL, r.home(), r.home(4.0), widen=-1.0), r"widen=-1\.0"),
+    (lambda r, f: plan_report(r, WALL, r.home(), r.home(4.0), path=[(0, 0)]), r"path has shape \(1, 2\)"),
+    (lambda r, f: plan_report(r, WALL, r.home(), r.home(4.0), path=np.zeros((3, 4))), r"\(K, 2\) or \(K, 3\)"),
+    (lambda r, f: plan_report(r, WALL, r.home(), r.home(4.0), path=[(0, 0), (np.nan, 0)]), "not finite"),
+    (lambda r, f: plan_report(f, Scene([]), f.home(), f.home(), path=[(0, 0), (1, 0)]), "is fixed"),
+]
+
+
+@pytest.mark.parametrize("make, message", BAD)
+def test_wrong_arguments_are_refused(make, message, jackal_box):
+    with pytest.raises(ParameterError, match=message):
+        make(jackal_box, load_robot("jackal-box", base="fixed"))
+
+
+def test_it_finds_a_way_through_the_barn_worlds(jackal_box):
+    """A tenth of the official worlds; every strip is certified, keeps 5 cm and never backs up."""
+    folder = shared_data("barn")
+    for number in [i for i in barn_ids(folder) if i % 6 == 0][::10]:
+        problem = load_barn(folder, number)
+        ends = problem.configurations(jackal_box)
+        report = plan_report(jackal_box, problem.world.at(0.0), *ends, line=False, grid=True)
+        assert report.certified, (number, report.reason)
+        assert report.method in ("line", "grid")
+        assert report.report.clearance > 0.05
