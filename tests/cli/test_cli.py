@@ -5,20 +5,18 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import CALL, interrupted
 
 from elastic_strips import __version__, robot_names, scenario_names
 from elastic_strips.cli import main
 
 DOCS = Path(__file__).parents[2] / "docs" / "result-format.md"
-CALL = [sys.executable, "-c", "from elastic_strips.cli import main; main()"]
 SHUT_IN = """robot: silvermate
 start: {x: -3}
 goal: {x: 3}
@@ -250,40 +248,12 @@ def test_bench_tick(tmp_path: Path) -> None:
 # --- interrupted -------------------------------------------------------------------------------------------------
 
 
-def _heed_interrupts() -> None:
-    """A background job's children are born deaf to Ctrl-C; a terminal's are not."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _interrupted(
-    arguments: list[str], folder: Path, *, after: float = 0.0, printed: str = ""
-) -> subprocess.CompletedProcess[str]:
-    """A process that gets Ctrl-C some seconds after its modules are loaded, or once it printed something."""
-    program = "from elastic_strips.cli import main; print('loaded', flush=True); main()"
-    process = subprocess.Popen(
-        [sys.executable, "-u", "-c", program, *arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=os.environ,
-        preexec_fn=_heed_interrupts,
-    )  # fmt: skip
-    assert process.stdout is not None
-    try:
-        assert process.stdout.readline() == "loaded\n"
-        if printed:
-            assert printed in process.stdout.readline()
-        time.sleep(after)
-        process.send_signal(signal.SIGINT)
-        out, errors = process.communicate(timeout=20)
-    finally:
-        process.kill()
-    return subprocess.CompletedProcess(arguments, process.returncode, out, errors)
-
-
 @pytest.mark.parametrize("after", [0.5, 2.5])
 def test_ctrl_c_while_planning_ends_with_130(tmp_path: Path, after: float) -> None:
     """One word on standard error, no traceback, no file, the older result untouched."""
     (tmp_path / "walls.yaml").write_text(SHUT_IN)
     (tmp_path / "r.json").write_text("older")
-    ended = _interrupted(
+    ended = interrupted(
         ["run", "walls.yaml", "--timeout", "60", "--json", "r.json", "--html", "p.html"], tmp_path, after=after
     )
     assert ended.returncode == 130, ended
@@ -295,7 +265,7 @@ def test_ctrl_c_while_planning_ends_with_130(tmp_path: Path, after: float) -> No
 
 def test_ctrl_c_in_a_benchmark_ends_with_130(tmp_path: Path) -> None:
     """The progress bar is taken away, and no figures are written."""
-    ended = _interrupted(["bench", "plan", "--seeds", "10000", "--json", "f.json"], tmp_path, after=3.0)
+    ended = interrupted(["bench", "plan", "--seeds", "10000", "--json", "f.json"], tmp_path, after=3.0)
     assert ended.returncode == 130, ended
     assert "Traceback" not in ended.stderr
     assert "interrupted" in ended.stderr
@@ -304,7 +274,7 @@ def test_ctrl_c_in_a_benchmark_ends_with_130(tmp_path: Path) -> None:
 
 def test_ctrl_c_closes_the_viewer(tmp_path: Path) -> None:
     """The viewer listens on this machine until Ctrl-C, which is its proper end."""
-    ended = _interrupted(["view", "case-1"], tmp_path, printed="127.0.0.1", after=0.3)
+    ended = interrupted(["view", "case-1"], tmp_path, printed="127.0.0.1", after=0.3)
     assert ended.returncode in (0, 130), ended
     assert "Traceback" not in ended.stderr
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import ElasticStripsError
 from ..execution import FAULTS, Fault
+from ..execution.tracking_bound import Displacement
 from ..robot import load_robot
 from ..scenarios import drive_scenario, get_scenario
 from .measure import machine, percentiles
@@ -55,9 +56,6 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         return {"seed": task.seed, "fault": task.fault, "error": str(error), "reached": False, "collisions": 0}
     result, verdict = outcome.result, outcome.verdict
     rows = result.record.control
-    extra = {}
-    if task.plant == "mujoco":
-        extra["physical_contacts"] = list(outcome.physical_contacts)
     return {
         "seed": task.seed,
         "fault": task.fault,
@@ -77,11 +75,11 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         "replans": result.replans,
         "limit_excess": dict(verdict.excess),
         "max_lateral_slip": verdict.max_lateral_slip_m,
-        "tracking_m": float(np.hypot(*(rows.chart - rows.reference)[:, :2].T).max()),
+        "tracking_m": float(Displacement(robot)(rows.chart, rows.reference).max()),
+        "physical_contacts": list(outcome.physical_contacts),
         "tick_ms": result.statistics.percentiles(),
         "faults": [[e.time, e.reason] for e in result.events if e.kind == "fault"],
         "wall_s": result.seconds,
-        **extra,
     }
 
 
@@ -154,6 +152,8 @@ def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "count": len(runs),
         "reached": float(np.mean([r["reached"] for r in runs])),
         "collisions": int(sum(r["collisions"] for r in runs)),
+        "physical_contacts": int(sum(len(r["physical_contacts"]) for r in done)),
+        "largest_excess": max((max(r["limit_excess"].values(), default=0.0) for r in done), default=0.0),
         "runs_with_contacts_at_rest": int(sum(r["contacts_at_rest"] > 0 for r in done)),
         "stops": int(sum(len(r["stops"]) for r in done)),
         "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),

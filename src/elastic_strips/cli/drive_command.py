@@ -11,8 +11,7 @@ from typing import Any
 import click
 
 from ..execution import FAULTS, Fault, Runner, RunState
-from ..io import check_writable, write_json
-from ..io.record_file import write_record
+from ..io import check_record_file, write_json, write_record
 from ..scenarios import PLANTS, DriveOutcome, conclude, drive_document, get_scenario, make_runner
 from .progress import LateProgress
 from .run_command import check_outputs
@@ -69,10 +68,10 @@ def drive(
     """
     check_outputs(scenario, json_file, record_file, html_file)
     if record_file is not None:
-        check_writable(record_file)
+        check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, "default", base)
-    viewer = _viewer() if view else None
+    viewer = _viewer(problem.name) if view else None
     with LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(runner: Runner) -> None:
@@ -103,7 +102,7 @@ def drive(
     if html_file is not None:
         from ..viewer import Viewer
 
-        with Viewer(server=False) as page:
+        with Viewer(server=False, title=problem.name) as page:
             page.replay(model, result.record)
             click.echo(f"page    {page.save_html(html_file)}")
     if viewer is not None:
@@ -113,10 +112,10 @@ def drive(
     return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
 
 
-def _viewer() -> Any:
+def _viewer(title: str) -> Any:
     from ..viewer import Viewer
 
-    return Viewer(server=True, open_browser=sys.stdout.isatty())
+    return Viewer(server=True, title=title, open_browser=sys.stdout.isatty())
 
 
 @contextmanager

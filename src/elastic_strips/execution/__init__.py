@@ -1,5 +1,6 @@
 """Execution: strips become motions in time; motions are certified, tracked, supervised, recorded and judged."""
 
+from .braking import brake
 from .estimation import Estimator, EstimatorParams
 from .faults import FAULTS, Fault
 from .judge import Contact, Tolerance, Verdict, judge
@@ -14,7 +15,7 @@ from .record import Event, Record, RecordError, RunState
 from .recorder import Recorder
 from .result import DriveResult, TickStatistics
 from .retiming import Retimer, retime
-from .runner import Runner
+from .runner import MACHINE, Runner
 from .sensing import Measurement, SensorParams
 from .separation import protective_separation
 from .supervisor import Supervisor
@@ -24,6 +25,7 @@ from .trajectory import ReferenceState, Trajectory
 
 __all__ = [
     "FAULTS",
+    "MACHINE",
     "Command",
     "Contact",
     "DrivePath",
@@ -61,6 +63,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryCertifier",
     "Verdict",
+    "brake",
     "judge",
     "predict",
     "protective_separation",

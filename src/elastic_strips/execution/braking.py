@@ -89,9 +89,8 @@ class _Timed:
 def _sampled(
     own: _Timed, profile: Profile, trajectory: Trajectory, start: Array, limits: MotionLimits, dt: float
 ) -> Trajectory | None:
-    count = int(np.floor(profile.duration / dt - 0.2)) + 1
-    time = np.append(np.arange(count) * dt, profile.duration)
-    tau, rate, change = profile(time)
+    time = np.arange(np.ceil(profile.duration / dt - 1e-9) + 1.0) * dt
+    tau, rate, change = profile(np.minimum(time, profile.duration))
     y, slope, bend = own(tau)
     v, a = slope * rate[:, None], bend * (rate * rate)[:, None] + slope * change[:, None]
     v[-1] = a[-1] = 0.0

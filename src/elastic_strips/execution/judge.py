@@ -74,8 +74,9 @@ class Verdict:
         contacts: all of them in the order of time, those of a robot at rest among them.
         max_lateral_slip_m: most sideways travel between two successive reference samples that do not both stand still;
             differential drives only.
-        excess: by how much a limit was exceeded at most, relative to it, by name; 0 where it was kept. ``command_*``
-            are what was commanded, ``drive`` and ``joints`` the true speeds. Empty without limits.
+        excess: by how much a limit was exceeded at most, relative to it, by name; 0 where it was kept. ``drive`` is
+            of the motors where the record has them, else over the ground; ``joints`` of the true speeds; each also as
+            ``*_acceleration``; ``command_*`` are commands. Empty without limits.
         path_m: length of the base's true path; of the joints' path [rad] for a fixed base.
         time_s: between the first and the last sample.
         rest_s: of it at rest, see `REST_SPEED`.
@@ -269,18 +270,17 @@ def _slip(robot: RobotModel, rows: ControlRows) -> float:
 
 def _excess(limits: MotionLimits, robot: RobotModel, v: Array, record: Record | None) -> dict[str, float]:
     base = robot.space.base_nv
-    found = {
-        "drive": _over(limits.to_drive(v[:, :3]), limits.drive_speed) if base else 0.0,
-        "joints": _over(v[:, base:], limits.joint_speed),
-    }
+    drive = limits.to_drive(v[:, :3]) if base else np.zeros((len(v), 0))
+    if record is not None and np.isfinite(record.control.motors).all():
+        drive = record.control.motors
+    found = {"drive": _over(drive, limits.drive_speed), "joints": _over(v[:, base:], limits.joint_speed)}
     if record is not None:
         step = np.diff(record.control.time)[:, None]
-        for name, rows, speed, change in (
-            ("drive", record.control.drive, limits.drive_speed, limits.drive_acceleration),
-            ("joints", record.control.joints, limits.joint_speed, limits.joint_acceleration),
-        ):
-            found[f"command_{name}"] = _over(rows, speed)
-            found[f"command_{name}_acceleration"] = _over(np.diff(rows, axis=0) / step, change)
+        if drive is record.control.motors:  # over the ground every slip of a wheel would count
+            found["drive_acceleration"] = _over(np.diff(drive, axis=0) / step, limits.drive_acceleration)
+        found["joints_acceleration"] = _over(np.diff(v[:, base:], axis=0) / step, limits.joint_acceleration)
+        found["command_drive"] = _over(record.control.drive, limits.drive_speed)
+        found["command_joints"] = _over(record.control.joints, limits.joint_speed)
     return found
 
 

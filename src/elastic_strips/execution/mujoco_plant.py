@@ -146,6 +146,12 @@ class MujocoPlant:
         return np.concatenate(([cos * vx + sin * vy, cos * vy - sin * vx, turn], data.qvel[layout.joint_dof]))
 
     @property
+    def motors(self) -> Array:
+        """(2,) speeds of the wheels' rims."""
+        layout = self._layout
+        return self._data.qvel[layout.wheel_dof] * layout.wheel_sign * self.limits.wheel_radius
+
+    @property
     def contact_events(self) -> tuple[TouchEvent, ...]:
         """All contacts since the reset, in the order of their begin."""
         return tuple(self._events)

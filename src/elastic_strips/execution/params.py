@@ -9,6 +9,7 @@ import numpy as np
 
 from ..deform import DeformParams
 from ..errors import ParameterError
+from .tracking_bound import DEFAULT_TRACKING_ERROR
 
 
 def _check(owner: object, *, zero: tuple[str, ...] = ()) -> None:
@@ -79,7 +80,7 @@ class DriveParams:
     plan_every: int = 5
     latency: int = 2
     sample_dt: float = 0.02
-    tracking_error: float = 0.02
+    tracking_error: float = DEFAULT_TRACKING_ERROR
     margin: float = 0.005
     settle_time: float = 0.15
     recover_iterations: int = 4

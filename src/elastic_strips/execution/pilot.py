@@ -69,7 +69,7 @@ class Pilot:
         deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
         self.deformer = Deformer(robot, deform)
         # planned with less than the motors can do, so that there is something left when the way changes
-        easy = limits.scaled(speed=params.ease_speed, acceleration=params.ease_acceleration)
+        easy = limits.scaled(speed=1.0, acceleration=params.ease_acceleration)
         self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
         self.certifier = TrajectoryCertifier(
             robot, clearance=params.clearance, self_clearance=deform.self_clearance, settle_time=params.settle_time
@@ -185,7 +185,10 @@ class Pilot:
         for lead, retimer in ((0.0, self.easy), (0.0, self.hard), (0.5, self.hard), (1.0, self.hard)):
             nodes = chart if lead == 0.0 else self._led(chart, start, held, lead)
             try:
-                motion = retimer.horizon(nodes, start.v, distance=distance, start_time=start.time, speed=speed)
+                part = speed * self.params.ease_speed if retimer is self.easy else speed
+                motion = retimer.horizon(
+                    nodes, start.v, a_start=start.a, distance=distance, start_time=start.time, speed=part
+                )
                 return motion, ""
             except RetimingError as error:
                 reason = reason or f"no motion along the strip: {error}"

@@ -97,6 +97,11 @@ class Plant(Protocol):
         """(nv,) true velocity: body twist, joint rates."""
         ...
 
+    @property
+    def motors(self) -> Array:
+        """(k,) true speeds of the drive's motors, at the rim and without slip [m/s; rad/s for a yaw]."""
+        ...
+
     def reset(self, chart: Array, time: float = 0.0) -> None:
         """Put the robot somewhere, at rest."""
         ...
@@ -167,6 +172,10 @@ class KinematicPlant:
             return np.array(self._joint_speed)
         ground = [w * (1.0 - s) for w, s in zip(self._wheel, self._slip, strict=True)]
         return np.array([*self._twist(ground), *self._joint_speed])
+
+    @property
+    def motors(self) -> Array:
+        return np.array(self._wheel)
 
     @property
     def slip(self) -> Array:

@@ -55,6 +55,7 @@ class ControlRows:
         estimate: (T, nv) chart rows that the controller believed.
         drive: (T, k) commanded drive speeds [m/s; rad/s for an omnidirectional base's yaw].
         joints: (T, n) commanded joint rates [rad/s or m/s].
+        motors: (T, k) true speeds of the drive's motors, at the rim and without slip [m/s; rad/s for a yaw].
         state: (T,) uint8 codes, see ``Record.states``.
     """
 
@@ -66,6 +67,7 @@ class ControlRows:
     estimate: Array
     drive: Array
     joints: Array
+    motors: Array
     state: npt.NDArray[np.uint8]
 
     def __len__(self) -> int:

@@ -74,7 +74,7 @@ class Recorder:
         if self._goal is not None and self._goal.shape != (nv,):
             raise RecordError(f"the goal has shape {self._goal.shape}; a chart row of {robot.name!r} has ({nv},)")
         self._states, self._every, self._metadata = tuple(states), strip_every, dict(metadata or {})
-        cuts = np.cumsum([0, 1, nv, nv, nv, nv, nv, k, n]).tolist()
+        cuts = np.cumsum([0, 1, nv, nv, nv, nv, nv, k, n, k]).tolist()
         self._slices = [slice(a, b) for a, b in pairwise(cuts)]
         self._names = [f.name for f in fields(ControlRows)][:-1]
         self._rows = _Rows(cuts[-1], capacity)
@@ -103,6 +103,7 @@ class Recorder:
         estimate: Array | None = None,
         drive: Array | None = None,
         joints: Array | None = None,
+        motors: Array | None = None,
         state: int = RunState.MOVING,
     ) -> None:
         """Add a control row; the arguments are those of `ControlRows`, None where there is nothing to write.
@@ -114,7 +115,7 @@ class Recorder:
             raise RecordError(f"control rows ascend in time: {time!r} s after {self._last!r} s")
         if not 0 <= state < len(self._states):
             raise RecordError(f"state {state} has no name; there are {len(self._states)}: {', '.join(self._states)}")
-        given = (time, chart, v, reference, reference_v, estimate, drive, joints)
+        given = (time, chart, v, reference, reference_v, estimate, drive, joints, motors)
         for values, name, where in zip(given[1:], self._names[1:], self._slices[1:], strict=True):
             if values is not None and np.shape(values) != (where.stop - where.start,):
                 raise RecordError(f"{name} has shape {np.shape(values)}; it must be ({where.stop - where.start},)")

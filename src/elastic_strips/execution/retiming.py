@@ -16,7 +16,7 @@ from .limits import MotionLimits
 from .path import DrivePath, RetimingError, integrate_travel, smooth_path
 from .polyline import Polyline, metric, polyline
 from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, load_solver
-from .trajectory import Trajectory
+from .trajectory import Trajectory, joined
 
 _MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
 """Parts of the speed and acceleration limits to plan with, and how many times finer the grid is: between the points of
@@ -113,7 +113,7 @@ class Retimer:
         if len(nodes) < 2:
             nodes = np.vstack([nodes, nodes])
         line = polyline(self.robot, self.limits, self.weight, nodes, start.velocity if start.moving else None)
-        return self._drive(line, start, distance, speed, refine)
+        return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed, refine)
 
     def whole(
         self, chart: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0, refine: int = 1
@@ -133,10 +133,9 @@ class Retimer:
                 start = replace(start, time=pieces[-1].end_time)
                 piece = np.vstack([pieces[-1].chart[-1], piece[1:]])
             line = polyline(self.robot, self.limits, self.weight, piece)
-            line = replace(line, stops=np.array([len(piece) - 1]))
-            pieces.append(self._drive(line, start, np.inf, speed, refine))
+            pieces.append(self._drive(line, float(line.s[-1]), start, np.inf, speed, refine))
             first = stop
-        return _joined(pieces)
+        return joined(pieces)
 
     def brake(self, trajectory: Trajectory, t: float) -> Trajectory:
         """The earliest stop on the way of a trajectory from time ``t`` on: :func:`brake` with these limits."""
@@ -195,17 +194,19 @@ class Retimer:
             rate = float(np.min(self._acceleration / np.abs(velocity), initial=np.inf))
         return 0.5 * float(np.linalg.norm(velocity * self.weight)) / rate
 
-    def _drive(self, line: Polyline, start: _Start, distance: float, speed: float, refine: int) -> Trajectory:
-        available = float(line.s[line.stops[0]])
-        brake = self.braking_length(start.velocity)
-        if available < max(0.9 * brake, _NOWHERE):
+    def _drive(
+        self, line: Polyline, available: float, start: _Start, distance: float, speed: float, refine: int
+    ) -> Trajectory:
+        """A motion over ``distance`` or what is needed to stop, and no more than the length ``available``."""
+        braking = self.braking_length(start.velocity)
+        if available < max(0.9 * braking, _NOWHERE):
             if not start.moving:
                 return self._stand(line.chart[0], start.time)
             raise RetimingError(
-                f"the robot has to stop within {available:.4g} m and needs {brake:.4g} m to brake; keep to the "
+                f"the robot has to stop within {available:.4g} m and needs {braking:.4g} m to brake; keep to the "
                 "trajectory that it drives"
             )
-        length, longest = min(max(distance, 1.05 * brake), available), min(max(distance, 2.0 * brake), available)
+        length, longest = min(max(distance, 1.05 * braking), available), min(max(distance, 2.0 * braking), available)
         attempt = margin = 0
         path = None
         while True:
@@ -251,15 +252,9 @@ class Retimer:
         return None if profile is None else self._sampled(path, profile, start, max(speed, now))
 
     def _sampled(self, path: DrivePath, profile: Profile, start: _Start, speed: float) -> Trajectory | str:
-        if start.moving:
-            count, slower = int(np.floor(profile.duration / self.dt - 0.2)) + 1, 1.0
-            time = np.append(np.arange(count, dtype=float) * self.dt, profile.duration)
-        else:  # a motion from rest can be a little slower, and then ends with a whole step
-            count = int(np.ceil(profile.duration / self.dt - 1e-9))
-            slower = count * self.dt / profile.duration
-            time = np.arange(count + 1, dtype=float) * self.dt
-        s, rate, change = profile(time / slower)
-        rate, change = rate / slower, change / (slower * slower)
+        # whole steps only: the robot arrives within the last one, and waits for what is left of it
+        time = np.arange(np.ceil(profile.duration / self.dt - 1e-9) + 1.0) * self.dt
+        s, rate, change = profile(np.minimum(time, profile.duration))
         s[-1], rate[-1] = path.length, 0.0
         y, y1, y2 = path.curve(s)
         v, a = y1 * rate[:, None], y2 * (rate * rate)[:, None] + y1 * change[:, None]
@@ -284,16 +279,6 @@ class Retimer:
         rest = np.zeros_like(rows)
         time = np.array([start_time, start_time + self.dt])
         return Trajectory(self.robot, self.limits, time, rows, rest, rest, (0.0, 0.0))
-
-
-def _joined(pieces: list[Trajectory]) -> Trajectory:
-    """Pieces that follow each other as one trajectory; where they meet, the later one's sample stays."""
-    last = pieces[-1]
-
-    def rows(name: str) -> Array:
-        return np.concatenate([*(getattr(piece, name)[:-1] for piece in pieces[:-1]), getattr(last, name)])
-
-    return replace(last, time=rows("time"), chart=rows("chart"), v=rows("v"), a=rows("a"))
 
 
 def retime(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from time import perf_counter, sleep
 
 import numpy as np
@@ -20,14 +20,17 @@ from .limits import MotionLimits
 from .params import DriveParams
 from .perception import Perception, PerceptionParams
 from .pilot import Pilot, Proposal
-from .plant import KinematicPlant, Plant
+from .plant import KinematicPlant, Plant, PlantParams
 from .record import Record, RunState
 from .recorder import Recorder
 from .result import DriveResult, TickStatistics
 from .supervisor import Supervisor, standstill
-from .tracking import TrackingController
+from .tracking import TrackingController, TrackingGains
 
 _log = logging.getLogger(__name__)
+MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
+"""A machine that can do exactly what its limits say; motions are planned with less (``DriveParams.ease_*``)."""
+
 Watch = Callable[["Runner"], object]
 
 
@@ -38,7 +41,7 @@ class Runner:
         robot: the robot.
         world: the true obstacles over time; a :class:`Scene` stands still or moves as its obstacles say.
         start: configuration (nq,).
-        goal: configuration (nq,), or several of them, one after the other.
+        goal: configuration (nq,), or several of them (G, nq), one after the other.
         params: of the drive.
         limits: of the motors; read off the robot where None.
         strip: the strip to begin with; planned where None.
@@ -62,7 +65,7 @@ class Runner:
         robot: RobotModel,
         world: World | Scene,
         start: npt.ArrayLike,
-        goal: npt.ArrayLike | Sequence[npt.ArrayLike],
+        goal: npt.ArrayLike,
         *,
         params: DriveParams | None = None,
         limits: MotionLimits | None = None,
@@ -84,7 +87,7 @@ class Runner:
         self.faults = FaultPlan(faults)
         self.seed, self.watch, self.realtime, self.grid = seed, watch, realtime, grid
         plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
-        self.plant: Plant = plant or KinematicPlant(robot, self.limits, seed=np.random.default_rng(plant_seed))
+        self.plant: Plant = plant or KinematicPlant(robot, self.limits, MACHINE, seed=np.random.default_rng(plant_seed))
         self.perception = Perception(
             self.world, self.params.assumptions, perception or PerceptionParams(),
             np.random.default_rng(sense_seed), self.faults,
@@ -113,7 +116,7 @@ class Runner:
         self.estimator = Estimator(robot, self.limits)
         self.estimator.reset(first, 0.0)
         self.estimate = first
-        self.tracker = TrackingController(robot, self.limits)
+        self.tracker = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
         self.supervisor = Supervisor(standstill(robot, self.limits, first, 0.0, self.params.control_dt))
         last = robot.space.to_chart(goals[-1])
         self._new_recorder = lambda: Recorder(robot, self.world, goal=last, metadata=metadata or {})
@@ -125,6 +128,7 @@ class Runner:
         self._broken_since: float | None = None
         self._replan_at: float | None = None
         self._replans = 0
+        self._halted = False
         self._stop = False
 
     @property
@@ -188,7 +192,8 @@ class Runner:
             self.recorder = self._new_recorder()
         self.recorder.control(
             t, chart=self.plant.chart, v=self.plant.v, reference=reference.chart, reference_v=reference.v,
-            estimate=self.estimate, drive=command.drive, joints=command.joints, state=int(state),
+            estimate=self.estimate, drive=command.drive, joints=command.joints, motors=self.plant.motors,
+            state=int(state),
         )  # fmt: skip
         measurement = self.plant.step(command, params.control_dt)
         self.estimate = self.estimator.update(measurement)
@@ -257,13 +262,15 @@ class Runner:
             supervisor.rebase(rest)
         proposal = self.proposal = self.pilot.tick(t, scene, supervisor.held, begin)
         late = 10.0 * params.latency * params.control_dt if self.faults.active("slow_tick", t) else 0.0
-        if proposal.accepted:
+        self._watch_strip(t, proposal)
+        if self._halted:
+            supervisor.keep(f"the strip is broken: {proposal.report.certificate.broken}", t)
+        elif proposal.accepted:
             self._waiting.append((t + late, proposal))
         elif proposal.kept:
             supervisor.confirm(t, proposal.reason)
         else:
             supervisor.keep(proposal.reason, t)
-        self._watch_strip(t, proposal)
 
     def _take_waiting(self, t: float) -> None:
         """Offer what has been planned and is ready by now."""
@@ -300,16 +307,28 @@ class Runner:
         return Scene([o.sensed(o.pose, None) for o in standing], time=scene.time)
 
     def _watch_strip(self, t: float, proposal: Proposal) -> None:
-        """A strip that stays broken while the robot stands is planned anew."""
-        if proposal.accepted or not self.supervisor.at_rest(t):
-            self._broken_since = None
+        """A strip that what stands keeps broken, or that leads nowhere while the robot stands, is planned anew.
+
+        The robot stops meanwhile. What moves on is waited for.
+        """
+        at_rest, certificate = self.supervisor.at_rest(t), proposal.report.certificate
+        by_standing = certificate.broken is not None and not self._moves(certificate.broken.obstacle)
+        stuck = at_rest and not proposal.accepted
+        if not by_standing and not stuck:
+            self._broken_since, self._halted = None, False
             return
         if self._broken_since is None:
             self._broken_since = t
         elif t - self._broken_since > self.params.replan_after * (1 + self._replans):
-            self._broken_since = None
-            self._replan_at = t + self.params.replan_time
-            self.supervisor.log(t, "replanning", proposal.reason)
+            self._halted = by_standing
+            if at_rest:
+                self._broken_since = None
+                self._replan_at = t + self.params.replan_time
+                self.supervisor.log(t, "replanning", proposal.reason or f"the strip is broken: {certificate.broken}")
+
+    def _moves(self, name: str) -> bool:
+        """Whether an obstacle of the sensed scene moves."""
+        return name in self.scene and self.scene.obstacle(name).motion is not None
 
     def _replan(self, t: float, scene: Scene) -> bool:
         """Plan anew where that was asked for; the robot stands meanwhile."""
@@ -330,6 +349,7 @@ class Runner:
             return True
         self.supervisor.log(t, "replanned", report.reason)
         if report.certified:
+            self._halted = False
             self.pilot.take(report.strip)
         return True
 

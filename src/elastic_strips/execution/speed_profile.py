@@ -106,17 +106,16 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
     Returns:
         The profile, or None where there is none: it cannot stop in time, or its start is too fast for the bends.
     """
-    # the solver's tolerances are absolute: a path of unit length, and a unit of time in which its numbers are about 1
+    # the solver's tolerances are absolute: a path of unit length, in a unit of time in which y′ stays as it is
     scale = float(grid[-1])
     step = (grid[1:] - grid[:-1]) / scale
     a, b = _rows(step, y1 / acceleration, y2 * (scale / acceleration))
-    largest = float(np.abs(a).max())
-    if not 0.0 < largest < np.inf:  # nor is it a number where the path is none
+    size = np.abs(a).max(axis=0)
+    if not 0.0 < size.max() < np.inf:  # nor is it a number where the path is none
         return None
-    moving = np.abs(a).max(axis=0) > 1e-9 * largest
-    a, b = a[:, moving] / largest, b[:, moving] / largest
-    unit = scale / largest  # [m²/s²] of squared path speed
-    bound = bound / unit
+    moving = size > 1e-9 * size.max()
+    a, b = a[:, moving], b[:, moving]
+    bound = bound / scale
     solver_class, linear = load_solver()
     solver = solver_class([_Box(a, b, bound, linear)], _NoPath(), grid / scale, True)
     last = len(grid) - 1
@@ -126,7 +125,7 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
         if not reach[i] > 0.0:  # infeasible is NaN, which the solver would take for "no bound" at the next point
             return None
     x = np.zeros(last + 1)
-    x[0] = start / unit
+    x[0] = start / scale
     if x[0] > reach[0] * (1.0 + 1e-9):
         return None
     x[0] = min(x[0], reach[0])
@@ -136,7 +135,7 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
         x[i + 1] = max(min(x[i] + 2.0 * step[i] * u, reach[i + 1]), 0.0)
     if not (x[1:-1] > 0.0).all():
         return None
-    return Profile.of(grid, x * unit)
+    return Profile.of(grid, x * scale)
 
 
 def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float, part: float) -> Array:

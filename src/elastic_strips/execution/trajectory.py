@@ -44,7 +44,7 @@ class Trajectory:
     Attributes:
         robot: whose motion this is.
         limits: the limits that it keeps.
-        time: (M,) [s], M ≥ 2, strictly ascending; may start anywhere.
+        time: (M,) [s], M ≥ 2, strictly ascending; may start anywhere. Evenly spaced but for the first step of a tail.
         chart: (M, nv) chart rows x, y, yaw, joints. Angles run on: they are not wrapped.
         v: (M, nv) velocity at the samples: body twist (v_x, v_y, ω) [m/s, rad/s], joint rates [rad/s or m/s].
         a: (M, nv) its rate of change [m/s², rad/s²].
@@ -187,3 +187,13 @@ class Trajectory:
     def strip(self) -> Strip:
         """The samples as a strip (M nodes)."""
         return Strip.from_chart(self.robot, self.chart)
+
+
+def joined(pieces: list[Trajectory]) -> Trajectory:
+    """Pieces that follow each other as one trajectory; where they meet, the later one's sample stays."""
+    last = pieces[-1]
+
+    def rows(name: str) -> Array:
+        return np.concatenate([*(getattr(piece, name)[:-1] for piece in pieces[:-1]), getattr(last, name)])
+
+    return replace(last, time=rows("time"), chart=rows("chart"), v=rows("v"), a=rows("a"))

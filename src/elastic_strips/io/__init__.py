@@ -7,6 +7,8 @@ from elastic_strips.io.dynabarn import dynabarn_ids, load_dynabarn
 from elastic_strips.io.files import check_writable, write_json
 from elastic_strips.io.nav2_map import load_nav2_map
 from elastic_strips.io.obstacle_document import obstacle_documents, shape_document
+from elastic_strips.io.record_file import check_record_file, read_record, record_robot, write_record
+from elastic_strips.io.record_table import record_columns, record_csv, record_frame
 from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
 from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
 from elastic_strips.io.scene_writer import write_scene, write_world
@@ -18,6 +20,7 @@ __all__ = [
     "PoseSpec",
     "ScenarioSpec",
     "barn_ids",
+    "check_record_file",
     "check_writable",
     "dynabarn_ids",
     "load_barn",
@@ -26,13 +29,19 @@ __all__ = [
     "load_nav2_map",
     "load_yaml",
     "obstacle_documents",
+    "read_record",
     "read_scenario",
     "read_scene",
     "read_world",
     "scene_from_node",
+    "record_columns",
+    "record_csv",
+    "record_frame",
+    "record_robot",
     "shape_document",
     "world_from_node",
     "write_json",
+    "write_record",
     "write_scene",
     "write_world",
 ]

@@ -193,7 +193,7 @@ def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
     if goal is not None and goal.shape != (nv,):
         raise RecordError(f"the goal has shape {goal.shape}; it must be ({nv},)")
     T = _array(loaded, "control_time", (None,)).shape[0]
-    widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints)}
+    widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints), "motors": len(DRIVE_NAMES[base])}
     shapes = {name: (T,) if name in ("time", "state") else (T, widths.get(name, nv)) for name in _CONTROL}
     control = ControlRows(**{name: _array(loaded, f"control_{name}", shape) for name, shape in shapes.items()})
     P = _array(loaded, "planning_time", (None,)).shape[0]

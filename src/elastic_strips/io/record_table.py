@@ -49,13 +49,14 @@ def control_columns(record: Record) -> tuple[str, ...]:
         *chart_columns(record, "estimate_"),
         *(f"command_{name}" for name in record.drive_names),
         *(f"command_{name}_rate" for name in record.joint_names),
+        *(f"motor_{name}" for name in record.drive_names),
     )
 
 
 def record_columns(record: Record) -> dict[str, Any]:
     """The control rows by column name: arrays (T,); ``state`` holds names."""
     rows = record.control
-    arrays = (rows.chart, rows.v, rows.reference, rows.reference_v, rows.estimate, rows.drive, rows.joints)
+    arrays = (rows.chart, rows.v, rows.reference, rows.reference_v, rows.estimate, rows.drive, rows.joints, rows.motors)
     columns = [rows.time, np.array(record.states)[rows.state], *chain.from_iterable(array.T for array in arrays)]
     return dict(zip(control_columns(record), columns, strict=True))
 

@@ -9,6 +9,7 @@ from typing import Any
 from ..deform import DeformParams
 from ..errors import ParameterError, nearest_name
 from ..execution import (
+    MACHINE,
     DriveParams,
     DriveResult,
     Fault,
@@ -36,6 +37,7 @@ class DriveOutcome:
         result: of the loop, with its record.
         verdict: of the judge, who knows the true states.
         separation: protective separation distance [m] at the robot's largest speed.
+        physical_contacts: what a physical plant saw the robot touch, wheels and casters on the floor aside.
     """
 
     scenario: Scenario
@@ -45,6 +47,7 @@ class DriveOutcome:
     result: DriveResult
     verdict: Verdict
     separation: float
+    physical_contacts: tuple[str, ...] = ()
 
     @property
     def reached(self) -> bool:
@@ -91,7 +94,7 @@ def make_runner(
 
         machine = MujocoPlant(robot, limits, world, seed=seed)
     else:
-        machine = KinematicPlant(robot, limits, seed=seed)
+        machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
     start, goal = scenario.ends(robot)
     metadata = {"scenario": scenario.name, "seed": seed, "plant": plant}
     return Runner(
@@ -108,7 +111,8 @@ def conclude(scenario: Scenario, runner: Runner, result: DriveResult, *, plant: 
         tolerance=Tolerance(position=params.goal_position, yaw=params.goal_angle, joints=params.goal_angle),
     )  # fmt: skip
     separation = protective_separation(runner.limits, params, runner.perception.params)
-    return DriveOutcome(scenario, runner.robot, plant, seed, result, verdict, separation)
+    touched = tuple(str(event) for event in getattr(runner.plant, "contact_events", ()))
+    return DriveOutcome(scenario, runner.robot, plant, seed, result, verdict, separation, touched)
 
 
 def drive_scenario(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
+from ..execution.tracking_bound import Displacement
 from .drive import DriveOutcome
 
 DRIVE_FORMAT = "elastic-strips-drive"
@@ -31,6 +32,7 @@ def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
         "collisions": len(verdict.collisions),
         "contacts": judged["collisions"],
         "contacts_at_rest": judged["rest_contacts"],
+        "physical_contacts": list(outcome.physical_contacts),
         "min_clearance_m": judged["min_clearance_m"],
         "time_s": verdict.time_s,
         "path_m": verdict.path_m,
@@ -53,9 +55,6 @@ def _number(value: float) -> float | None:
 
 
 def _tracking(outcome: DriveOutcome) -> float:
-    """Largest distance [m] of the true base from the reference."""
+    """Largest distance [m] of any point of the robot from where the reference has it."""
     rows = outcome.result.record.control
-    if not outcome.robot.space.planar:
-        return 0.0
-    gap = rows.chart[:, :2] - rows.reference[:, :2]
-    return float(np.nanmax(np.hypot(gap[:, 0], gap[:, 1])))
+    return float(Displacement(outcome.robot)(rows.chart, rows.reference).max())

@@ -250,7 +250,7 @@ def _captions(drawing: Drawing, play: Replay, times: Doubles, points: Doubles, s
     used = [record.states[code] for code in np.unique(codes).tolist()]
     legend = [[name, STATE_COLORS.get(name, UNCHECKED)] for name in used] + [["reference", _REFERENCE]]
     if strips:
-        legend += [["strip certified", CERTIFIED], ["not certified", REFUSED]]
+        legend += [["strip certified", CERTIFIED], ["strip not certified", REFUSED]]
         legend.append(["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"])
     cards = []
     for t in moments.tolist():

@@ -97,6 +97,11 @@ class Viewer:
         return None if self._link is None else self._link.url
 
     @property
+    def server_pid(self) -> int | None:
+        """Process id of the server; None without one."""
+        return None if self._link is None else self._link.pid
+
+    @property
     def alive(self) -> bool:
         """Whether pictures are still drawn (and served)."""
         return not (self._failed or self._lost or self._closed) and (self._link is None or self._link.alive)

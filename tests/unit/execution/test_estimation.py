@@ -156,7 +156,7 @@ def test_the_heading_is_inferred_from_positions(silvermate):
     estimator.reset(start)
     for c in curve(silvermate, 400, (0.6, 0.6)):
         m = plant.step(c, 0.01)
-        estimate = estimator.update(m if m.pose is None else replace(m, pose=m.pose + (0.0, 0.0, 0.3)))
+        estimate = estimator.update(m if m.pose is None else replace(m, pose=np.add(m.pose, (0.0, 0.0, 0.3))))
     assert estimate[2] == pytest.approx(plant.chart[2], abs=0.01)
 
 

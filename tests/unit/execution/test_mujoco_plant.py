@@ -120,6 +120,17 @@ def test_joints_turn_as_they_are_told(machine):
     assert np.hypot(*machine.chart[:2]) < 2e-3
 
 
+def test_joints_lag_as_the_parameters_say(silvermate):
+    ways = []
+    for lag in (0.03, 0.08):
+        params = PlantParams(jitter=0.0, joint_lag=lag, sensors=SensorParams.ideal())
+        plant = MujocoPlant(silvermate, limits_of(silvermate), params=params)
+        begin = plant.chart
+        drive(plant, 1.0, joints=0.15)
+        ways.append(plant.chart[3:] - begin[3:])
+    assert ways[0] - ways[1] == pytest.approx(np.full(7, 0.05 * 0.15), abs=1.5e-3)
+
+
 def test_it_starts_at_any_pose(plant, rng):
     home = plant.robot.space.to_chart(plant.robot.home_q)
     for yaw in (-3.0, 0.7, 9.0):

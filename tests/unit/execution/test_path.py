@@ -188,6 +188,17 @@ def test_a_joint_too_fast_at_its_limit_is_refused(silvermate):
         path_of(silvermate, nodes, heading=heading)
 
 
+def test_a_joint_that_glides_to_its_limit_stays_within(silvermate):
+    """What is left of its speed and bend would take it out by a micrometre and by a millimetre."""
+    upper = float(silvermate.space.upper[3])
+    nodes = base_nodes(silvermate, [FORWARD] * 6, arm_1_joint=upper - 1e-7)
+    heading, bend = np.zeros(9), np.zeros(9)
+    heading[:2], heading[2], bend[2] = 0.5, 1e-5, 1.0
+    rows = driven(silvermate, path_of(silvermate, nodes, heading=heading, bend=bend))
+    assert rows[:, 3].max() <= upper + 1e-12
+    assert rows[:, 3].max() > upper - 1e-7, "it does move"
+
+
 def test_integration_is_exact(robot, rng):
     """Between any two rows the base moves on the arc of its travel: the same as node by node."""
     limits = limits_of(robot)

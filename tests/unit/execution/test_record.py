@@ -52,7 +52,7 @@ def test_a_record_does_not_change_when_recording_goes_on(silvermate, rng):
     np.testing.assert_array_equal(record.control.chart, before)
     rows = [getattr(part, f.name) for part in (record.control, record.planning) for f in dataclasses.fields(part)]
     arrays = [value for value in rows if isinstance(value, np.ndarray)]
-    assert len(arrays) == 19
+    assert len(arrays) == 20
     assert all(not array.flags.writeable for array in arrays)
     with pytest.raises(dataclasses.FrozenInstanceError):
         record.robot = "other"

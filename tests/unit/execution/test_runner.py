@@ -8,7 +8,9 @@ from brute_force import configuration, link_distances
 
 from elastic_strips.execution import FAULTS, DriveParams, Fault, MotionLimits, PerceptionParams, Runner, RunState, judge
 from elastic_strips.execution.judge import REST_SPEED
+from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
+from elastic_strips.strip import Strip
 
 CLUTTER = [
     Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate"),
@@ -105,11 +107,18 @@ def test_stop_brings_it_to_rest(silvermate):
 
 
 def test_a_closed_way_is_not_driven(silvermate):
-    wall = Box((0.2, 8.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
-    _, result, verdict = drive(silvermate, [wall], seconds=3.0, params=DriveParams(replan_after=50.0))
+    """The strip stays broken at the wall: the robot stops, says why, and does not wander about."""
+    wall = Box((0.2, 60.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
+    start, goal = ends(silvermate)
+    strip = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
+    params = DriveParams(replan_time=50.0)
+    _, result, verdict = drive(silvermate, [wall], seconds=8.0, params=params, strip=strip)
     assert result.state is RunState.STOPPED
     assert not verdict.contacts
     assert "wall" in result.reason
+    rows = result.record.control
+    assert np.abs(rows.v[rows.time > 4.0]).max() < REST_SPEED
+    assert any(e.kind == "replanning" for e in result.events)
 
 
 def test_a_delayed_scene_is_driven_on_more_carefully(silvermate):

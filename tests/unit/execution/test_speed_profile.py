@@ -9,6 +9,7 @@ import toppra.algorithm
 import toppra.constraint
 from drivable import arcs, limits_of, most_used
 
+from elastic_strips.execution import speed_profile
 from elastic_strips.execution.path import smooth_path
 from elastic_strips.execution.polyline import metric, polyline
 from elastic_strips.execution.retiming import Retimer
@@ -50,6 +51,22 @@ def test_a_bend_that_cannot_be_driven():
     assert fastest(grid, y1, y2, bound, limits, 0.21) is None
     y2[10] = np.nan
     assert fastest(grid, y1, y2, bound, limits, 0.0) is None
+
+
+def test_a_solver_that_fails_is_noticed(monkeypatch):
+    """It answers NaN, which it would take for "no bound" if it were handed on."""
+    solver, kind = speed_profile.load_solver()
+
+    class Failing:
+        def __init__(self, *arguments):
+            self.solver = solver(*arguments)
+
+        def solve_stagewise_optim(self, i, *arguments):
+            return [np.nan, np.nan] if i == 20 else self.solver.solve_stagewise_optim(i, *arguments)
+
+    assert straight(1.0, 1.0, 2.0) is not None
+    monkeypatch.setattr(speed_profile, "load_solver", lambda: (Failing, kind))
+    assert straight(1.0, 1.0, 2.0) is None
 
 
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])

@@ -168,7 +168,7 @@ def test_a_csv_file_holds_the_control_rows(record, tmp_path):
     rows = list(csv.DictReader(target.read_text().splitlines()))
     assert len(rows) == len(record.control)
     assert tuple(rows[0]) == control_columns(record)
-    assert len(set(rows[0])) == 2 + 5 * 10 + 2 + 7
+    assert len(set(rows[0])) == 2 + 5 * 10 + 2 + 7 + 2
     for k in (0, 57, len(rows) - 1):
         assert float(rows[k]["time"]) == record.control.time[k]
         assert float(rows[k]["vx"]) == record.control.v[k, 0]
@@ -190,7 +190,7 @@ def test_nan_is_nothing_in_csv(gantry, rover):
         assert values["slide_rate"] == "1.0"
         assert values["reference_slide"] == values["command_slide_rate"] == ""
         assert ("x" in values) is (drive > 0)
-        assert len(values) == 2 + 5 * robot.nv + drive + len(robot.joint_names)
+        assert len(values) == 2 + 5 * robot.nv + 2 * drive + len(robot.joint_names)
 
 
 def test_a_frame_where_pandas_is(record, monkeypatch):
@@ -286,7 +286,7 @@ def test_every_array_is_needed_and_must_fit(file, tmp_path):
     with np.load(file) as loaded:
         names = [name for name in loaded.files if name != "metadata"]
         arrays = {name: loaded[name] for name in names}
-    assert len(names) == 21
+    assert len(names) == 22
     for name in names:
         with pytest.raises(RecordError, match=f"'{name}' is missing"):
             read_record(changed(file, target, **{name: None}))

@@ -121,6 +121,8 @@ def test_the_state_is_told_by_ring_and_card(played, record):
         code = int(record.control.state[np.searchsorted(record.control.time, t + 1e-9) - 1])
         shown = [k for k in range(5) if ("/playback/state/" + str(k), "visible") in played.tracks]
         assert [k for k in shown if played.at(f"/playback/state/{k}", "visible", t)] == [code]
+        base = [np.interp(t, record.control.time, column) for column in record.control.chart[:, :2].T]
+        np.testing.assert_allclose(played.at("/playback/state", "position", t)[:2], base, atol=2e-3)
         card = played.card(t)
         name = record.states[code]
         assert card["chip"] == [name, STATE_COLORS[name]]

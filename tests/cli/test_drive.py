@@ -1,0 +1,98 @@
+"""``elastic-strips drive``: what it writes, how it ends, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import CALL, interrupted
+
+SHORT = """\
+name: short
+robot: silvermate
+scene:
+  obstacles:
+    - {shape: box, size: [0.3, 0.3, 1.0], at: [1.2, 0.6, 0.5], name: crate}
+    - shape: cylinder
+      radius: 0.2
+      length: 1.6
+      at: [1.5, -3.0, 0.8]
+      name: walker
+      motion: {twist: {linear: [0, 0.6, 0]}}
+start: {x: 0.0, y: 0.0, yaw: 0.0}
+goal: {x: 2.5, y: 0.0, yaw: 0.0}
+"""
+
+
+def run_cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*CALL, *arguments], capture_output=True, text=True, cwd=cwd, env=os.environ, timeout=120)
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    file = tmp_path / "short.yaml"
+    file.write_text(SHORT)
+    return file
+
+
+def test_drives_and_writes_everything(short: Path, tmp_path: Path) -> None:
+    ended = run_cli("drive", str(short), "--json", "d.json", "--record", "d.npz", "--html", "d.html", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert "short · silvermate · kinematic plant: reached" in ended.stdout
+    result = json.loads((tmp_path / "d.json").read_text())
+    assert result["format"] == "elastic-strips-drive"
+    assert result["reached"] is True
+    assert result["collisions"] == 0
+    assert set(result["tick_ms"]) == {"p50", "p95", "p99"}
+    assert max(result["limit_excess"].values()) < 1e-3
+    assert result["max_lateral_slip"] < 1e-5
+    assert result["max_tracking_error_m"] < 0.025
+    with np.load(tmp_path / "d.npz") as record:
+        assert len(record["control_time"]) == pytest.approx(100 * result["time_s"], abs=3)
+    assert (tmp_path / "d.html").stat().st_size > 100_000
+
+
+def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
+    ended = run_cli("drive", str(short), "--fault", "scene_frozen@1:1", "--json", "d.json", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    events = json.loads((tmp_path / "d.json").read_text())["events"]
+    assert any(e["kind"] == "fault" and "stale scene" in e["reason"] for e in events)
+
+
+def test_time_runs_out(short: Path, tmp_path: Path) -> None:
+    ended = run_cli("drive", str(short), "--time-limit", "1.0", cwd=tmp_path)
+    assert ended.returncode == 3
+    assert "not reached" in ended.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["drive", "case-77"], "case-7"),
+        (["drive", "case-1", "--fault", "scene_frozn@1"], "did you mean 'scene_frozen'"),
+        (["drive", "case-1", "--record", "run.txt"], ".npz"),
+        (["drive", "case-1", "--json", "no/such/folder/d.json"], "no/such/folder"),
+        (["drive", "case-1", "--plant", "steam"], "steam"),
+    ],
+)
+def test_wrong_input_is_one_message(arguments: list[str], message: str, tmp_path: Path) -> None:
+    ended = run_cli(*arguments, cwd=tmp_path)
+    assert ended.returncode == 2
+    assert message in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_stops_the_robot_and_writes_the_record(tmp_path: Path) -> None:
+    ended = interrupted(["drive", "case-1", "--realtime", "--record", "d.npz", "--json", "d.json"], tmp_path, after=4.0)
+    assert ended.returncode == 130, ended
+    assert "Traceback" not in ended.stderr
+    assert "stopping the robot" in ended.stderr
+    with np.load(tmp_path / "d.npz") as record:
+        assert np.abs(record["control_v"][-1]).max() < 0.01
+        assert np.abs(record["control_v"]).max() > 0.1
+    assert json.loads((tmp_path / "d.json").read_text())["reached"] is False
