@@ -50,7 +50,7 @@ def drive_problem(task: ProblemTask) -> dict[str, Any]:
 def problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParams, MotionLimits]:
     """Parameters for a problem: as fast as the robot is, and a clearance that narrow ways allow."""
     speed = BARN_SPEED if robot.name.startswith("jackal") else None
-    limits = MotionLimits.for_robot(robot, wheel_speed=speed, wheel_acceleration=2.0)
+    limits = MotionLimits.for_robot(robot, **{"wheel_speed": speed, "wheel_acceleration": 2.0} | problem.limits)
     moving = any(o.motion is not None for o in problem.world.scene)
     params = DriveParams(
         deform=DeformParams(max_nodes=200, influence=0.3 if not moving else 0.6),
@@ -193,7 +193,8 @@ def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) 
                 "reason": report.reason,
             }
         )
-    runner = Runner(model, problem.world, start, np.array(goals), seed=seed)
+    limits = MotionLimits.for_robot(model, **problem.limits)
+    runner = Runner(model, problem.world, start, np.array(goals), seed=seed, limits=limits)
     result = runner.run(time_limit=240.0)
     verdict = judge(result.record, model, problem.world, runner.limits)
     return {

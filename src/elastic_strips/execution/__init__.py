@@ -21,13 +21,18 @@ from .separation import protective_separation
 from .supervisor import Supervisor
 from .timed_certificate import TrajectoryCertifier
 from .tracking import Command, TrackingController, TrackingGains
+from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
 from .trajectory import ReferenceState, Trajectory
 
 __all__ = [
     "FAULTS",
     "MACHINE",
     "Command",
+    "DEFAULT_TRACKING_ERROR",
     "Contact",
+    "Displacement",
+    "TrackingErrors",
+    "measure_tracking",
     "DrivePath",
     "DriveParams",
     "DriveResult",

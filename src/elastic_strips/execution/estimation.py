@@ -59,8 +59,8 @@ class Estimator:
     extended Kalman filter's whose state is the pose and the slip of each drive coordinate, so that a wheel that slips
     steadily is reckoned with.
 
-    With the default plant's noise, at every sample of 880 runs of 10 to 20 s (Silvermate, TIAGo), the base's estimate was
-    off by at most 7 mm and 13 mrad, the joints' by their encoders' noise.
+    With the default plant's noise, at every sample of 880 runs of 10 to 20 s (Silvermate, TIAGo), the base's estimate
+    was off by at most 7 mm and 13 mrad, the joints' by their encoders' noise.
 
     Args:
         robot: the robot; any kind of base.

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ElasticStripsError
-from ..planning import PlanReport, plan_report
+from ..planning import PlanReport
 from ..robot import RobotModel
 from ..scene import Scene, World
 from ..strip import Strip
@@ -23,6 +23,7 @@ from .pilot import Pilot, Proposal
 from .plant import KinematicPlant, Plant, PlantParams
 from .record import Record, RunState
 from .recorder import Recorder
+from .replanning import Replanner
 from .result import DriveResult, TickStatistics
 from .supervisor import Supervisor, standstill
 from .tracking import TrackingController, TrackingGains
@@ -85,7 +86,7 @@ class Runner:
         self.world = world if isinstance(world, World) else World(world)
         self.limits = limits or MotionLimits.for_robot(robot)
         self.faults = FaultPlan(faults)
-        self.seed, self.watch, self.realtime, self.grid = seed, watch, realtime, grid
+        self.watch, self.realtime = watch, realtime
         plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
         self.plant: Plant = plant or KinematicPlant(robot, self.limits, MACHINE, seed=np.random.default_rng(plant_seed))
         self.perception = Perception(
@@ -99,17 +100,9 @@ class Runner:
         first = robot.space.to_chart(robot.check_q(start, what="start"))
         self.time = 0.0
         self.first_plan: PlanReport | None = None
+        self.replanner = Replanner(robot, self.params, seed=seed, grid=grid)
         if strip is None:
-            self.first_plan = plan_report(
-                robot,
-                self._planned_scene(0.0),
-                start,
-                self.goal_q,
-                seed=seed,
-                params=self._deform,
-                path=path,
-                grid=grid,
-            )
+            self.first_plan = self.replanner.plan(self.world.at(0.0), start, self.goal_q, path=path)
             strip = self.first_plan.strip
         self.pilot = Pilot(robot, self.limits, self.params, strip)
         self.plant.reset(first)
@@ -125,15 +118,7 @@ class Runner:
         self.proposal: Proposal | None = None
         self.statistics = TickStatistics()
         self._waiting: list[tuple[float, Proposal]] = []
-        self._broken_since: float | None = None
-        self._replan_at: float | None = None
-        self._replans = 0
-        self._halted = False
         self._stop = False
-
-    @property
-    def _deform(self):  # type: ignore[no-untyped-def]
-        return self.params.deform.replaced(clearance=max(self.params.deform.clearance, self.params.clearance))
 
     def stop(self) -> None:
         """Ask the loop to end: the held motion is driven to its rest first."""
@@ -172,10 +157,7 @@ class Runner:
         self.goal = self.robot.space.to_chart(self.goal_q)
         self.supervisor.restart("new goal", self.time)
         q = self.robot.space.from_chart(self.supervisor.reference(self.time).chart)
-        report = plan_report(
-            self.robot, self._planned_scene(self.time), q, self.goal_q, seed=self.seed, params=self._deform,
-            grid=self.grid,
-        )  # fmt: skip
+        report = self.replanner.plan(self.scene, q, self.goal_q)
         self.supervisor.log(self.time, "goal", report.reason)
         self.pilot.take(report.strip)
 
@@ -254,7 +236,7 @@ class Runner:
         if self.estimator.lost_for > 0.1:
             supervisor.keep("odometry lost", t)
             return
-        if self._replan(t, scene) or self._rest_of_goal(t, scene):
+        if self._replan(t) or self._rest_of_goal(t, scene):
             return
         begin = t + params.latency * params.control_dt
         if supervisor.at_rest(t) and self._settled_estimate(t):
@@ -262,8 +244,10 @@ class Runner:
             supervisor.rebase(rest)
         proposal = self.proposal = self.pilot.tick(t, scene, supervisor.held, begin)
         late = 10.0 * params.latency * params.control_dt if self.faults.active("slow_tick", t) else 0.0
-        self._watch_strip(t, proposal)
-        if self._halted:
+        due = self.replanner.watch(t, proposal, self.scene, at_rest=supervisor.at_rest(t))
+        if due:
+            supervisor.log(t, "replanning", due)
+        if self.replanner.halted:
             supervisor.keep(f"the strip is broken: {proposal.report.certificate.broken}", t)
         elif proposal.accepted:
             self._waiting.append((t + late, proposal))
@@ -298,59 +282,17 @@ class Runner:
         """Whether the robot has come to rest after the held motion's end."""
         return t >= self.supervisor.held.end_time + self.params.settle_time
 
-    # planning anew
-
-    def _planned_scene(self, t: float) -> Scene:
-        """What a planner of still scenes gets: the obstacles that stand."""
-        scene = self.world.at(t) if t == 0.0 else self.scene
-        standing = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < 0.05]
-        return Scene([o.sensed(o.pose, None) for o in standing], time=scene.time)
-
-    def _watch_strip(self, t: float, proposal: Proposal) -> None:
-        """A strip that what stands keeps broken, or that leads nowhere while the robot stands, is planned anew.
-
-        The robot stops meanwhile. What moves on is waited for.
-        """
-        at_rest, certificate = self.supervisor.at_rest(t), proposal.report.certificate
-        by_standing = certificate.broken is not None and not self._moves(certificate.broken.obstacle)
-        stuck = at_rest and not proposal.accepted
-        if not by_standing and not stuck:
-            self._broken_since, self._halted = None, False
-            return
-        if self._broken_since is None:
-            self._broken_since = t
-        elif t - self._broken_since > self.params.replan_after * (1 + self._replans):
-            self._halted = by_standing
-            if at_rest:
-                self._broken_since = None
-                self._replan_at = t + self.params.replan_time
-                self.supervisor.log(t, "replanning", proposal.reason or f"the strip is broken: {certificate.broken}")
-
-    def _moves(self, name: str) -> bool:
-        """Whether an obstacle of the sensed scene moves."""
-        return name in self.scene and self.scene.obstacle(name).motion is not None
-
-    def _replan(self, t: float, scene: Scene) -> bool:
-        """Plan anew where that was asked for; the robot stands meanwhile."""
-        if self._replan_at is None:
+    def _replan(self, t: float) -> bool:
+        """Plan anew where that is due; True while the robot stands for it."""
+        replanner = self.replanner
+        if not replanner.pending:
             return False
-        if t < self._replan_at:
-            return True
-        self._replan_at = None
-        self._replans += 1
-        q = self.robot.space.from_chart(self.supervisor.reference(t).chart)
-        try:
-            report = plan_report(
-                self.robot, self._planned_scene(t), q, self.goal_q, seed=self.seed + self._replans,
-                params=self._deform, timeout=4.0, line=False, grid=self.grid,
-            )  # fmt: skip
-        except ElasticStripsError as error:
-            self.supervisor.log(t, "replanned", f"failed: {error}")
-            return True
-        self.supervisor.log(t, "replanned", report.reason)
-        if report.certified:
-            self._halted = False
-            self.pilot.take(report.strip)
+        if t >= replanner.due:
+            q = self.robot.space.from_chart(self.supervisor.reference(t).chart)
+            strip, reason = replanner.plan_anew(self.scene, q, self.goal_q)
+            self.supervisor.log(t, "replanned", reason)
+            if strip is not None:
+                self.pilot.take(strip)
         return True
 
     def _result(self, seconds: float) -> DriveResult:
@@ -364,7 +306,7 @@ class Runner:
             reason=supervisor.reason,
             stops=tuple(supervisor.stops),
             events=tuple(supervisor.events),
-            replans=self._replans,
+            replans=self.replanner.count,
             statistics=self.statistics,
             seconds=seconds,
         )

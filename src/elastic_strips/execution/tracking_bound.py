@@ -20,12 +20,13 @@ from .trajectory import Trajectory
 DEFAULT_TRACKING_ERROR = 0.02
 """How far [m] any point of the robot may be from its reference, with the default plant, gains and estimator.
 
-Measured on planned and retimed corridors (Silvermate: 26, every other one ending with an outstretched arm; TIAGo: 13), at
-all of the limits and at 95 % of the speeds and 75 % of the accelerations, 220 seeds each, 880 runs or 3.5 hours of
-driving: half of all samples within 0.0029 m, 99 % within 0.0091 m, the largest 0.0179 m (Silvermate 0.0169 m). It is the
-slip of the wheels that makes it: without noise and slip 0.0014 m is left. What else a machine may do, largest of 60 runs:
-twice the slip 0.025 m, motors that lag half as long again or half as long as believed 0.025 m, fixes twice as noisy
-0.021 m. On the MuJoCo plant, 30 runs each: Silvermate 0.0203 m, TIAGo with wheels sped up by 0.8 m/s² 0.028 m.
+Measured on planned and retimed corridors (Silvermate: 26, every other one ending with an outstretched arm; TIAGo: 13),
+at all of the limits and at 95 % of the speeds and 75 % of the accelerations, 220 seeds each, 880 runs or 3.5 hours of
+driving: half of all samples within 0.0029 m, 99 % within 0.0091 m, the largest 0.0179 m (Silvermate: 0.0169 m). It is
+the slip of the wheels that makes it: without noise and slip 0.0014 m is left. What else a machine may do, largest of 60
+runs: twice the slip 0.025 m, motors that lag half as long again or half as long as believed 0.025 m, fixes twice as
+noisy 0.021 m. On the MuJoCo plant, largest of 30 runs: Silvermate 0.0203 m, TIAGo with wheels sped up by at most
+0.8 m/s² 0.028 m.
 """
 
 

@@ -14,9 +14,12 @@ from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.mujoco_geoms import LINK, ROLLING
 from elastic_strips.execution.mujoco_plant import MujocoPlant
 from elastic_strips.execution.plant import PlantParams
+from elastic_strips.execution.retiming import retime
 from elastic_strips.execution.sensing import SensorParams
 from elastic_strips.execution.tracking import Command, TrackingController
 from elastic_strips.execution.tracking_bound import follow, tracking_errors
+from elastic_strips.planning import plan
+from elastic_strips.scenarios.corridor import corridor_scene
 from elastic_strips.scene import (
     Box,
     Capsule,
@@ -84,6 +87,7 @@ def test_it_drives_straight_as_far_as_its_wheels_turn(machine):
     machine.reset(machine.robot.space.to_chart(machine.robot.home_q))
     travel = drive(machine, 3.0, 0.4)
     assert machine.v[0] == pytest.approx(0.4, rel=0.02)
+    assert machine.motors == pytest.approx([0.4, 0.4], rel=0.01)
     assert abs(machine.v[1]) < 0.002
     way = machine.chart[0] * np.cos(machine.chart[2]) + machine.chart[1] * np.sin(machine.chart[2])
     assert way == pytest.approx(travel.mean(), rel=5e-3)
@@ -178,6 +182,18 @@ def test_it_follows_motions_that_its_wheels_are_strong_enough_for(tiago):
     motion = smooth_motion(tiago, limits, 1, seconds=5.0)
     run = follow(motion, plant, Estimator(tiago, limits), TrackingController(tiago, limits))
     assert tracking_errors(tiago, [run]).max < 0.015
+
+
+def test_it_drives_through_a_corridor_without_a_touch(silvermate):
+    limits = limits_of(silvermate)
+    scene = corridor_scene(4)
+    strip = plan(silvermate, scene, silvermate.home(), silvermate.home(8.0), seed=4)
+    motion = retime(strip, limits.scaled(0.95, 0.75))
+    plant = MujocoPlant(silvermate, limits, scene, seed=4)
+    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits))
+    assert plant.contact_events == ()
+    assert np.hypot(*(plant.chart[:2] - (8.0, 0.0))) < 0.05
+    assert tracking_errors(silvermate, [run]).max < 0.02
 
 
 def test_it_runs_into_a_box_and_says_so(silvermate):

@@ -165,6 +165,15 @@ def test_slip_also_jitters(silvermate):
     assert abs(np.corrcoef(slips[1:], slips[:-1])[0, 1]) < 0.15
 
 
+def test_the_motors_are_known_without_slip(silvermate):
+    plant = KinematicPlant(silvermate, limits_of(silvermate), seed=4)
+    for _ in range(150):
+        plant.step(command(plant, (0.5, 0.4)), 0.01)
+    assert plant.motors == pytest.approx([0.5, 0.4], abs=1e-6)
+    assert plant.motors * (1.0 - plant.slip) == pytest.approx(plant.limits.to_drive(plant.v[:3]), abs=1e-12)
+    assert np.abs(plant.slip).max() > 1e-4
+
+
 def test_seeds_decide_everything(silvermate):
     def run(seed):
         plant = KinematicPlant(silvermate, limits_of(silvermate), seed=seed)

@@ -13,6 +13,7 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.execution.estimation import Estimator
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.plant import KinematicPlant, PlantParams
+from elastic_strips.execution.retiming import retime
 from elastic_strips.execution.tracking import TrackingController, TrackingGains
 from elastic_strips.execution.tracking_bound import (
     DEFAULT_TRACKING_ERROR,
@@ -21,7 +22,9 @@ from elastic_strips.execution.tracking_bound import (
     measure_tracking,
     tracking_errors,
 )
+from elastic_strips.planning import plan
 from elastic_strips.robot.geometry import support_points
+from elastic_strips.scenarios.corridor import corridor_scene
 
 
 def limits_of(robot) -> MotionLimits:
@@ -79,6 +82,17 @@ def test_the_default_holds_for_smooth_motions_of_the_plant(name, request):
     assert len(errors.displacement) == 12
     assert (errors.position <= errors.displacement + 1e-12).all()
     assert errors.max > 1e-3  # something was measured
+
+
+def test_the_default_holds_for_planned_and_retimed_corridors(silvermate):
+    limits = MotionLimits.for_robot(silvermate)
+    motions = []
+    for seed in (1, 3):
+        strip = plan(silvermate, corridor_scene(seed), silvermate.home(), silvermate.home(8.0), seed=seed)
+        motions.append(retime(strip, limits))
+    errors = measure_tracking(silvermate, limits, motions, seeds=range(6))
+    assert errors.max <= DEFAULT_TRACKING_ERROR
+    assert min(m.duration for m in motions) > 8.0
 
 
 def test_a_bad_controller_is_found_out(silvermate):
