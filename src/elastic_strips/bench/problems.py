@@ -50,7 +50,8 @@ def drive_problem(task: ProblemTask) -> dict[str, Any]:
 def problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParams, MotionLimits]:
     """Parameters for a problem: as fast as the robot is, and a clearance that narrow ways allow."""
     speed = BARN_SPEED if robot.name.startswith("jackal") else None
-    limits = MotionLimits.for_robot(robot, **{"wheel_speed": speed, "wheel_acceleration": 2.0} | problem.limits)
+    values: dict[str, Any] = {"wheel_speed": speed, "wheel_acceleration": 2.0, **problem.limits}
+    limits = MotionLimits.for_robot(robot, **values)
     moving = any(o.motion is not None for o in problem.world.scene)
     params = DriveParams(
         deform=DeformParams(max_nodes=200, influence=0.3 if not moving else 0.6),
