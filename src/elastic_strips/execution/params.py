@@ -58,7 +58,7 @@ class DriveParams:
         latency: control periods from sensing to the first command of the motion that was planned on it.
         sample_dt: step of planned motions; between samples base and joints go on exact arcs and lines.
         tracking_error: how far any point of the robot may be from where the planned motion has it. Measured: at most
-            0.018 m where the motors have reserves, 0.021 m where they have none, 0.020 m in MuJoCo (Silvermate).
+            0.027 m in 120 runs among moving obstacles with motors that have no reserves, 0.020 m in MuJoCo.
         margin: clearance that is kept beyond the tracking error.
         settle_time: how long the robot may creep on after a planned motion has ended.
         recover_iterations: further iterations of a tick in which the strip has lost its certificate.
@@ -80,7 +80,7 @@ class DriveParams:
     plan_every: int = 5
     latency: int = 2
     sample_dt: float = 0.02
-    tracking_error: float = 0.025
+    tracking_error: float = 0.03
     margin: float = 0.005
     settle_time: float = 0.15
     recover_iterations: int = 4
