@@ -244,6 +244,8 @@ class Runner:
             supervisor.rebase(rest)
         proposal = self.proposal = self.pilot.tick(t, scene, supervisor.held, begin)
         late = 10.0 * params.latency * params.control_dt if self.faults.active("slow_tick", t) else 0.0
+        if late:
+            supervisor.log(t, "fault", f"late tick: it is ready only after {late:.2f} s")
         due = self.replanner.watch(t, proposal, self.scene, at_rest=supervisor.at_rest(t))
         if due:
             supervisor.log(t, "replanning", due)
