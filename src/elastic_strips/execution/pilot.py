@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -113,7 +114,7 @@ class Pilot:
         delay = start.time - scene.time
         foresight = None
         if len(expected):
-            foresight = lambda rows: self.arrival.foresight(expected, delay, rows)  # noqa: E731
+            foresight = partial(self.arrival.foresight, expected, delay)
         lap("strip")
         self._ticks += 1
         report = self.deformer.step(

@@ -44,10 +44,19 @@ def write_json(path: str | os.PathLike[str], document: Any) -> Path:
     """
     target = check_writable(path)
     text = json.dumps(document, indent=1, allow_nan=False) + "\n"
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    return write_whole(target, text.encode())
+
+
+def write_whole(target: Path, data: bytes) -> Path:
+    """Write a file that :func:`check_writable` has passed: all of it or nothing.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
         os.chmod(name, 0o644)
         os.replace(name, target)
     except OSError as error:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -27,7 +26,7 @@ from elastic_strips.execution.record import (
     RecordError,
     frozen,
 )
-from elastic_strips.io.files import check_writable
+from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.record_table import UNITS, chart_columns, record_csv, velocity_columns
 from elastic_strips.io.record_world import world_documents, world_from_documents
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, robot_names
@@ -61,19 +60,7 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
     """
     target = check_record_file(path)
     data = record_csv(record).encode() if target.suffix.lower() == ".csv" else _packed(record)
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-        os.chmod(name, 0o644)
-        os.replace(name, target)
-    except OSError as error:
-        os.unlink(name)
-        raise InputError(f"{target}: cannot write: {error.strerror}") from None
-    except BaseException:
-        os.unlink(name)
-        raise
-    return target
+    return write_whole(target, data)
 
 
 def read_record(path: str | os.PathLike[str]) -> Record:
