@@ -80,11 +80,17 @@ class Workspace:
         return strip is self._strip
 
     def load(self, strip: Strip, scene: Scene) -> None:
-        """Make a strip current; cheap where it already is."""
-        if strip is not self._strip:
+        """Make a strip current; cheap where it already is.
+
+        With foresight, and the same obstacles as before, it is taken as it is: what moves as it was foreseen is where
+        it was reckoned with, and what does not is measured once the nodes have moved.
+        """
+        current = strip is self._strip
+        if not current:
             self.kin.update(strip.chart)
         self._strip, self._ends = strip, strip.q[[0, -1]]
-        self._distances(scene)
+        if not (current and self.foresight is not None and self.obstacles.knows(scene)):
+            self._distances(scene)
 
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
         """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none), keeping what is known."""

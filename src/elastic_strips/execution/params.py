@@ -62,6 +62,8 @@ class DriveParams:
         margin: clearance that is kept beyond the tracking error.
         settle_time: how long the robot may creep on after a planned motion has ended.
         recover_iterations: further iterations of a tick in which the strip has lost its certificate.
+        motion_every: planning ticks from one new motion to the next, while the one that is executed is certified again
+            at every tick, or the robot waits, and nothing new appears.
         maintain_every: planning ticks from one insertion and removal of nodes to the next.
         horizon: longest time ahead that the strip gives way to predicted motion.
         max_scene_age: a scene that is older is not driven on.
@@ -84,6 +86,7 @@ class DriveParams:
     margin: float = 0.005
     settle_time: float = 0.15
     recover_iterations: int = 4
+    motion_every: int = 2
     maintain_every: int = 3
     horizon: float = 3.0
     max_scene_age: float = 0.25
@@ -98,7 +101,7 @@ class DriveParams:
 
     def __post_init__(self) -> None:
         _check(self, zero=("latency", "settle_time", "recover_iterations"))
-        for name in ("plan_every", "latency", "maintain_every", "recover_iterations"):
+        for name in ("plan_every", "latency", "motion_every", "maintain_every", "recover_iterations"):
             if not isinstance(getattr(self, name), (int, np.integer)):
                 raise ParameterError(f"DriveParams.{name}={getattr(self, name)!r} must be a whole number")
         if not self.speeds or not all(0.0 < s <= 1.0 for s in self.speeds):

@@ -79,10 +79,15 @@ class Pilot:
         self.strip = strip
         self.report: DeformReport | None = None
         self._ticks = 0
+        self._age = 0
+        self._last: Proposal | None = None
+        self._names: tuple[str, ...] = ()
+        self._turn = 0
 
     def take(self, strip: Strip) -> None:
         """Go on with another strip."""
         self.strip = strip
+        self._last = None
 
     def tick(self, now: float, scene: Scene, held: Trajectory, begin: float) -> Proposal:
         """Deform the strip, and plan a motion along it.
@@ -93,9 +98,38 @@ class Pilot:
             held: the motion that is executed.
             begin: time [s] at which the new one is to take over.
         """
+        proposal = self._going_on(scene, held, begin) or self._anew(now, scene, held, begin)
+        self._names, self._last = scene.names, proposal
+        return proposal
+
+    def _going_on(self, scene: Scene, held: Trajectory, begin: float) -> Proposal | None:
+        """What is left of a motion that was planned a tick ago, where it is still certified; or to go on waiting.
+
+        It was planned to reach further than to the tick after next: nothing is lost, and half the ticks are cheap.
+        """
+        last = self._last
+        if last is None or scene.names != self._names or last.at_goal:
+            return None
+        self._age += 1
+        if self._age >= self.params.motion_every:
+            return None
+        if not held.at(begin).v.any() and not last.accepted:
+            return Proposal(None, None, False, False, False, last.reason, last.report, last.speed)
+        if last.motion is None or held is not last.motion or not (last.accepted or last.kept):
+            return None
+        mark = perf_counter()
+        certificate = self.certify(held.tail(begin), scene)
+        if not certificate.certified:
+            return None
+        timings = {"motion certificate": perf_counter() - mark}
+        return Proposal(held, certificate, False, True, False, "", last.report, last.speed, timings)
+
+    def _anew(self, now: float, scene: Scene, held: Trajectory, begin: float) -> Proposal:
+        """Deform the strip, and plan a motion along it."""
         start = held.at(begin)
         mark = perf_counter()
         timings: dict[str, float] = {}
+        self._age = 0
 
         def lap(phase: str) -> None:
             nonlocal mark
@@ -150,7 +184,11 @@ class Pilot:
         certificate: Certificate | None = None
         reason, at_goal, speed, tried = "", False, 0.0, False
         last = np.inf
-        for speed in self.params.speeds:
+        speeds = self.params.speeds
+        if not start.v.any():  # while it waits there is time to try them in turn
+            speeds = (speeds[self._turn % len(speeds)],)
+            self._turn += 1
+        for speed in speeds:
             distance = self._distance(speed_now, speed)
             if distance >= last:
                 break  # it would not be slower: the robot has not yet gathered speed
@@ -163,6 +201,7 @@ class Pilot:
             certificate = self.certifier.certify(motion, scene, possible)
             lap("motion certificate")
             if certificate.certified:
+                self._turn = 0
                 at_goal = self._ends_at(motion, chart[-1])
                 return Proposal(motion, certificate, True, False, at_goal, "", report, speed, timings)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
@@ -215,7 +254,7 @@ class Pilot:
         top = float(limits.drive_speed.max(initial=0.0)) or 1.0
         change = float(limits.drive_acceleration.min(initial=np.inf)) if limits.drive_dim else 4.0
         change *= params.ease_acceleration
-        period = (2 * params.plan_every + params.latency) * params.control_dt
+        period = ((params.motion_every + 1) * params.plan_every + params.latency) * params.control_dt
         v = min(speed_now + change * period, max(speed * top, speed_now))
         return v * period + v * v / (2.0 * change) + 0.02
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..proximity import BodySet, Forecast, MotionBounds, ObstacleProximity, SelfProximity
-from ..robot import Kinematics, RobotModel
+from ..errors import ParameterError
+from ..proximity import BodySet, Forecast, MotionBounds
+from ..robot import RobotModel
 from ..scene import Scene
-from ..tunnel import Certificate, Certifier
+from ..tunnel import Certificate, MotionCertifier
 from .trajectory import Trajectory
-
-_REACH = 0.1
-"""Distances are exact below the clearance and this [m]; further off a bound is enough."""
 
 
 class TrajectoryCertifier:
@@ -30,11 +28,7 @@ class TrajectoryCertifier:
         self.robot, self.clearance, self.self_clearance = robot, clearance, self_clearance
         self.settle_time = settle_time
         bodies = BodySet.links(robot)
-        bounds = MotionBounds(bodies)
-        self._kin = Kinematics(robot.tree, 64)
-        self._obstacles = ObstacleProximity(bodies, influence=clearance + _REACH, slack=0.6)
-        self._self_pairs = SelfProximity(bodies, robot.self_pairs, bounds, influence=0.02)
-        self._certifier = Certifier(bodies, bounds, self._obstacles, self._self_pairs)
+        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)
 
     def certify(self, trajectory: Trajectory, scene: Scene, forecast: Forecast) -> Certificate:
         """Certify a trajectory, from its first sample until it has come to rest.
@@ -43,13 +37,17 @@ class TrajectoryCertifier:
             trajectory: ends at rest.
             scene: sensed at ``scene.time``, on the clock of ``trajectory.time``.
             forecast: of that scene; says for all its moving obstacles where they can be.
+
+        Raises:
+            ParameterError: the forecast's horizon is shorter than the motion.
         """
         chart = np.vstack([trajectory.chart, trajectory.chart[-1:]])
         times = np.append(trajectory.time, trajectory.time[-1] + self.settle_time) - scene.time
-        self._kin.update(chart)
-        self._obstacles.update(self._kin, scene, forecast.ahead(times))
-        self._self_pairs.update(self._kin)
+        if len(forecast) and times[-1] > forecast.horizon:
+            raise ParameterError(
+                f"the motion ends {times[-1]:.2f} s after the snapshot, beyond the forecast's {forecast.horizon:g} s"
+            )
         v = np.vstack([trajectory.steps, np.zeros((1, self.robot.nv))])
         return self._certifier.certify(
-            self._kin, v, clearance=self.clearance, self_clearance=self.self_clearance, scene=scene
+            chart, v, scene, forecast.ahead(times), clearance=self.clearance, self_clearance=self.self_clearance
         )

@@ -3,7 +3,7 @@
 from .bodies import BodySet
 from .bounds import MotionBounds
 from .contacts import Contacts
-from .forecast import Ahead, Forecast
+from .forecast import Ahead, Forecast, Movers
 from .narrowphase import GJK_EXCESS, Narrowphase
 from .obstacles import ObstacleProximity
 from .self_distance import SelfContacts, SelfProximity
@@ -16,6 +16,7 @@ __all__ = [
     "Forecast",
     "GJK_EXCESS",
     "MotionBounds",
+    "Movers",
     "Narrowphase",
     "ObstacleProximity",
     "SelfContacts",

@@ -91,6 +91,11 @@ class BodySet:
         points = kin.points(np.repeat(self.joint, 2), self.ends.reshape(2 * g, 3))
         return points.reshape(n, g, 2, 3)
 
+    def ends_at(self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp]) -> Array:
+        """World capsule ends (K, 2, 3) [m] of single bodies at nodes."""
+        frame = kin.T[self.joint[body], node]
+        return np.matmul(frame[:, None, :, :3], self.ends[body][..., None])[..., 0] + frame[:, None, :, 3]
+
     def placements(
         self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp]
     ) -> tuple[Array, Array]:

@@ -70,8 +70,7 @@ class MotionBounds:
         node, plus what those joints move the point on the way.
         """
         bodies, tree = self.bodies, self.bodies.tree
-        frames = kin.T[bodies.joint[body], node]
-        ends = np.matmul(frames[:, None, :, :3], bodies.ends[body][..., None])[..., 0] + frames[:, None, :, 3]
+        ends = bodies.ends_at(kin, node, body)
         columns = kin.J[node]  # (K, nv, 6), world origin
         linear, angular = columns[..., :3], columns[..., 3:]
         cross = np.cross(angular[:, None], ends[:, :, None, :]) + linear[:, None]

@@ -89,7 +89,7 @@ class Forecast:
 
 
 class Movers:
-    """Workspace: which columns of a window belong to the obstacles of a forecast.
+    """Workspace: which columns of a window belong to the obstacles of a forecast, and how they moved since the last.
 
     Attributes:
         ahead: the forecast at the nodes, or None.
@@ -102,6 +102,8 @@ class Movers:
         self.always: Indices = np.zeros(0, dtype=np.intp)
         self.columns: Mask = np.zeros(0, dtype=bool)
         self._mover: Indices = np.zeros(0, dtype=np.intp)
+        self._rotation: Array = np.zeros((0, 3, 3))
+        self._translation: Array = np.zeros((0, 3))
 
     def known(self, ahead: Ahead) -> bool:
         """Whether the window holds all the forecast's obstacles; if not, the next one will."""
@@ -110,23 +112,51 @@ class Movers:
         self.always = ahead.obstacles
         return False
 
-    def forget(self) -> None:
-        """The window is new: its columns are others."""
-        self._mover = np.zeros(0, dtype=np.intp)
+    def remap(self, source: Indices) -> None:
+        """Carry the last forecast over to nodes (N,) that were nodes ``source`` of it."""
+        a = self.ahead
+        if a is not None:
+            self.ahead = Ahead(a.obstacles, a.shift[source], a.growth[source], a.ignored[source])
 
-    def set(self, ahead: Ahead | None, window: Window) -> Indices | None:
-        """Take a forecast; returns the columns that moved in the last one or move in this, None for none."""
-        before = self.ahead
+    def begin(self, ahead: Ahead | None, window: Window) -> None:
+        """Take a forecast for a window of which nothing is known yet."""
         self.ahead = ahead if ahead is not None and len(ahead.obstacles) else None
-        if self.ahead is None and before is None:
-            return None
-        former = self.columns if len(self._mover) == len(window) else np.ones(len(window), dtype=bool)
         lookup = np.full(len(window.scene), -1, dtype=np.intp)
         if self.ahead is not None:
             lookup[self.ahead.obstacles] = np.arange(len(self.ahead.obstacles))
         self._mover = lookup[window.obstacle]
         self.columns = self._mover >= 0
-        return np.flatnonzero(former | self.columns)
+        self._rotation, self._translation = window.rotation.copy(), window.translation.copy()
+
+    def advance(self, ahead: Ahead | None, window: Window, changed: Indices) -> tuple[Indices, Array, Array] | None:
+        """Take the next forecast for the same window and as many nodes.
+
+        Args:
+            ahead: the forecast, or None where nothing moves.
+            window: with the new snapshot.
+            changed: its columns whose pose is another than in the last.
+
+        Returns:
+            Columns (C,), how far (N, C) [m] any point of each has moved as seen from a node, and by how much (N, C)
+            its growth has risen; None where nothing moved.
+        """
+        before, former, mover = self.ahead, self.columns, self._mover
+        rotation, translation = self._rotation, self._translation
+        self.begin(ahead, window)
+        moved = former | self.columns
+        moved[changed] = True
+        columns = np.flatnonzero(moved)
+        if len(columns) == 0:
+            return None
+        shift, growth = _of_columns(self.ahead, self._mover[columns])
+        shift_before, growth_before = _of_columns(before, mover[columns])
+        step = shift - shift_before
+        step += window.translation[columns] - translation[columns]
+        turn = window.rotation[columns] - rotation[columns]
+        reach = np.linalg.norm(window.box_center[columns], axis=1) + np.linalg.norm(window.box_half[columns], axis=1)
+        way = np.sqrt(np.einsum("nci,nci->nc", step, step))
+        way += reach * np.sqrt(0.5 * np.einsum("cij,cij->c", turn, turn))
+        return columns, way, growth - growth_before
 
     def travel(self) -> Array | None:
         """(N−1, P) bound [m] on how far parts come towards the robot from node to node; None where nothing moves."""
@@ -152,3 +182,14 @@ class Movers:
     def _still(mover: Indices, shift: Array, growth: Array) -> tuple[Array, Array]:
         shift[mover < 0], growth[mover < 0] = 0.0, 0.0
         return shift, growth
+
+
+def _of_columns(ahead: Ahead | None, mover: Indices) -> tuple[Array, Array]:
+    """Shift (N, C, 3) and growth (N, C) of columns, zero where ``mover`` is −1; N is 1 where nothing moves."""
+    if ahead is None:
+        return np.zeros((1, len(mover), 3)), np.zeros((1, len(mover)))
+    still = mover < 0
+    shift, growth = ahead.shift[:, mover], ahead.growth[:, mover]
+    if still.any():
+        shift[:, still], growth[:, still] = 0.0, 0.0
+    return shift, growth

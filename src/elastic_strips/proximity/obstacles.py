@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..robot import Kinematics
-from ..robot.space import Array, where_true
+from ..robot.space import Array, Mask, where_true
 from ..scene import Scene
 from .bodies import BodySet
 from .contacts import Contacts
@@ -21,6 +21,8 @@ from .narrowphase import GJK_EXCESS, Narrowphase
 from .window import Window
 
 _FAR = 1e9
+_MOVING_TOLERANCE = 2e-3
+"""What is predicted is never as exact as that [m]: distances to moving parts are asked again only beyond."""
 
 
 class ObstacleProximity:
@@ -59,11 +61,17 @@ class ObstacleProximity:
         self.direction = np.zeros((0, len(bodies), 0, 3))
         self.witness = np.zeros((0, len(bodies), 0, 3))
         self._since = np.zeros((0, len(bodies), 0))
+        self._limit = np.zeros(0)
 
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
         self.window = None
         self._chart = np.zeros((0, 0))
+
+    def knows(self, scene: Scene) -> bool:
+        """Whether the last update was for the same obstacles, wherever they were, and with a forecast."""
+        window = self.window
+        return window is not None and self.movers.ahead is not None and window.scene.names == scene.names
 
     def remap(self, source: npt.NDArray[np.intp]) -> None:
         """Carry the bounds over to a strip whose node i was node ``source[i]``; −1 marks a new node.
@@ -74,6 +82,7 @@ class ObstacleProximity:
             return
         take = np.maximum(source, 0)
         new = source < 0
+        self.movers.remap(take)
         self._cover = np.where(new, -1, self._cover[take])
         for name in ("_chart", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
             setattr(self, name, getattr(self, name)[take])
@@ -101,28 +110,35 @@ class ObstacleProximity:
                 columns = None
         if columns is None or moved_nodes is None:
             self._rebuild(ends, scene)
-        else:
-            if len(moved_nodes):
-                self._drift(kin, ends, moved_nodes)
-            if len(columns):
-                self.bound[:, :, columns] = -_FAR
-                self._since[:, :, columns] = _FAR
-        self._foresee(ahead)
+            columns = None
+        elif len(moved_nodes):
+            self._drift(kin, ends, moved_nodes)
+        self._foresee(ahead, columns)
         self._remember(kin, ends, moved_nodes)
         self.refine(kin)
 
-    def _foresee(self, ahead: Ahead | None) -> None:
-        """Forget what is known of obstacles that move while the strip is passed: their distances differ every time."""
-        window = self.window
+    def _foresee(self, ahead: Ahead | None, columns: npt.NDArray[np.intp] | None) -> None:
+        """Lower the bounds by how far parts have moved, or are now expected to have moved when a node is reached."""
+        window, movers = self.window, self.movers
         assert window is not None
-        columns = self.movers.set(ahead, window)
         if columns is None:
-            return
-        self.bound[:, :, columns] = -_FAR
-        self._since[:, :, columns] = _FAR
-        if ahead is not None and ahead.ignored.any():
-            at = np.ix_(ahead.ignored, np.ones(len(self.bodies), dtype=bool), self.movers.columns)
-            self.bound[at], self.exact[at] = _FAR, np.inf
+            movers.begin(ahead, window)
+        else:
+            before, former = movers.ahead, movers.columns
+            moved = movers.advance(ahead, window, columns)
+            if moved is not None:
+                at, way, growth = moved
+                self.bound[:, :, at] -= (way + growth)[:, None, :]
+                self._since[:, :, at] += (way + np.abs(growth))[:, None, :]
+            if before is not None and before.ignored.any():  # nothing is known of these
+                self._mark(before.ignored, former, -_FAR, _FAR)
+        self._limit = np.where(movers.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
+        if movers.ahead is not None and movers.ahead.ignored.any():
+            self._mark(movers.ahead.ignored, movers.columns, _FAR, 0.0)
+
+    def _mark(self, nodes: Mask, columns: Mask, bound: float, since: float) -> None:
+        at = np.ix_(nodes, np.ones(len(self.bodies), dtype=bool), columns)
+        self.bound[at], self.exact[at], self._since[at] = bound, np.inf, since
 
     def _boxes(self, ends: Array) -> tuple[Array, Array]:
         """Boxes (M, 3) that hold all bodies at configurations with these capsule ends (M, G, 2, 3)."""
@@ -161,7 +177,6 @@ class ObstacleProximity:
         low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
         self.window = Window.build(scene, low, high, self.slack, always=self.movers.always)
-        self.movers.forget()
         self.narrow.retain(self.window.parts)
         inner = np.minimum(body_low - self.window.cover_low, self.window.cover_high - body_high)
         self.margin, self._cover = inner.min(axis=1), np.arange(n)
@@ -201,7 +216,7 @@ class ObstacleProximity:
 
     def refine(self, kin: Kinematics) -> None:
         """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
-        need = (self.bound < self.influence) & (self._since > self.tolerance)
+        need = (self.bound < self.influence) & (self._since > self._limit)
         self.pairs = need.size
         node, body, part = where_true(need)
         self._ask(kin, node, body, part, self.influence)
@@ -231,14 +246,12 @@ class ObstacleProximity:
         self.asked = 0
         if len(node) == 0:
             return
-        middle = 0.5 * (self._ends[node, body, 0] + self._ends[node, body, 1])
-        half = 0.5 * np.sqrt(((self._ends[node, body, 1] - self._ends[node, body, 0]) ** 2).sum(axis=1))
+        ends = self._ends[node, body]
         moved = self.movers.displaced(node, part)
-        if moved is not None:
-            middle -= moved[0]
-        cheap = window.box_distance(middle, part) - half - self.bodies.radius[body]
-        if moved is not None:
-            cheap -= moved[1]
+        if moved is None:
+            cheap = window.capsule_distance(ends, self.bodies.radius[body], part)
+        else:
+            cheap = window.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
         far = cheap >= reach
         self.bound[node[far], body[far], part[far]] = cheap[far]
         self.exact[node[far], body[far], part[far]] = np.inf
@@ -262,7 +275,7 @@ class ObstacleProximity:
 
     def contacts(self) -> Contacts:
         """All pairs within the influence distance, exact to the tolerance."""
-        node, body, part = where_true((self.exact < self.influence) & (self._since <= self.tolerance))
+        node, body, part = where_true((self.exact < self.influence) & (self._since <= self._limit))
         return Contacts(
             node,
             body,
@@ -302,16 +315,19 @@ class ObstacleProximity:
         """
         window = self.window
         assert window is not None
-        frame = kin.T[self.bodies.joint[body], node]
-        ends = np.matmul(frame[:, None, :, :3], self.bodies.ends[body][..., None])[..., 0] + frame[:, None, :, 3]
-        half = 0.5 * np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
-        shift, growth = (0.0, np.zeros(len(node))) if moved is None else moved
-        bound = window.box_distance(ends.mean(axis=1) - shift, part) - half - self.bodies.radius[body] - growth
+        ends = self.bodies.ends_at(kin, node, body)
+        if moved is not None:
+            ends -= moved[0][:, None]
+        bound = window.capsule_distance(ends, self.bodies.radius[body], part)
+        if moved is not None:
+            bound -= moved[1]
         ask = np.flatnonzero(bound < need)
         if len(ask):
             ask = ask[np.lexsort((body[ask], node[ask]))]
             bound[ask] = self.narrow.query(
                 kin, node[ask], body[ask], part[ask], window.parts, window.transforms, window.rotation,
                 window.translation, -np.inf, None if moved is None else moved[0][ask],
-            )[0] - GJK_EXCESS - growth[ask]  # fmt: skip
+            )[0] - GJK_EXCESS  # fmt: skip
+            if moved is not None:
+                bound[ask] -= moved[1][ask]
         return bound

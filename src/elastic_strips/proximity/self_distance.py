@@ -146,8 +146,7 @@ class SelfProximity:
         self.asked = 0
         if len(node) == 0:
             return
-        one, two = self.pairs[pair, 0], self.pairs[pair, 1]
-        cheap = self._cheap(kin, node, one, two)
+        cheap = self.cheap(kin, node, pair)
         far = cheap >= reach
         self.bound[node[far], pair[far]] = cheap[far]
         self._since[node[far], pair[far]] = _FAR
@@ -166,16 +165,11 @@ class SelfProximity:
         self.first[node, pair] = _into(rotation, first - translation)
         self.second[node, pair] = _into(rotation, second - translation)
 
-    def _cheap(
-        self, kin: Kinematics, node: npt.NDArray[np.intp], one: npt.NDArray[np.intp], two: npt.NDArray[np.intp]
-    ) -> Array:
-        """Lower bound: the distance between the capsules that contain the two bodies."""
-        bodies = self.bodies
-        at = []
-        for body in (one, two):
-            frame = kin.T[bodies.joint[body], node]
-            at.append(np.matmul(frame[:, None, :, :3], bodies.ends[body][..., None])[..., 0] + frame[:, None, :, 3])
-        return segment_distance(*at) - bodies.radius[one] - bodies.radius[two]
+    def cheap(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
+        """Lower bounds (K,) [m]: the distance between the capsules that contain the two bodies."""
+        bodies, one, two = self.bodies, self.pairs[pair, 0], self.pairs[pair, 1]
+        ends = bodies.ends_at(kin, node, one), bodies.ends_at(kin, node, two)
+        return segment_distance(*ends) - bodies.radius[one] - bodies.radius[two]
 
     def query(
         self, kin: Kinematics, node: npt.NDArray[np.intp], pair: npt.NDArray[np.intp]

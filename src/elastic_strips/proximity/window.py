@@ -110,6 +110,13 @@ class Window:
         self.scene = scene
         return columns
 
+    def capsule_distance(self, ends: Array, radius: Array, part: npt.NDArray[np.intp]) -> Array:
+        """Lower bounds (K,) [m] of the distances of capsules with ends (K, 2, 3) to the boxes of ``part`` (K,)."""
+        one, two = ends[:, 0], ends[:, 1]
+        along = two - one
+        half = 0.5 * np.sqrt(np.einsum("ki,ki->k", along, along))
+        return self.box_distance(0.5 * (one + two), part) - half - radius
+
     def box_distance(self, points: Array, part: npt.NDArray[np.intp] | slice) -> Array:
         """Distance [m] of world points (K, 3) to the oriented boxes of ``part`` (K,): 0 inside."""
         local = np.matmul((points - self.translation[part])[..., None, :], self.rotation[part])[..., 0, :]

@@ -3,6 +3,16 @@
 from .certificate import Certifier
 from .clearance import strip_clearance
 from .hulls import Tunnel, protective_hulls
+from .motion_certificate import MotionCertifier
 from .values import BrokenSegment, Certificate, SegmentState
 
-__all__ = ["BrokenSegment", "Certificate", "Certifier", "SegmentState", "Tunnel", "protective_hulls", "strip_clearance"]
+__all__ = [
+    "BrokenSegment",
+    "Certificate",
+    "Certifier",
+    "MotionCertifier",
+    "SegmentState",
+    "Tunnel",
+    "protective_hulls",
+    "strip_clearance",
+]

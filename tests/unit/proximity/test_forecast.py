@@ -92,6 +92,72 @@ def test_a_forecast_that_is_dropped_leaves_no_trace(silvermate, rng):
     np.testing.assert_allclose(one.distance[order[0]], two.distance[order[1]], atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["silvermate", "tiago"])
+def test_what_is_kept_from_tick_to_tick_never_exceeds_the_distance(name, request, rng):
+    """Obstacles advance and turn, forecasts and nodes change a little: bounds are carried along, most are not asked."""
+    robot = request.getfixturevalue(name)
+    scene = Scene([make_obstacle(s, rng, (-1.2, -1.2, 0.0), (1.2, 1.2, 1.5)) for s in SHAPES[:6]])
+    moving = [0, 2, 3, 5]
+    expected = forecast(rng, moving, horizon=1.8)
+    expected.velocity[1], expected.speed[1] = 0.0, 0.3  # it only grows
+    chart = random_chart(robot, rng, 6)
+    kin = Kinematics(robot.tree, 6)
+    used = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE)
+    for tick in range(24):
+        times = np.linspace(0.0, 1.7, 6) + rng.uniform(0.0, 0.02) + 0.4 * (tick % 3 == 2)
+        if tick % 4 == 3:  # a node goes, another one comes
+            source = np.array([0, 1, 3, 4, -1, 5])
+            used.remap(source)
+            chart = np.where((source < 0)[:, None], random_chart(robot, rng, 6), chart[source])
+        elif tick % 2:
+            chart = robot.space.integrate(chart, rng.uniform(-0.003, 0.003, chart.shape))
+        for k in moving[:3]:
+            pose = scene.obstacles[k].pose.copy()
+            pose[:3, 3] += rng.uniform(-0.01, 0.01, 3) * (tick % 2)
+            a = rng.uniform(-0.01, 0.01) if tick % 2 else rng.uniform(-0.4, 0.4)
+            pose[:2, :3] = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) @ pose[:2, :3]
+            scene = scene.moved(scene.names[k], pose)
+        kin.update(chart)
+        ahead = expected.ahead(times)
+        used.update(kin, scene, ahead)
+        window, found = used.window, used.contacts()
+        for n in range(6):
+            d = truth(robot, scene, chart[n], ahead.shift[n], ahead.growth[n], moving)[:, window.rows]
+            mine = found.node == n
+            near = np.zeros(d.shape, dtype=bool)
+            near[found.body[mine], found.part[mine]] = True
+            heard = ~ahead.ignored[n] | ~np.isin(window.obstacle, moving)
+            assert (used.bound[n] <= d + 1e-9)[:, heard].all()
+            apart = heard & (d > 0.0)
+            contacts = near & apart
+            np.testing.assert_allclose(used.exact[n][contacts], d[contacts], atol=2.1e-3)
+            assert contacts[(d < INFLUENCE - 5e-3) & apart].all()
+
+
+def test_what_moves_as_expected_is_not_asked_again(silvermate, rng):
+    """A tick later it is nearer, and the nodes are reached sooner: where they meet, nothing has changed."""
+    scene = Scene([make_obstacle(s, rng, (-1.2, -1.2, 0.0), (1.2, 1.2, 1.5)) for s in SHAPES[:6]])
+    velocity = np.array([[0.4, -0.3, 0.0], [-0.2, 0.5, 0.0], [0.1, 0.1, 0.0]])
+    expected = Forecast(np.array([0, 2, 4]), velocity, np.zeros(3), np.zeros(3), np.zeros(3))
+    kin = Kinematics(silvermate.tree, 6)
+    kin.update(random_chart(silvermate, rng, 6))
+    times = np.linspace(0.2, 2.0, 6)
+    proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
+    proximity.update(kin, scene, expected.ahead(times))
+    first = proximity.narrow.queries
+    assert first > 20
+    for tick in range(1, 4):
+        there = scene
+        for m, k in enumerate((0, 2, 4)):
+            pose = scene.obstacles[k].pose.copy()
+            pose[:3, 3] += 0.05 * tick * velocity[m]
+            there = there.moved(scene.names[k], pose)
+        proximity.update(kin, there, expected.ahead(times - 0.05 * tick))
+    assert proximity.narrow.queries == first
+    proximity.update(kin, scene, expected.ahead(times + 0.1))
+    assert proximity.narrow.queries > first
+
+
 def test_what_comes_from_far_away_is_in_the_window(silvermate):
     """An obstacle 20 m off that will be here in time."""
     scene = Scene([Sphere(0.2, at=(20.0, 0.0, 0.3))])
