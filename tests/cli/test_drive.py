@@ -54,6 +54,9 @@ def test_drives_and_writes_everything(short: Path, tmp_path: Path) -> None:
     with np.load(tmp_path / "d.npz") as record:
         assert len(record["control_time"]) == pytest.approx(100 * result["time_s"], abs=3)
     assert (tmp_path / "d.html").stat().st_size > 100_000
+    again = run_cli("view", "d.npz", "--html", "again.html", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert (tmp_path / "again.html").stat().st_size == pytest.approx((tmp_path / "d.html").stat().st_size, rel=0.01)
 
 
 def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
@@ -66,7 +69,7 @@ def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
 def test_time_runs_out(short: Path, tmp_path: Path) -> None:
     ended = run_cli("drive", str(short), "--time-limit", "1.0", cwd=tmp_path)
     assert ended.returncode == 3
-    assert "not reached" in ended.stdout
+    assert "not reached: stopped, the time was over" in ended.stdout
 
 
 @pytest.mark.parametrize(
@@ -77,6 +80,8 @@ def test_time_runs_out(short: Path, tmp_path: Path) -> None:
         (["drive", "case-1", "--record", "run.txt"], ".npz"),
         (["drive", "case-1", "--json", "no/such/folder/d.json"], "no/such/folder"),
         (["drive", "case-1", "--plant", "steam"], "steam"),
+        (["drive", "case-1", "--time-limit", "nan"], "nan"),
+        (["drive", "run.npz"], "is no scenario"),
     ],
 )
 def test_wrong_input_is_one_message(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -92,6 +97,7 @@ def test_ctrl_c_stops_the_robot_and_writes_the_record(tmp_path: Path) -> None:
     assert ended.returncode == 130, ended
     assert "Traceback" not in ended.stderr
     assert "stopping the robot" in ended.stderr
+    assert "not reached: stopped, interrupted" in ended.stdout
     with np.load(tmp_path / "d.npz") as record:
         assert np.abs(record["control_v"][-1]).max() < 0.01
         assert np.abs(record["control_v"]).max() > 0.1

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, nullcontext
 
 import click
 
 from ..execution import FAULTS, Fault, Runner, RunState
 from ..io import check_record_file, write_json, write_record
 from ..scenarios import PLANTS, DriveOutcome, conclude, drive_document, get_scenario, make_runner
+from .numbers import Finite
+from .pictures import browser_option, open_viewer, write_page
 from .progress import LateProgress
 from .run_command import check_outputs
 
@@ -32,7 +32,7 @@ EXIT_INTERRUPTED = 130
     "--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
 )  # fmt: skip
-@click.option("--time-limit", type=click.FloatRange(0.1, 36000), help="Longest run [s of simulated time].")
+@click.option("--time-limit", type=Finite(0.1, 36000), help="Longest run [s of simulated time].")
 @click.option("--realtime", is_flag=True, help="As fast as the clock; without it, as fast as it can.")
 @click.option(
     "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
@@ -41,10 +41,11 @@ EXIT_INTERRUPTED = 130
 @click.option("--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/drive-format.md).")
 @click.option(
     "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
-    help="Write everything that happened (docs/record-format.md).",
+    help="Write everything that happened (docs/record-format.md); view replays it.",
 )  # fmt: skip
 @click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the drive.")
 @click.option("--view", is_flag=True, help="Show it while it drives, in the browser on this machine only.")
+@browser_option
 def drive(
     scenario: str,
     robot: str | None,
@@ -58,11 +59,12 @@ def drive(
     record_file: str | None,
     html_file: str | None,
     view: bool,
+    no_browser: bool,
 ) -> int:
     """Plan a strip and drive it in a closed loop: at every tick the strip gives way to what is sensed, the motion ahead
     is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
 
-    Ctrl-C brings the robot to rest, and what was recorded is written.
+    Ctrl-C brings the robot to rest, and what was recorded is written; a second one ends at once, without.
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
@@ -71,8 +73,10 @@ def drive(
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, "default", base)
-    viewer = _viewer(problem.name) if view else None
-    with LateProgress(f"{problem.name}: driving") as bar:
+    number = problem.seed if seed is None else seed
+    wrong = [Fault.parse(text) for text in faults]
+    viewer = open_viewer(no_browser=no_browser, title=problem.name) if view else None
+    with viewer or nullcontext(), LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(runner: Runner) -> None:
             bar.step(f"{runner.time:.1f} s, {runner.supervisor.state.name.lower()}")
@@ -82,40 +86,31 @@ def drive(
                     runner.world.at(runner.time), q=model.space.from_chart(runner.plant.chart),
                 )  # fmt: skip
 
-        number = problem.seed if seed is None else seed
         runner = make_runner(
-            problem, robot=model, seed=number, plant=plant, faults=[Fault.parse(text) for text in faults],
-            realtime=realtime or view, watch=watch,
-        )  # fmt: skip
+            problem, robot=model, seed=number, plant=plant, faults=wrong, realtime=realtime or view, watch=watch
+        )
         if viewer is not None:
             viewer.show(model, problem.world.at(0.0), runner.pilot.strip)
             click.echo(f"viewer  {viewer.url}")
-        with _stopping(runner) as interrupted:
-            result = runner.run(time_limit=time_limit)
-    runner.plant.close()
+        try:
+            with _stopping(runner) as interrupted:
+                result = runner.run(time_limit=time_limit)
+        finally:
+            runner.plant.close()
+    if record_file is not None:  # before the judge, who may take a while: what was driven is not to be lost
+        write_record(result.record, record_file)
     outcome = conclude(problem, runner, result, plant=plant, seed=number)
-    _summary(outcome)
+    late = runner.time >= (runner.params.time_limit if time_limit is None else time_limit)
+    _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
     if json_file is not None:
         click.echo(f"result  {write_json(json_file, drive_document(outcome))}")
     if record_file is not None:
-        click.echo(f"record  {write_record(result.record, record_file)}")
+        click.echo(f"record  {record_file}")
     if html_file is not None:
-        from ..viewer import Viewer
-
-        with Viewer(server=False, title=problem.name) as page:
-            page.replay(model, result.record)
-            click.echo(f"page    {page.save_html(html_file)}")
-    if viewer is not None:
-        viewer.close()
+        write_page(lambda page: page.replay(model, result.record), html_file, title=problem.name)
     if interrupted:
         return EXIT_INTERRUPTED
     return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
-
-
-def _viewer(title: str) -> Any:
-    from ..viewer import Viewer
-
-    return Viewer(server=True, title=title, open_browser=sys.stdout.isatty())
 
 
 @contextmanager
@@ -137,14 +132,14 @@ def _stopping(runner: Runner) -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, before)
 
 
-def _summary(outcome: DriveOutcome) -> None:
+def _summary(outcome: DriveOutcome, reason: str) -> None:
     result, verdict = outcome.result, outcome.verdict
     if outcome.reached:
         text = "reached"
     elif result.state is RunState.REACHED:
         text = "not reached: the robot believes to be at the goal, but is not"
     else:
-        text = f"not reached: {result.state.name.lower()}, {result.reason}"
+        text = f"not reached: {result.state.name.lower()}, {reason}"
     click.echo(f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: {text}")
     ticks = result.statistics.percentiles()
     clearance = "none" if verdict.closest is None else f"{verdict.min_clearance_m:.3f} m"

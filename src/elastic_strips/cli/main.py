@@ -27,6 +27,8 @@ Start with:
   elastic-strips run case-7 --view        run it and watch it in the browser
   elastic-strips run case-7 --json r.json write the strip and its certificate
   elastic-strips drive moving-corridor    drive among moving obstacles
+  elastic-strips drive case-1 --record run.npz
+  elastic-strips view run.npz             replay what was recorded
 
 Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken or not reached, 130 interrupted.
 """

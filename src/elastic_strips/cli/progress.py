@@ -1,4 +1,4 @@
-"""A progress bar that appears only when something takes longer than two seconds."""
+"""A progress bar that appears only in a terminal, and only when something takes longer than two seconds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ _PATIENCE = 2.0
 
 
 class LateProgress:
-    """Context manager: call :meth:`step` often; after two seconds a bar is drawn on standard error.
+    """Context manager: call :meth:`step` often; after two seconds a bar is drawn on standard error, if that is a
+    terminal.
 
     Args:
         label: what is being done.
@@ -21,6 +22,7 @@ class LateProgress:
 
     def __init__(self, label: str, total: int | None = None) -> None:
         self._label, self._total = label, total
+        self._console = Console(stderr=True)
         self._progress: Progress | None = None
         self._count = 0
 
@@ -31,10 +33,10 @@ class LateProgress:
     def step(self, note: str = "") -> None:
         """One step is done; ``note`` is shown beside the bar."""
         self._count += 1
-        if self._progress is None and perf_counter() - self._begin > _PATIENCE:
+        if self._progress is None and self._console.is_terminal and perf_counter() - self._begin > _PATIENCE:
             columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                        TextColumn("{task.fields[note]}"))  # fmt: skip
-            self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._progress = Progress(*columns, console=self._console, transient=True)
             self._task = self._progress.add_task(self._label, total=self._total, note=note)
             self._progress.start()
         if self._progress is not None:

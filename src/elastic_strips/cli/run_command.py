@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from time import perf_counter
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,7 +12,12 @@ from ..errors import InputError
 from ..io import check_writable, write_json
 from ..robot import RobotModel
 from ..scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
+from .numbers import Finite
+from .pictures import browser_option, serve, write_page
 from .progress import LateProgress
+
+if TYPE_CHECKING:
+    from ..viewer import Viewer
 
 EXIT_CERTIFIED = 0
 EXIT_NOT_CERTIFIED = 3
@@ -31,9 +35,7 @@ EXIT_NOT_CERTIFIED = 3
 @click.option(
     "--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the planner and of generated scenes.  [default: 0]"
 )
-@click.option(
-    "--timeout", type=click.FloatRange(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
-)
+@click.option("--timeout", type=Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s].")
 @click.option(
     "--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/result-format.md)."
 )
@@ -41,6 +43,7 @@ EXIT_NOT_CERTIFIED = 3
     "--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the result."
 )
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
+@browser_option
 def run(
     scenario: str,
     preset: str | None,
@@ -51,6 +54,7 @@ def run(
     json_file: str | None,
     html_file: str | None,
     view: bool,
+    no_browser: bool,
 ) -> int:
     """Plan an initial strip, deform it away from the obstacles until it is at rest, and certify it.
 
@@ -65,8 +69,7 @@ def run(
     _summary(result)
     if json_file is not None:
         click.echo(f"result  {write_json(json_file, result_document(result))}")
-    if html_file is not None or view:
-        _show(result, html_file, view)
+    _show(result, html_file, view, no_browser)
     return EXIT_CERTIFIED if result.certified else EXIT_NOT_CERTIFIED
 
 
@@ -106,17 +109,11 @@ def _summary(result: RunResult) -> None:
         click.echo(f"  {report.certificate.broken}")
 
 
-def _show(result: RunResult, html_file: str | None, view: bool) -> None:
-    from ..viewer import Viewer
-
-    with Viewer(server=view, open_browser=view and sys.stdout.isatty()) as viewer:
+def _show(result: RunResult, html_file: str | None, view: bool, no_browser: bool) -> None:
+    def draw(viewer: Viewer) -> None:
         viewer.animate(result.robot, result.scenario.scene, result.report, duration=10.0)
-        if html_file is not None:
-            click.echo(f"page    {viewer.save_html(html_file)}")
-        if view:
-            click.echo(f"viewer  {viewer.url}  (Ctrl-C ends)")
-            began = perf_counter()
-            try:
-                viewer.wait()
-            except KeyboardInterrupt:
-                click.echo(f"viewer closed after {perf_counter() - began:.0f} s")
+
+    if html_file is not None:
+        write_page(draw, html_file)
+    if view:
+        serve(draw, no_browser=no_browser)

@@ -1,64 +1,122 @@
-"""``elastic-strips view``: look at a scenario before running it, or at a result."""
+"""``elastic-strips view``: look at a scenario before running it, at a result, or at a recorded drive."""
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError
-from ..io import check_writable
+from ..errors import InputError, RobotError
+from ..execution import Record
+from ..io import read_record, record_robot
 from ..planning import straight_line
-from ..robot import load_robot, robot_names
-from ..scenarios import FORMAT, FORMAT_VERSION, get_scenario
+from ..robot import RobotModel, load_robot, robot_names
+from ..scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
 from ..strip import Strip
+from .numbers import Finite
+from .pictures import TITLE, browser_option, serve, write_page
+from .run_command import check_outputs
+
+if TYPE_CHECKING:
+    from ..viewer import Viewer
 
 
-@click.command(short_help="Look at a scenario, or at a result of run --json.")
-@click.argument("what", metavar="NAME|FILE.yaml|RESULT.json")
-@click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
+_TAKES = {
+    "a scenario": ("--base", "--seed"),
+    "a result": (),
+    "a record": ("--speed", "--begin", "--end"),
+}
+_KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
+
+
+@click.command(short_help="Look at a scenario, a result (run --json) or a record (drive --record).")
+@click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz")
 @click.option(
-    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default."
+    "--robot",
+    metavar="NAME|FILE.urdf",
+    help="Another robot than the scenario's. Of a result or a record: where its robot is now.",
 )
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Seed of generated scenes.")
+@click.option(
+    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]),
+    help="Of a scenario: how the base moves; the robot's own by default.",
+)  # fmt: skip
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), help="Of a scenario: seed of generated scenes.  [default: 0]"
+)
+@click.option("--speed", type=Finite(1e-3, 1e3), help="Of a record: how many times as fast as it was.  [default: 1]")
+@click.option("--begin", type=Finite(0.0), help="Of a record: time to begin with [s].")
+@click.option("--end", type=Finite(0.0), help="Of a record: time to end with [s].")
 @click.option(
     "--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone page instead of serving one."
 )
-def view(what: str, robot: str | None, base: str | None, seed: int, html_file: str | None) -> None:
-    """Show a scenario with the straight strip from start to goal, or the strip of a result file, in the browser.
+@browser_option
+def view(
+    what: str,
+    robot: str | None,
+    base: str | None,
+    seed: int | None,
+    speed: float | None,
+    begin: float | None,
+    end: float | None,
+    html_file: str | None,
+    no_browser: bool,
+) -> None:
+    """Show in the browser: a scenario with the straight strip from start to goal, the strip of a result file, or a
+    recorded drive, replayed.
 
     The server listens on this machine only; Ctrl-C ends it.
     """
-    from ..viewer import Viewer
+    check_outputs(what, html_file)
+    kind = _KINDS.get(Path(what).suffix.lower(), "a scenario")
+    given = {"--base": base, "--seed": seed, "--speed": speed, "--begin": begin, "--end": end}
+    for option, value in given.items():
+        if value is not None and option not in _TAKES[kind]:
+            raise click.UsageError(f"{option} is not for {kind}; {what} is one")
+    title = TITLE
+    if kind == "a record":
+        record, model = _from_record(Path(what), robot)
+        title = str(record.metadata.get("scenario") or Path(what).stem)
+
+        def draw(viewer: Viewer) -> None:
+            viewer.replay(model, record, speed=1.0 if speed is None else speed, begin=begin, end=end)
+    else:
+        if kind == "a result":
+            model, scene, strip = _from_result(Path(what), robot)
+        else:
+            problem = get_scenario(what, seed=seed or 0)
+            model, scene = problem.load_robot(robot, base=base), problem.scene
+            strip = Strip.from_chart(model, straight_line(model, *problem.ends(model), spacing=0.13))
+
+        def draw(viewer: Viewer) -> None:
+            viewer.animate(model, scene, strip, duration=10.0)
 
     if html_file is not None:
-        check_writable(html_file)
-    if what.lower().endswith(".json"):
-        model, scene, strip = _from_result(Path(what), robot)
+        write_page(draw, html_file, title=title)
     else:
-        problem = get_scenario(what, seed=seed)
-        model, scene = problem.load_robot(robot, base=base), problem.scene
-        strip = Strip.from_chart(model, straight_line(model, *problem.ends(model), spacing=0.13))
-    with Viewer(server=html_file is None, open_browser=html_file is None and sys.stdout.isatty()) as viewer:
-        viewer.animate(model, scene, strip, duration=10.0)
-        if html_file is not None:
-            click.echo(f"page    {viewer.save_html(html_file)}")
-            return
-        click.echo(f"viewer  {viewer.url}  (Ctrl-C ends)")
-        viewer.wait()
+        serve(draw, no_browser=no_browser, title=title)
 
 
-def _from_result(path: Path, robot: str | None) -> tuple[Any, Scene, Strip]:
+def _from_record(path: Path, robot: str | None) -> tuple[Record, RobotModel]:
+    record = read_record(path)
+    try:
+        return record, record_robot(record, robot)
+    except InputError as error:
+        hint = "; --robot FILE.urdf names it" if isinstance(error, RobotError) and robot is None else ""
+        raise type(error)(f"{path}: {error}{hint}") from None
+
+
+def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Strip]:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: cannot read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
+    if isinstance(document, dict) and document.get("format") == DRIVE_FORMAT:
+        raise InputError(f"{path}: holds figures of a drive and no motion; 'elastic-strips drive --record' writes that")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: is no result of 'elastic-strips run --json' (format {FORMAT!r})")
     if document.get("version") != FORMAT_VERSION:

@@ -3,7 +3,7 @@
 from .braking import brake
 from .estimation import Estimator, EstimatorParams
 from .faults import FAULTS, Fault
-from .judge import Contact, Tolerance, Verdict, judge
+from .judge import judge
 from .limits import MotionLimits
 from .params import DriveParams, ObstacleAssumptions
 from .path import DrivePath, RetimingError
@@ -23,6 +23,7 @@ from .timed_certificate import TrajectoryCertifier
 from .tracking import Command, TrackingController, TrackingGains
 from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
 from .trajectory import ReferenceState, Trajectory
+from .verdict import Contact, Tolerance, Verdict
 
 __all__ = [
     "FAULTS",

@@ -48,21 +48,25 @@ def write_json(path: str | os.PathLike[str], document: Any) -> Path:
 
 
 def write_whole(target: Path, data: bytes) -> Path:
-    """Write a file that :func:`check_writable` has passed: all of it or nothing.
+    """Write a file that :func:`check_writable` has passed: all of it or nothing. One that is there keeps its mode.
 
     Raises:
         InputError: the file cannot be written.
     """
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
+    name = None
     try:
+        mode = target.stat().st_mode & 0o777 if target.exists() else 0o644
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
         with os.fdopen(handle, "wb") as stream:
             stream.write(data)
-        os.chmod(name, 0o644)
+            stream.flush()
+            os.fsync(stream.fileno())  # else a crash could leave the new name with nothing behind it
+        os.chmod(name, mode)
         os.replace(name, target)
+        name = None
     except OSError as error:
-        os.unlink(name)
-        raise InputError(f"{target}: cannot write: {error.strerror}") from None
-    except BaseException:
-        os.unlink(name)
-        raise
+        raise InputError(f"{target}: cannot write: {error.strerror or error}") from None
+    finally:
+        if name is not None:
+            Path(name).unlink(missing_ok=True)
     return target

@@ -76,6 +76,8 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     try:
         with file.open("rb") as stream:
             if stream.read(2) != b"PK":
+                if file.suffix.lower() == ".csv":
+                    raise RecordError("a .csv file holds the control rows alone; a .npz file holds the whole record")
                 raise RecordError("is no record, and no .npz file at all")
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as loaded:

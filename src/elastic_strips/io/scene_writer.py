@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elastic_strips.errors import SceneError
+from elastic_strips.errors import InputError, SceneError
+from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.scene_file import VERSION
 from elastic_strips.scene import Keyframes, Obstacle, Scene, Twist, Unknown, World, checks
 
@@ -41,12 +41,22 @@ def write_world(world: World, path: str | os.PathLike[str]) -> None:
 
 def _write(scene: Scene, spans: dict[str, dict[str, str]], path: str | os.PathLike[str]) -> None:
     """Write the obstacles, each with further keys by its name."""
-    target = Path(path)
+    try:
+        target = check_writable(path)
+        write_whole(target, _document(scene, spans, target).encode())
+    except SceneError:
+        raise
+    except InputError as error:
+        raise SceneError(str(error)) from None
+
+
+def _document(scene: Scene, spans: dict[str, dict[str, str]], target: Path) -> str:
+    """The text of a scene file that is to stand at ``target``."""
     lines = [f"version: {VERSION}", f"time: {_text(scene.time)}", "obstacles:" if len(scene) else "obstacles: []"]
     for obstacle in scene:
         entries = _entries(obstacle, target) | spans.get(obstacle.name or "", {})
         lines += [f"  {'-' if k == 0 else ' '} {key}: {value}" for k, (key, value) in enumerate(entries.items())]
-    _replace(target, "\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 def _text(value: Any) -> str:
@@ -88,20 +98,3 @@ def _entries(obstacle: Obstacle, target: Path) -> dict[str, str]:
     if not (isinstance(motion, Keyframes) and motion.quats is not None):
         entries["quat"] = _text(checks.quaternion_of(pose[:3, :3]))
     return entries
-
-
-def _replace(target: Path, text: str) -> None:
-    """Write a file so that it is either the old one or the new one, whole."""
-    temporary = None
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{target.name[:100]}.", suffix=".tmp", dir=target.parent)
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, target.stat().st_mode & 0o777 if target.exists() else 0o644)
-        os.replace(temporary, target)
-    except (OSError, ValueError) as problem:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
-        raise SceneError(f"{target}: cannot write the file: {getattr(problem, 'strerror', None) or problem}") from None

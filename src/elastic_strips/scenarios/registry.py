@@ -56,6 +56,8 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     if text in REGISTRY:
         return REGISTRY[text](seed)
     path = Path(text)
+    if path.suffix.lower() == ".npz":
+        raise ScenarioError(f"{text}: is no scenario; 'elastic-strips view' replays the record of a drive")
     if text and (path.suffix.lower() in (".yaml", ".yml") or "/" in text or path.exists()):
         return Scenario.from_spec(read_scenario(path))
     raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, REGISTRY)} Or give a .yaml file.")

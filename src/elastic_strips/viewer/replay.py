@@ -74,7 +74,7 @@ def replay(robot: RobotModel, record: Record, speed: float, begin: float | None,
     a, b = max(first, first if begin is None else begin), min(last, last if end is None else end)
     if not b > a:
         raise InputError(
-            f"there is nothing to play from {begin} to {end} s; the record goes from {first:g} to {last:g} s"
+            f"there is nothing to play from {a:g} to {b:g} s; the record goes from {first:g} to {last:g} s"
         )
     return Replay(robot, record, a, b, float(speed))
 

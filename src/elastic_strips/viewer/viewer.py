@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 import os
-import tempfile
 import threading
 import time
 import webbrowser
@@ -14,6 +13,7 @@ from typing import Any
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.record import Record as RunRecord
+from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.viewer import page, playback, replay
@@ -196,20 +196,9 @@ class Viewer:
         """Write the picture as a standalone page; the file is complete or not there at all.
 
         Raises:
-            OSError: The file cannot be written.
+            InputError: The file cannot be written.
         """
-        target = Path(path)
-        text = self.html()
-        descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        try:
-            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-                file.write(text)
-            os.chmod(name, 0o644)
-            os.replace(name, target)
-        except BaseException:
-            os.unlink(name)
-            raise
-        return target
+        return write_whole(check_writable(path), self.html().encode())
 
     def _repr_html_(self) -> str:
         return page.inline_frame(self.html())

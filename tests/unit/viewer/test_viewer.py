@@ -293,11 +293,11 @@ def test_save_html_is_standalone_and_whole_or_not_there(robot, scene, make_repor
         assert "src=" not in text.split("</style>")[0]
         before = target.read_bytes()
         monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
-        with pytest.raises(OSError, match="disk full"):
+        with pytest.raises(InputError, match="disk full"):
             viewer.save_html(target)
         assert target.read_bytes() == before
         assert list(tmp_path.iterdir()) == [target]
-        with pytest.raises(OSError, match="nowhere"):
+        with pytest.raises(InputError, match="nowhere"):
             viewer.save_html(tmp_path / "nowhere" / "x.html")
 
 
