@@ -11,7 +11,7 @@ import numpy as np
 
 from ..deform import DeformParams
 from ..errors import ElasticStripsError
-from ..execution import DriveParams, MotionLimits, ObstacleAssumptions, Runner, Tolerance, judge
+from ..execution import DriveParams, EvasionParams, MotionLimits, ObstacleAssumptions, Runner, Tolerance, judge
 from ..io import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from ..planning import plan_report
 from ..robot import RobotModel, load_robot
@@ -56,6 +56,7 @@ def problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParam
     params = DriveParams(
         deform=DeformParams(max_nodes=200, influence=0.3 if not moving else 0.6),
         assumptions=ObstacleAssumptions(acceleration=0.5),
+        evasion=EvasionParams() if moving else None,
         time_limit=problem.timeout or 120.0,
         replan_after=0.4,
     )

@@ -5,12 +5,13 @@ from .estimation import Estimator, EstimatorParams
 from .faults import FAULTS, Fault
 from .judge import judge
 from .limits import MotionLimits
-from .params import DriveParams, ObstacleAssumptions
+from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions
 from .path import DrivePath, RetimingError
 from .perception import Perception, PerceptionError, PerceptionParams
-from .pilot import Pilot, Proposal
+from .pilot import Pilot
 from .plant import KinematicPlant, Plant, PlantParams
 from .prediction import predict
+from .proposal import Proposal
 from .record import Event, Record, RecordError, RunState
 from .recorder import Recorder
 from .result import DriveResult, TickStatistics
@@ -35,9 +36,11 @@ __all__ = [
     "TrackingErrors",
     "measure_tracking",
     "DrivePath",
+    "DRIVE_STRIP",
     "DriveParams",
     "DriveResult",
     "Estimator",
+    "EvasionParams",
     "EstimatorParams",
     "Event",
     "Fault",

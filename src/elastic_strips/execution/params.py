@@ -22,6 +22,10 @@ def _check(owner: object, *, zero: tuple[str, ...] = ()) -> None:
             raise ParameterError(f"{type(owner).__name__}.{f.name}={value!r} must be finite and {bound}")
 
 
+DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1}
+"""Parameters of strips that are driven: nodes may be further apart, for what is driven has its own certificate."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObstacleAssumptions:
     """What the safety of the motion rests on: how wrong the sensed scene and its prediction can be.
@@ -47,12 +51,50 @@ class ObstacleAssumptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EvasionParams:
+    """How manoeuvres among moving obstacles are compared; none of this is needed for safety, which is certified.
+
+    Attributes:
+        horizon: how far ahead manoeuvres are rolled out [s]; step: at which steps they are looked at [s].
+        acceleration: part of the drive's acceleration limits that they use.
+        near, spread: a robot counts as near to what moves below near + spread·t, t ahead [m, m/s].
+        lead: what moves counts as where it will be within this time, too [s].
+        care: cost of being next to something, per second.
+        fade: time [s] within which what is foreseen loses weight.
+        calm: risk [s] up to which the strip, or waiting, is good enough.
+        gain: what another way has to gain [s] before a robot that waits unthreatened sets off.
+        shortlist: so many of the best are compared with what stands; tries: so many are certified at most.
+    """
+
+    horizon: float = 3.0
+    step: float = 0.15
+    acceleration: float = 0.9
+    near: float = 0.25
+    spread: float = 0.2
+    lead: float = 0.8
+    care: float = 4.0
+    fade: float = 2.0
+    calm: float = 0.2
+    gain: float = 0.6
+    shortlist: int = 60
+    tries: int = 4
+
+    def __post_init__(self) -> None:
+        _check(self, zero=("spread", "lead", "calm", "gain"))
+        if not self.acceleration <= 1.0:
+            raise ParameterError(f"EvasionParams.acceleration={self.acceleration!r} must be at most 1")
+        if not self.step <= 0.5 * self.horizon:
+            raise ParameterError(f"EvasionParams.step={self.step!r} must be at most half the horizon")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveParams:
     """How a strip is driven; times [s], lengths [m], angles [rad].
 
     Attributes:
         deform: parameters of the strip; its clearance is raised to what execution needs.
         assumptions: of the obstacles.
+        evasion: how the robot gets out of the way of what moves; None: it only brakes and waits.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
@@ -76,8 +118,9 @@ class DriveParams:
         time_limit: longest run.
     """
 
-    deform: DeformParams = field(default_factory=lambda: DeformParams(max_nodes=200))
+    deform: DeformParams = field(default_factory=lambda: DeformParams(**DRIVE_STRIP))
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
+    evasion: EvasionParams | None = None
     control_dt: float = 0.01
     plan_every: int = 5
     latency: int = 2
@@ -85,7 +128,7 @@ class DriveParams:
     tracking_error: float = 0.03
     margin: float = 0.005
     settle_time: float = 0.15
-    recover_iterations: int = 4
+    recover_iterations: int = 2
     motion_every: int = 2
     maintain_every: int = 3
     horizon: float = 3.0

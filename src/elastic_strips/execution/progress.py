@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..robot import ConfigurationSpace
-from ..robot.space import Array, Indices
+from ..robot.space import Array, Indices, wrap_angle
 
 _SEARCHED = 24
 _CROWDED = 0.05
+_DETOUR = 1.5
+_LEAST_JOIN, _MOST_JOIN = 0.8, 3.0  # how far ahead of the nearest node the robot is led back to the strip [m]
+_JOIN_STEP = 0.15
+_ALONG = 1.1  # [rad] headings that are off by less are joined in a bend
 _CORNER = np.cos(np.deg2rad(50.0))
 
 
@@ -46,6 +50,60 @@ def remaining(
     ahead = max(ahead, 1)
     source = np.concatenate(([-1], np.arange(ahead, len(chart)))).astype(np.intp)
     return np.vstack([here[None], chart[ahead:]]), source
+
+
+def reattached(
+    space: ConfigurationSpace, chart: Array, here: Array, weight: Array, *, moving: bool = True
+) -> tuple[Array, Indices]:
+    """The rest of a strip that the robot has left, joined to where it is now; as :func:`remaining` where it is near.
+
+    The robot is led back in a bend to a node further on; where it looks away from there, turning in place at both ends.
+
+    Args, returns: as those of :func:`remaining`.
+    """
+    if not space.planar:
+        return remaining(space, chart, here, weight, moving=moving)
+    apart = np.hypot(*(chart[:, :2] - here[:2]).T)
+    passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(chart[:, :2], axis=0).T)))
+    left = passed[-1] - passed
+    nearest = int((_DETOUR * apart + left).argmin())
+    ahead = min(max(2.0 * float(apart[nearest]), _LEAST_JOIN), _MOST_JOIN)
+    last = len(chart) - 1
+    node = min(max(int(np.searchsorted(passed, passed[nearest] + ahead)), 1), last)
+    target = chart[node]
+    way = target[:2] - here[:2]
+    length = float(np.hypot(*way))
+    if length < _CROWDED:
+        rows = here[None]
+    else:
+        rows = _bend(here, target, way, length)
+    source = np.concatenate((np.full(len(rows), -1), np.arange(node, len(chart)))).astype(np.intp)
+    return np.vstack([rows, chart[node:]]), source
+
+
+def _bend(here: Array, target: Array, way: Array, length: float) -> Array:
+    """Rows (R, nv) from ``here`` to before ``target``."""
+    heading = float(np.arctan2(way[1], way[0]))
+    off = [float(wrap_angle(np.array(yaw - heading))) for yaw in (here[2], target[2])]
+    count = max(int(np.ceil(length / _JOIN_STEP)), 2)
+    s = np.arange(count)[:, None] / count
+    rows = here + s * (target - here)
+    if max(abs(off[0]), abs(off[1])) < _ALONG:
+        reach = 0.35 * length
+        a = here[:2] + reach * np.array([np.cos(here[2]), np.sin(here[2])])
+        b = target[:2] - reach * np.array([np.cos(target[2]), np.sin(target[2])])
+        u = 1.0 - s
+        rows[:, :2] = u**3 * here[:2] + 3 * u * u * s * a + 3 * u * s * s * b + s**3 * target[:2]
+        slope = u * u * (a - here[:2]) + 2 * u * s * (b - a) + s * s * (target[:2] - b)
+        rows[:, 2] = np.unwrap(np.append(here[2], np.arctan2(slope[1:, 1], slope[1:, 0])))
+        return rows
+    turn = [int(np.ceil(abs(angle) / 0.35)) for angle in off]
+    rows[:, 2] = here[2] - off[0]
+    first = np.repeat(here[None], turn[0], axis=0)
+    first[:, 2] -= off[0] * np.arange(turn[0]) / max(turn[0], 1)
+    end = np.repeat(target[None], turn[1], axis=0)
+    end[:, 2] = rows[-1, 2] + off[1] * np.arange(turn[1]) / max(turn[1], 1)
+    return np.vstack([first, rows, end])
 
 
 def _first_corner(onward: Array) -> int:

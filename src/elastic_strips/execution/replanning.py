@@ -11,7 +11,7 @@ from ..robot import RobotModel
 from ..scene import Scene
 from ..strip import Strip
 from .params import DriveParams
-from .pilot import Proposal
+from .proposal import Proposal
 
 _STANDING = 0.05
 """An obstacle that is slower than this [m/s] counts as standing for a planner."""

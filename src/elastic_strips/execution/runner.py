@@ -19,8 +19,9 @@ from .faults import Fault, FaultPlan
 from .limits import MotionLimits
 from .params import DriveParams
 from .perception import Perception, PerceptionParams
-from .pilot import Pilot, Proposal
+from .pilot import Pilot
 from .plant import KinematicPlant, Plant, PlantParams
+from .proposal import Proposal
 from .record import Record, RunState
 from .recorder import Recorder
 from .replanning import Replanner
@@ -236,7 +237,8 @@ class Runner:
         if self.estimator.lost_for > 0.1:
             supervisor.keep("odometry lost", t)
             return
-        if self._replan(t) or self._rest_of_goal(t, scene):
+        waiting = self._replan(t)
+        if (waiting and self.pilot.evasion is None) or self._rest_of_goal(t, scene):
             return
         begin = t + params.latency * params.control_dt
         if supervisor.at_rest(t) and self._settled_estimate(t):
@@ -246,10 +248,12 @@ class Runner:
         late = 10.0 * params.latency * params.control_dt if self.faults.active("slow_tick", t) else 0.0
         if late:
             supervisor.log(t, "fault", f"late tick: it is ready only after {late:.2f} s")
-        due = self.replanner.watch(t, proposal, self.scene, at_rest=supervisor.at_rest(t))
+        due = "" if waiting else self.replanner.watch(t, proposal, self.scene, at_rest=supervisor.at_rest(t))
         if due:
             supervisor.log(t, "replanning", due)
-        if self.replanner.halted:
+        if waiting and not proposal.evasive:
+            return
+        if self.replanner.halted and not proposal.evasive:
             supervisor.keep(f"the strip is broken: {proposal.report.certificate.broken}", t)
         elif proposal.accepted:
             self._waiting.append((t + late, proposal))

@@ -9,6 +9,7 @@ from typing import Any
 from ..deform import DeformParams
 from ..errors import ParameterError, nearest_name
 from ..execution import (
+    DRIVE_STRIP,
     MACHINE,
     DriveParams,
     DriveResult,
@@ -84,7 +85,7 @@ def make_runner(
     robot = scenario.load_robot(preset="default") if robot is None else robot
     seed = scenario.seed if seed is None else seed
     if params is None:
-        values = {"max_nodes": 200, **scenario.params.get("default", {})}
+        values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
         params = DriveParams(deform=DeformParams.for_preset("default", **values))
     limits = MotionLimits.for_robot(robot)
     world = scenario.world

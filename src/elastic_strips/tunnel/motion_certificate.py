@@ -142,8 +142,8 @@ class MotionCertifier:
         radius = self.bodies.radius[:, None]
         # a point between two samples is no further from the nearer of them than half its way
         grow = clearance + 0.5 * float(travel.max(initial=0.0)) + 1e-6
-        low = (np.minimum(ends[:, :, 0], ends[:, :, 1]) - radius).min(axis=1) - grow
-        high = (np.maximum(ends[:, :, 0], ends[:, :, 1]) + radius).max(axis=1) + grow
+        low = (ends.min(axis=(0, 2)) - radius).min(axis=0, keepdims=True) - grow
+        high = (ends.max(axis=(0, 2)) + radius).max(axis=0, keepdims=True) + grow
         kept = self._movers.known(ahead) and self.window is not None and self.window.follow(scene) is not None
         if not kept or self.window is None or not self.window.covered(low, high).all():
             self.window = Window.build(scene, low, high, _SLACK, always=self._movers.always)

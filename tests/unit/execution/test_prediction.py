@@ -16,7 +16,7 @@ from elastic_strips.execution import (
     predict,
 )
 from elastic_strips.execution.faults import FaultPlan
-from elastic_strips.execution.prediction import ArrivalTimes
+from elastic_strips.execution.prediction import ArrivalTimes, as_expected
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, Unknown, World
 
 ASSUMED = ObstacleAssumptions(position_error=0.01, velocity_error=0.05, acceleration=0.4, max_speed=2.0)
@@ -147,3 +147,24 @@ def test_arrival_times(silvermate):
     chart[1:, 0] = 1.0
     chart[2, 4] += 0.25
     np.testing.assert_allclose(ArrivalTimes(silvermate, pace)(chart), [0.0, 2.0, 2.5])
+
+
+def test_what_keeps_to_the_assumptions_is_as_expected():
+    """Snapshots of one track a planning tick apart, sensed with noise; but not of one that turns at once."""
+    verdicts = []
+    for seed in range(20):
+        obstacles = [Sphere(0.2, name="a", motion=curve(seed)), Box((0.3, 0.3, 1.0), at=(5.0, 0.0, 0.5), name="b")]
+        rng = np.random.default_rng(seed)
+        seen = Perception(World(Scene(obstacles)), ASSUMED, PerceptionParams(), rng, FaultPlan())
+        for t in np.arange(0.5, 4.0, 0.37):
+            one, two = seen.sense(float(t)), seen.sense(float(t) + 0.05)
+            verdicts.append(as_expected(two, one, predict(one, ASSUMED), ASSUMED))
+            assert not as_expected(one, two, predict(two, ASSUMED), ASSUMED)  # older, not newer
+            pose = two.obstacle("a").pose
+            turned = two.seen([two.obstacle("a").sensed(pose, Twist(two.obstacle("a").velocity()[0] + 0.3))])
+            assert not as_expected(turned, one, predict(one, ASSUMED), ASSUMED)
+            away = pose.copy()
+            away[0, 3] += 0.06
+            assert not as_expected(two.moved("a", away), one, predict(one, ASSUMED), ASSUMED)
+    assert all(verdicts)
+    assert len(verdicts) > 100
