@@ -10,10 +10,10 @@ import numpy as np
 from ..errors import ParameterError, nearest_name
 
 PRESETS = ("default", "paper")
-_WHOLE = ("max_nodes", "max_ticks", "updates")
+_WHOLE = ("max_nodes", "max_ticks", "certificate_depth", "updates")
 _POSITIVE = (
     "influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks",
-    "updates",
+    "certificate_depth", "updates",
 )  # fmt: skip
 _PAPER = {
     "influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4,
@@ -44,6 +44,7 @@ class DeformParams:
         max_spacing, min_spacing: node spacing that maintenance keeps.
         max_nodes: upper bound of nodes.
         max_ticks: most ticks of ``settle``.
+        certificate_depth: most halvings of a segment before it counts as not decided.
         alpha: joints' rotation coefficient (Eq. 8). Paper preset only, as are the next four.
         transfer_tilt: Table 2's number, which the paper does not define. Here a quarter of it is the mobile's rotation
             coefficient α_m (Eq. 9), and it bounds the turn |δφ| of one update [rad].
@@ -75,6 +76,7 @@ class DeformParams:
     min_spacing: float = 0.06
     max_nodes: int = 512
     max_ticks: int = 200
+    certificate_depth: int = 12
     alpha: float = 0.25
     transfer_tilt: float = np.pi / 3
     mobile_only: bool = False

@@ -42,7 +42,8 @@ class Workspace:
         reach = params.influence if params.preset == "default" else max(PAPER_LINK_REACH, 2.0 * params.clearance)
         self.obstacles = ObstacleProximity(self.bodies, influence=reach)
         self.self_pairs, self.self_floor = self._self_proximity()
-        self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs)
+        depth = params.certificate_depth
+        self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs, max_depth=depth)
         self.foresight: Foresight | None = None
         self._strip: Strip | None = None
         self._ends: Array | None = None  # configurations that stay fixed

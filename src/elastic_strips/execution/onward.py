@@ -48,7 +48,7 @@ class Onward:
         self.certifier = TrajectoryCertifier(
             robot, clearance=params.clearance, self_clearance=self_clearance, settle_time=params.settle_time
         )
-        self._turn = 0
+        self._refused = 0
 
     def motion(
         self,
@@ -80,9 +80,9 @@ class Onward:
         reason, at_goal, speed, tried = "", False, 0.0, False
         last = np.inf
         speeds = self.params.speeds
-        if not start.v.any():  # while it waits there is time to try them in turn
-            speeds = (speeds[self._turn % len(speeds)],)
-            self._turn += 1
+        if self._refused:  # while it waits or brakes there is time to try them in turn, the slowest first
+            speeds = (speeds[-1 - (self._refused - 1) % len(speeds)],)
+        self._refused += 1
         for speed in speeds:
             distance = self._distance(speed_now, speed)
             if distance >= last:
@@ -96,7 +96,7 @@ class Onward:
             certificate = self.certifier.certify(motion, scene, possible)
             lap("motion certificate")
             if certificate.certified:
-                self._turn = 0
+                self._refused = 0
                 at_goal = self._ends_at(motion, chart[-1])
                 return Proposal(motion, certificate, True, False, at_goal, "", report, speed, timings)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"

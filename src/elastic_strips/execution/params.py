@@ -22,8 +22,9 @@ def _check(owner: object, *, zero: tuple[str, ...] = ()) -> None:
             raise ParameterError(f"{type(owner).__name__}.{f.name}={value!r} must be finite and {bound}")
 
 
-DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1}
-"""Parameters of strips that are driven: nodes may be further apart, for what is driven has its own certificate."""
+DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1, "certificate_depth": 5}
+"""Parameters of strips that are driven: nodes may be further apart, and what is tight need not be decided to the last
+millimetre, for what is driven has its own certificate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
