@@ -44,6 +44,7 @@ class Supervisor:
 
     def __init__(self, resting: Trajectory, *, tolerance: float = 2e-3) -> None:
         self.held = resting
+        self._until = [resting]  # what is executed until the held motion begins; the last of them is that one
         self.tolerance = tolerance
         self.state, self.reason = RunState.STOPPED, "not started"
         self.events: list[Event] = []
@@ -54,6 +55,7 @@ class Supervisor:
     def rebase(self, resting: Trajectory) -> None:
         """At rest, the held motion may be moved to where the robot believes to stand."""
         self.held = resting
+        self._until = [resting]
 
     def restart(self, reason: str, now: float) -> None:
         """At rest at one goal, another one is taken."""
@@ -84,6 +86,7 @@ class Supervisor:
             self.keep(reason, now)
             return False
         self.held, self.at_goal = motion, at_goal
+        self._until = [*self._until[self._executed(now) :], motion]
         self._refusal = self._pause = ""
         self._enter(RunState.MOVING, "certified motion", now)
         return True
@@ -124,8 +127,13 @@ class Supervisor:
         self._refusal, self._pause = "", reason
 
     def reference(self, t: float) -> ReferenceState:
-        """What to follow at time ``t`` [s]."""
-        return self.held.at(t)
+        """What to follow at time ``t`` [s]: the held motion once it has begun, and until then the one before."""
+        return self._until[self._executed(t)].at(t)
+
+    def _executed(self, t: float) -> int:
+        """Which motion is executed at a time [s]."""
+        begun = [k for k, motion in enumerate(self._until) if motion.start_time <= t + 1e-9]
+        return begun[-1] if begun else 0
 
     def update(self, t: float) -> RunState:
         """Bring the state up to date."""

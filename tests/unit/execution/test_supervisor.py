@@ -46,6 +46,25 @@ def test_a_certified_motion_is_taken_and_driven_to_its_end(supervisor, motion):
     assert supervisor.stops == [(end, "no newer motion came")]
 
 
+def test_the_motion_before_is_followed_until_the_new_one_begins(supervisor, motion, silvermate, limits):
+    """Each new motion is taken some time before it begins, the next one perhaps before that: no step in between."""
+    assert supervisor.offer(motion, GOOD, 0.05)
+    retimer = Retimer(silvermate, limits, dt=0.02)
+    chart = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.1)
+    places = [supervisor.reference(0.3).chart[0]]
+    for k in range(30, 60):
+        now, begin = 0.01 * k, 0.01 * k + 0.03
+        state = supervisor.held.at(begin)
+        ahead = np.vstack([state.chart, chart[chart[:, 0] > state.chart[0] + 0.02]])
+        onward = retimer.horizon(ahead, state.v, a_start=state.a, start_time=begin)
+        assert supervisor.offer(onward, GOOD, now)
+        places += [supervisor.reference(t).chart[0] for t in (now, now + 0.005)]
+        assert supervisor.reference(begin).chart[0] == pytest.approx(state.chart[0], abs=1e-9)
+    steps = np.diff(places)
+    assert steps[1:].min() > 0.5 * np.median(steps)
+    assert steps.max() < 1.5 * np.median(steps)
+
+
 def test_a_motion_to_the_goal_ends_in_reached(supervisor, motion):
     assert supervisor.offer(motion, GOOD, 0.0, at_goal=True)
     assert supervisor.update(motion.end_time) is RunState.REACHED
