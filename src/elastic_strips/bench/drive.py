@@ -26,13 +26,14 @@ FAULT_SECONDS = {"lost_odometry": 0.5, "scene_frozen": 2.0, "slow_tick": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class DriveTask:
-    """One run: scenario, seed, robot, plant, and perhaps a fault and its time [s]."""
+    """One run: scenario, seed, robot, plant, perhaps a fault, whether it evades, and its longest time [s]."""
 
     scenario: str
     seed: int
     robot: str
     plant: str = "kinematic"
     fault: str = ""
+    evade: bool = False
     time_limit: float = 90.0
 
 
@@ -50,7 +51,14 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         faults = []
     try:
         outcome = drive_scenario(
-            scenario, robot=robot, seed=task.seed, plant=task.plant, time_limit=task.time_limit, faults=faults, **killed
+            scenario,
+            robot=robot,
+            seed=task.seed,
+            plant=task.plant,
+            evade=task.evade,
+            time_limit=task.time_limit,
+            faults=faults,
+            **killed,
         )
     except ElasticStripsError as error:
         return {"seed": task.seed, "fault": task.fault, "error": str(error), "reached": False, "collisions": 0}
@@ -90,6 +98,7 @@ def bench_drive(
     *,
     scenario: str = "moving-corridor",
     plant: str = "kinematic",
+    evade: bool = False,
     processes: int | None = None,
 ) -> dict[str, Any]:
     """Drive a scenario of many seeds.
@@ -97,7 +106,7 @@ def bench_drive(
     Returns:
         Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
     """
-    tasks = [DriveTask(scenario, int(seed), robot, plant) for seed in seeds]
+    tasks = [DriveTask(scenario, int(seed), robot, plant, evade=evade) for seed in seeds]
     runs = []
     for run in spread(drive_once, tasks, processes):
         runs.append(run)
@@ -114,6 +123,7 @@ def bench_drive(
         "robot": robot,
         "scenario": scenario,
         "plant": plant,
+        "evade": evade,
         **_summary(runs),
         "classes": classes,
         "runs": runs,

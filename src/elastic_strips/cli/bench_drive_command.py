@@ -28,16 +28,30 @@ _root = click.option(
 @click.option("--seeds", type=click.IntRange(1, 1_000_000), default=50, show_default=True, help="Number of runs.")
 @click.option("--first", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
 @click.option("--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True, help="The machine.")
+@click.option("--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait.")
 @_processes
 @_json
 def drive(
-    robot: str, scenario: str, seeds: int, first: int, plant: str, processes: int | None, json_file: str | None
+    robot: str,
+    scenario: str,
+    seeds: int,
+    first: int,
+    plant: str,
+    evade: bool,
+    processes: int | None,
+    json_file: str | None,
 ) -> None:
     """Drive a scenario of many seeds in the closed loop; each run is judged from its true states."""
     _writable(json_file)
     with LateProgress("driving", seeds) as bar:
         figures = bench_drive(
-            robot, range(first, first + seeds), bar.step, scenario=scenario, plant=plant, processes=processes
+            robot,
+            range(first, first + seeds),
+            bar.step,
+            scenario=scenario,
+            plant=plant,
+            evade=evade,
+            processes=processes,
         )
     click.echo(f"{robot}, {scenario}, {plant} plant, {seeds} runs")
     _drive_rows(figures)

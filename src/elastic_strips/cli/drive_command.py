@@ -33,6 +33,7 @@ EXIT_INTERRUPTED = 130
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
 )  # fmt: skip
 @click.option("--time-limit", type=Finite(0.1, 36000), help="Longest run [s of simulated time].")
+@click.option("--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait.")
 @click.option("--realtime", is_flag=True, help="As fast as the clock; without it, as fast as it can.")
 @click.option(
     "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
@@ -53,6 +54,7 @@ def drive(
     seed: int | None,
     plant: str,
     time_limit: float | None,
+    evade: bool,
     realtime: bool,
     faults: tuple[str, ...],
     json_file: str | None,
@@ -87,7 +89,14 @@ def drive(
                 )  # fmt: skip
 
         runner = make_runner(
-            problem, robot=model, seed=number, plant=plant, faults=wrong, realtime=realtime or view, watch=watch
+            problem,
+            robot=model,
+            seed=number,
+            plant=plant,
+            evade=evade,
+            faults=wrong,
+            realtime=realtime or view,
+            watch=watch,
         )
         if viewer is not None:
             viewer.show(model, problem.world.at(0.0), runner.pilot.strip)

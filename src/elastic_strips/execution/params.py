@@ -100,8 +100,9 @@ class DriveParams:
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
         sample_dt: step of planned motions; between samples base and joints go on exact arcs and lines.
-        tracking_error: how far any point of the robot may be from where the planned motion has it. Measured: at most
-            0.027 m in 120 runs among moving obstacles with motors that have no reserves, 0.020 m in MuJoCo.
+        tracking_error: how far any point of the robot may be from where the planned motion has it; see
+            :data:`~elastic_strips.execution.DEFAULT_TRACKING_ERROR` for what was measured along whole trajectories. In
+            the closed loop, with motors that have no reserves: at most 0.012 m in 40 runs among moving obstacles.
         margin: clearance that is kept beyond the tracking error.
         settle_time: how long the robot may creep on after a planned motion has ended.
         recover_iterations: further iterations of a tick in which the strip has lost its certificate.
@@ -126,7 +127,7 @@ class DriveParams:
     plan_every: int = 5
     latency: int = 2
     sample_dt: float = 0.02
-    tracking_error: float = 0.03
+    tracking_error: float = 0.02
     margin: float = 0.005
     settle_time: float = 0.15
     recover_iterations: int = 2

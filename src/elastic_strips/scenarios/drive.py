@@ -13,6 +13,7 @@ from ..execution import (
     MACHINE,
     DriveParams,
     DriveResult,
+    EvasionParams,
     Fault,
     KinematicPlant,
     MotionLimits,
@@ -62,6 +63,7 @@ def make_runner(
     robot: RobotModel | None = None,
     seed: int | None = None,
     plant: str = "kinematic",
+    evade: bool = False,
     params: DriveParams | None = None,
     faults: Iterable[Fault] = (),
     **options: Any,
@@ -73,6 +75,7 @@ def make_runner(
         robot: another robot than the scenario's.
         seed: of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
+        evade: whether to leave the strip where something comes, rather than only to brake and wait.
         params: of the drive; the scenario's parameters of the strip are put into the default ones where None.
         faults: what goes wrong on purpose.
         **options: of :class:`~elastic_strips.execution.Runner`.
@@ -86,7 +89,8 @@ def make_runner(
     seed = scenario.seed if seed is None else seed
     if params is None:
         values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
-        params = DriveParams(deform=DeformParams.for_preset("default", **values))
+        deform = DeformParams.for_preset("default", **values)
+        params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
     limits = MotionLimits.for_robot(robot)
     world = scenario.world
     machine: Plant
