@@ -138,9 +138,9 @@ class Pilot:
         lap("strip")
         self._ticks += 1
         before, last = self.report, self._last
-        waits = last is not None and not last.accepted and not moving and scene.names == self._names
+        waits = last is not None and not (last.accepted or last.kept) and scene.names == self._names
         if before is not None and waits and foresight is not None and self._ticks % 2:
-            report = replace(before, strip=strip)  # there is time; only the motion is tried again
+            report = replace(before, strip=strip)  # it waits or brakes: only the motion is tried again
         else:
             report = self.deformer.step(
                 strip, scene, foresight=foresight, nodes=self._ticks % params.maintain_every == 0
