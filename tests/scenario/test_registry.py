@@ -43,6 +43,7 @@ TABLE: dict[tuple[str, str], Row] = {
     ("case-7", "default"): Row(_SETTLED, "between"),
     ("corridor", "default"): Row(_SETTLED),
     ("moving-corridor", "default"): Row(_SETTLED),
+    ("courteous-corridor", "default"): Row(_SETTLED),
     ("case-1", "paper"): Row(_SETTLED, "between"),
     ("case-2", "paper"): Row(_SETTLED, "between"),
     ("case-3", "paper"): Row(_BLOCKED, "between"),
@@ -68,7 +69,7 @@ def run() -> Run:
 
 def test_the_table_covers_the_registry() -> None:
     """A new scenario needs its row; only the corridors have none for the paper's preset."""
-    without = {("corridor", "paper"), ("moving-corridor", "paper")}
+    without = {(name, "paper") for name in ("corridor", "moving-corridor", "courteous-corridor")}
     assert set(TABLE) == {(n, p) for n in scenario_names() for p in PRESETS} - without
 
 

@@ -18,10 +18,10 @@ _PRESET_TEXT = {
 def list_command() -> None:
     click.echo("Scenarios (elastic-strips run NAME):")
     for name in scenario_names():
-        click.echo(f"  {name:<16} {get_scenario(name).summary}")
+        click.echo(f"  {name:<18} {get_scenario(name).summary}")
     click.echo("\nRobots (--robot NAME, or the path of a URDF):")
     for name in robot_names():
-        click.echo(f"  {name:<16} {robot_summary(name)}")
+        click.echo(f"  {name:<18} {robot_summary(name)}")
     click.echo("\nPresets (--preset NAME):")
     for name in PRESETS:
-        click.echo(f"  {name:<16} {_PRESET_TEXT[name]}")
+        click.echo(f"  {name:<18} {_PRESET_TEXT[name]}")

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
+from ..scene.yielding import copied
 from .record import DRIVE_NAMES, STATES, ControlRows, Event, PlanningRows, Record, RecordError, RunState, frozen
 
 
@@ -172,7 +173,7 @@ class Recorder:
             control=control,
             planning=self._planning(),
             events=tuple(sorted(self._events, key=lambda e: e.time)),
-            world=self._world,
+            world=copied(self._world),  # what a later run makes of it is not part of this one
             goal=self._goal,
             states=self._states,
             metadata={**self._metadata, **metadata},

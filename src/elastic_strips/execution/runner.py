@@ -14,6 +14,7 @@ from ..planning import PlanReport
 from ..robot import RobotModel
 from ..scene import Scene, World
 from ..strip import Strip
+from .bystanders import Bystanders
 from .estimation import Estimator
 from .faults import Fault, FaultPlan
 from .limits import MotionLimits
@@ -85,6 +86,7 @@ class Runner:
     ) -> None:
         self.robot, self.params = robot, params or DriveParams()
         self.world = world if isinstance(world, World) else World(world)
+        self.bystanders = Bystanders(robot, self.world)
         self.limits = limits or MotionLimits.for_robot(robot)
         self.faults = FaultPlan(faults)
         self.watch, self.realtime = watch, realtime
@@ -178,6 +180,7 @@ class Runner:
             estimate=self.estimate, drive=command.drive, joints=command.joints, motors=self.plant.motors,
             state=int(state),
         )  # fmt: skip
+        self.bystanders.step(t, self.plant.chart, self.plant.v)
         measurement = self.plant.step(command, params.control_dt)
         self.estimate = self.estimator.update(measurement)
 

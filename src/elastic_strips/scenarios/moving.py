@@ -2,6 +2,9 @@
 
 Nobody in it gives way: movers go their ways through the robot's, through each other's and through standing clutter. A
 robot that waits can pass in the end, for every mover leaves the corridor, by `DURATION` at the latest.
+
+In the *courteous* corridor the same movers stop for a robot that stands in their way, as people do, and go on when it
+is gone.
 """
 
 from __future__ import annotations
@@ -14,15 +17,23 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..io import PoseSpec
-from ..scene import Box, Cylinder, Keyframes, Obstacle, Scene, Sphere, World, checks
+from ..scene import Box, Cylinder, Keyframes, Motion, Obstacle, Scene, Sphere, World, Yielding, checks
 from .corridor import HALF_WIDTH, LENGTH, PASSAGE, corridor_guide, corridor_scene
 from .scenario import Scenario
+from .to_rest import FINE, to_rest
 
 NAME = "moving-corridor"
+COURTEOUS = "courteous-corridor"
+"""The name of the corridor in which movers yield."""
 ACCELERATION = 0.4
 """Largest change of a mover's velocity [m/s²], in any direction."""
 FRAME = 0.1
 """Time between two keyframes of a mover [s]."""
+YIELDING = 0.46
+"""Largest acceleration of a mover that yields, its turns included [m/s²].
+
+More than `ACCELERATION`, so that it can brake in a turn, and a little less than the 0.5 m/s² that a robot reckons with.
+"""
 DURATION = 60.0
 """All movers are gone at that time [s]."""
 COUNTS = (1, 8)
@@ -56,7 +67,7 @@ class _Body:
     kind: str
     radius: float
     height: float  # of its origin [m]
-    make: Callable[[str, Keyframes, tuple[float, float, float, float]], Obstacle]
+    make: Callable[[str, Motion, tuple[float, float, float, float]], Obstacle]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +80,9 @@ class _Course:
     target: _Target
 
 
-def moving_corridor(seed: int = 0, count: int | None = None, speed: tuple[float, float] = SPEEDS) -> Scenario:
+def moving_corridor(
+    seed: int = 0, count: int | None = None, speed: tuple[float, float] = SPEEDS, *, yielding: bool = False
+) -> Scenario:
     """The corridor of that seed with movers; `Scenario.world` holds them, `Scenario.scene` what is there at time 0.
 
     A third of the movers aim at where the robot will be, if it advances at 0.6 m/s: they cross its way or come
@@ -82,6 +95,8 @@ def moving_corridor(seed: int = 0, count: int | None = None, speed: tuple[float,
         count: Number of movers, 1 to 8; drawn where None.
         speed: Range [m/s] from which the scenario's speed class is drawn: the bound of its movers' speeds, which
             `Scenario.speed_class` tells.
+        yielding: Whether the movers stop for a robot that stands. Then none vanishes, as nobody knows when it will have
+            left: it comes to rest outside.
 
     Raises:
         ScenarioError: A seed, count or speed outside its range.
@@ -99,16 +114,18 @@ def moving_corridor(seed: int = 0, count: int | None = None, speed: tuple[float,
     appears, vanishes = {}, {}
     for k in range(count):
         course = (("crossing", _crossing), ("head-on", _head_on))[int(rng.integers(2))] if k < aimed else ("", _wander)
-        obstacle, begin, end = _mover(k, course, max(low, 0.5 * fastest), fastest, guide, rng)
+        obstacle, begin, end = _mover(k, course, max(low, 0.5 * fastest), fastest, guide, rng, yielding)
         obstacles.append(obstacle)
         assert obstacle.name is not None
         if begin > 0.0:
             appears[obstacle.name] = begin
-        vanishes[obstacle.name] = end
+        if not yielding:
+            vanishes[obstacle.name] = end
     world = World(Scene(obstacles), appears, vanishes)
     return Scenario(
-        name=NAME,
-        summary=f"the corridor with {COUNTS[0]} to {COUNTS[1]} movers that appear, cross and come head-on (seeded)",
+        name=COURTEOUS if yielding else NAME,
+        summary=f"the corridor with {COUNTS[0]} to {COUNTS[1]} movers that appear, cross and come head-on"
+        + (", and stop for a robot that stands (seeded)" if yielding else " (seeded)"),
         scene=world.at(0.0),
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(LENGTH, 0.0, 0.0),
@@ -139,6 +156,7 @@ def _mover(
     high: float,
     guide: np.ndarray,
     rng: np.random.Generator,
+    yielding: bool,
 ) -> tuple[Obstacle, float, float]:
     """An obstacle, when it appears and when it is gone [s]; courses are drawn until one keeps the rules."""
     role, draw = course
@@ -148,9 +166,13 @@ def _mover(
         track = None if plan is None or not _far(plan, body.radius, top, guide) else _track(plan, body.radius)
         if plan is None or track is None:
             continue
-        times = plan.begin + FRAME * np.arange(len(track))
+        frame = FRAME
+        if yielding:
+            track, frame = to_rest(track, FRAME, ACCELERATION), FRAME / FINE
+        times = plan.begin + frame * np.arange(len(track))
         half = 0.5 * math.atan2(plan.velocity[1], plan.velocity[0])
         motion = Keyframes(times, np.column_stack((track, np.full(len(track), body.height))))
+        motion = Yielding(motion, YIELDING) if yielding else motion
         name = f"{role}-{body.kind}-{k}" if role else f"{body.kind}-{k}"
         return body.make(name, motion, (0.0, 0.0, math.sin(half), math.cos(half))), plan.begin, float(times[-1])
     raise ScenarioError(f"{NAME}: found no course for mover {k} of at most {high:g} m/s; try another seed")

@@ -11,6 +11,7 @@ from ..io import PoseSpec, ScenarioSpec
 from ..robot import BaseKind, RobotModel, load_robot
 from ..robot.space import Array
 from ..scene import Scene, World
+from ..scene.yielding import copied
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +52,11 @@ class Scenario:
 
     @property
     def world(self) -> World:
-        """What exists when; keep it while time goes on, it makes each snapshot from the one before."""
-        return World(self.scene) if self.timeline is None else self.timeline
+        """What exists when; keep it while time goes on, it makes each snapshot from the one before.
+
+        Where obstacles yield, each time another world, in which nobody has yielded yet.
+        """
+        return World(self.scene) if self.timeline is None else copied(self.timeline, history=False)
 
     @staticmethod
     def from_spec(spec: ScenarioSpec) -> Scenario:

@@ -8,6 +8,7 @@ from elastic_strips.scene.scene import Scene
 from elastic_strips.scene.shapes import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Sphere, Voxels
 from elastic_strips.scene.table import PartTable
 from elastic_strips.scene.world import World
+from elastic_strips.scene.yielding import Yielding
 
 __all__ = [
     "Box",
@@ -28,4 +29,5 @@ __all__ = [
     "Unknown",
     "Voxels",
     "World",
+    "Yielding",
 ]

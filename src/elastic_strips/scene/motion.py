@@ -1,6 +1,7 @@
 """Scene room, motion: how an obstacle moves with time, and how fast any of its points can get.
 
-Motions that are known: `Twist` here, `Keyframes` in `elastic_strips.scene.keyframes`; one that is not: `Unknown`.
+Motions that are known: `Twist` here, `Keyframes` in `elastic_strips.scene.keyframes`; one that is not: `Unknown`. One
+that depends on what others do: `Yielding` in `elastic_strips.scene.yielding`.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ MAX_SPEED = 1e4
 
 
 class Motion(abc.ABC):
-    """A rigid motion in the world frame; immutable."""
+    """A rigid motion in the world frame; immutable, but for `Yielding`, whose future is not written yet."""
 
     __slots__ = ()
 
@@ -133,7 +134,7 @@ class Unknown(Motion):
 def check_motion(value: Any) -> Motion | None:
     """Check that ``value`` is a `Motion` or None."""
     if value is not None and not isinstance(value, Motion):
-        raise SceneError(f"motion must be a Twist, Keyframes, Unknown or None, not {checks.shown(value)}")
+        raise SceneError(f"motion must be a Twist, Keyframes, Unknown, Yielding or None, not {checks.shown(value)}")
     return value
 
 

@@ -75,6 +75,10 @@ class World:
             raise SceneError(f"no obstacle {checks.shown(name)} in the world{nearest_name(name, self.scene.names)}")
         return self.appears.get(name, -math.inf) <= t < self.vanishes.get(name, math.inf)
 
+    def forget(self) -> None:
+        """Make snapshots anew: the history of a `Yielding` motion has been forgotten."""
+        self._latest.clear()
+
     @property
     def names_moving(self) -> tuple[str, ...]:
         """Names of the obstacles that have a motion, known or not."""

@@ -195,7 +195,7 @@ BAD = [
     (lambda: Unknown(math.nan), "finite"),
     (lambda: Unknown(True), "must be a number"),
     (lambda: Unknown(1.0).speed_bound(-1), "radius"),
-    (lambda: Sphere(1, motion=1.0), "Twist, Keyframes, Unknown or None"),
+    (lambda: Sphere(1, motion=1.0), "Twist, Keyframes, Unknown, Yielding or None"),
     (lambda: Twist((1, 2)), "Twist linear"),
     (lambda: Twist((0, 0, 0), (0, 0, math.inf)), "Twist angular"),
     (lambda: Twist((0, 0, 1e5)), "within"),

@@ -1,0 +1,191 @@
+"""Execution room, bystanders: those who move on their own and stop for a robot that stands in their way.
+
+They belong to the physical world: they see the robot as it truly is, and nobody who plans knows what they will do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..robot import RobotModel
+from ..robot.space import Array
+from ..scene import Obstacle, World, Yielding
+from .footprints import Discs, Footprint
+
+_ROUNDING = 1e-6  # [s] rounding of times
+_BRAKING = 0.05  # [s] step in which a stop is looked ahead
+_LONGEST = 200  # steps of a stop that is looked ahead
+_SLOW = 0.1  # [m/s] the clock of what is slower than this changes no faster than if it were as fast
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Courtesy:
+    """How those who yield treat a robot.
+
+    Attributes:
+        distance: they stop so far before a robot that stands, seen from above [m].
+        standing: no velocity of a robot that stands is larger [m/s, rad/s]; patience: for so long already [s].
+        look: how often they look and decide [s].
+        onward: one that has yielded goes on when so much more of its way than its next stop needs is free [m].
+        aside: what comes nearer by less than this passes by [m].
+        room: one that waits in front of a robot that goes on standing steps back until it is so far away [m]; less
+            than ``onward``, or it would come back at once. A robot that reckons with all that somebody next to it
+            might do cannot go away otherwise.
+        wait: how long it waits before that [s]; pace: at which part of its own pace it steps back.
+    """
+
+    distance: float = 0.25
+    standing: float = 0.02
+    patience: float = 0.2
+    look: float = 0.05
+    onward: float = 1.0
+    aside: float = 0.005
+    room: float = 0.8
+    wait: float = 1.0
+    pace: float = 0.5
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not 0.0 <= value < math.inf:
+                raise ParameterError(f"Courtesy.{f.name}={value!r} must be finite and ≥ 0")
+        if not self.room < self.distance + self.onward or not self.pace <= 1.0 or not self.look > 0.0:
+            raise ParameterError(f"{self}: room must be less than distance + onward, pace at most 1, look positive")
+
+
+class Bystanders:
+    """Workspace: sets the clocks of a world's yielding obstacles, one control step after another.
+
+    They yield to a robot that stands: who would come too near to it brakes, in time if it can, waits, and goes on when
+    the way is free. They yield neither to a robot that moves nor to each other. Making this workspace makes their
+    histories begin anew.
+
+    Args:
+        robot: who they yield to.
+        world: what moves; most worlds hold nothing that yields, then a step costs nothing.
+        courtesy: how they do it.
+    """
+
+    def __init__(self, robot: RobotModel, world: World, courtesy: Courtesy | None = None) -> None:
+        self._courtesy, self._world = courtesy or Courtesy(), world
+        self._movers = [_Mover(o, o.motion) for o in world.scene if isinstance(o.motion, Yielding)]
+        self._footprint = Footprint(robot) if self._movers else None
+        self._moved, self._looked, self._time = -math.inf, -math.inf, math.nan
+        for mover in self._movers:
+            mover.motion.reset()
+        if self._movers:
+            world.forget()
+
+    def __len__(self) -> int:
+        return len(self._movers)
+
+    def step(self, t: float, chart: Array, v: Array) -> None:
+        """Set all clocks from the time ``t`` [s] on.
+
+        Args:
+            t: later than at the last step.
+            chart: where the robot truly is (nv,).
+            v: how it truly moves (nv,).
+        """
+        if self._footprint is None:
+            return
+        courtesy, dt = self._courtesy, t - self._time
+        self._time = t
+        if np.abs(v).max(initial=0.0) >= courtesy.standing or self._moved == -math.inf:
+            self._moved = t
+        stands = t - self._moved >= courtesy.patience - _ROUNDING
+        if t - self._looked >= courtesy.look - _ROUNDING:
+            self._looked = t
+            self._footprint.place(chart)
+            for mover in self._movers:
+                if self._world.exists(mover.name, t):
+                    mover.decide(t, stands, self._footprint, courtesy)
+        for mover in self._movers:
+            if dt > 0.0:
+                mover.turn(t, dt)
+
+
+class _Mover:
+    """Workspace: an obstacle that yields, since when it does [s], and the rate that it is about to take."""
+
+    def __init__(self, obstacle: Obstacle, motion: Yielding) -> None:
+        self.name, self.motion, self.wish = obstacle.name or "", motion, 1.0
+        self._since: float | None = None
+        self._anchor, self._discs = obstacle.anchor, Discs.of(obstacle)
+        self._begin = -math.inf if motion.track.loop else float(motion.track.times[0])
+        self._cell = max(float(np.diff(motion.track.times).min(initial=1.0)), 1e-3)
+
+    def turn(self, t: float, dt: float) -> None:
+        """Change the rate from ``t`` [s] on as is wished for and possible, if the last change was ``dt`` before."""
+        rate = self.motion.rate(t)
+        if rate != self.wish:
+            self.motion.advance(t, self._towards(self.wish, self.motion.place(t), rate, dt))
+
+    def decide(self, t: float, stands: bool, footprint: Footprint, courtesy: Courtesy) -> None:
+        """Whether to go on, to stop, or to step back."""
+        if self._since is None and not stands:
+            return
+        place, rate = self.motion.place(t), self.motion.rate(t)
+        way = self._stop(place, rate, courtesy.look)
+        if self._since is not None:
+            pace = max(self._speed(way[-1]), _SLOW)
+            way += (way[-1] + np.linspace(0.1, 1.0, 10) * (courtesy.onward / pace)).tolist()
+        near = footprint.distances(self._discs, self._poses(way))
+        here = float(near[0])
+        limit = min(courtesy.distance, here - courtesy.aside)  # too near already: at least not nearer
+        if near.min() >= limit:
+            self.wish, self._since = 1.0, None
+            return
+        if self._since is None:
+            self._since = t
+        self.wish = 0.0
+        if stands and here < courtesy.room and t - self._since >= courtesy.wait and place > self._begin:
+            back = self._poses([place, place - 0.25, place - 0.5])
+            if footprint.distances(self._discs, back).min() >= here - courtesy.aside:
+                self.wish = -courtesy.pace
+
+    def _stop(self, place: float, rate: float, late: float) -> list[float]:
+        """Places on the track [s], from the present one to where a stop ends that begins ``late`` [s] from now."""
+        places = [place, place + rate * late]
+        while rate != 0.0 and len(places) < _LONGEST:
+            places.append(places[-1] + rate * _BRAKING)
+            rate = self._towards(0.0, places[-1], rate, _BRAKING)
+        return places
+
+    def _towards(self, wish: float, place: float, rate: float, dt: float) -> float:
+        """The rate [s/s] that is possible after ``dt`` [s] if another one is wished for."""
+        down, up = self._changes(place, rate)
+        return min(max(wish, rate + dt * down), rate + dt * up)
+
+    def _changes(self, place: float, rate: float) -> tuple[float, float]:
+        """Least and largest change of the rate [1/s] that keep the obstacle within its acceleration.
+
+        At the rate r along a track p the acceleration is r' p' + r² p''; p'' is looked at on both sides of the place. A
+        track that alone is harder than what is allowed can only be braked on.
+        """
+        limit, h = self.motion.acceleration, self._cell
+        before, v, after = (self.motion.track.velocity(self._anchor, place + d)[0] for d in (-h, 0.0, h))
+        speed = math.sqrt(max(float(v @ v), float(after @ after)))
+        most = limit / max(speed, _SLOW)
+        down, up = -most, most
+        square = float(v @ v)
+        if square < 1e-12:
+            return down, up
+        for turn in (v - before, after - v):
+            a = rate * rate / h * turn
+            along = float(a @ v) / square
+            left = along * along - (float(a @ a) - limit * limit) / square
+            if left <= 0.0:
+                return -most, 0.0
+            down, up = max(down, -along - math.sqrt(left)), min(up, -along + math.sqrt(left))
+        return down, up
+
+    def _speed(self, place: float) -> float:
+        return float(np.linalg.norm(self.motion.track.velocity(self._anchor, place)[0]))
+
+    def _poses(self, places: list[float]) -> Array:
+        return np.array([self.motion.track.pose(self._anchor, s) for s in places])
