@@ -29,6 +29,8 @@ ACCELERATION = 0.4
 """Largest change of a mover's velocity [m/s²], in any direction."""
 FRAME = 0.1
 """Time between two keyframes of a mover [s]."""
+COURTEOUS_SPEEDS = (0.2, 0.6)
+"""Range of the speed class in that corridor [m/s]: people among machines. Who is faster can often not stop in time."""
 YIELDING = 0.46
 """Largest acceleration of a mover that yields, its turns included [m/s²].
 

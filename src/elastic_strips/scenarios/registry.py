@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
 from .corridor import LENGTH, corridor_scene
-from .moving import COURTEOUS, moving_corridor
+from .moving import COURTEOUS, COURTEOUS_SPEEDS, moving_corridor
 from .moving import NAME as MOVING
 from .paper_cases import TABLE_2, paper_case
 from .scenario import Scenario
@@ -35,7 +35,7 @@ REGISTRY: dict[str, Callable[[int], Scenario]] = {
     **{name: _case(name) for name in TABLE_2},
     "corridor": _corridor,
     MOVING: moving_corridor,
-    COURTEOUS: lambda seed: moving_corridor(seed, yielding=True),
+    COURTEOUS: lambda seed: moving_corridor(seed, speed=COURTEOUS_SPEEDS, yielding=True),
 }
 """Scenario name → maker, given a seed."""
 
