@@ -172,7 +172,10 @@ class Runner:
             self.plant.lost_odometry(t + params.control_dt)
             self.supervisor.log(t, "fault", "odometry lost")
         reference = self.supervisor.reference(t)
-        command = self.tracker.command(reference, self.estimate)
+        estimate, base = self.estimate, self.robot.space.base_nv
+        if self.estimator.lost_for > 0.0:  # to follow an estimate that stands still would be to run away
+            estimate = np.concatenate((reference.chart[:base], estimate[base:]))
+        command = self.tracker.command(reference, estimate)
         if not self._recording and len(self.recorder) > 100:
             self.recorder = self._new_recorder()
         self.recorder.control(

@@ -8,6 +8,7 @@ from brute_force import configuration, link_distances
 
 from elastic_strips.execution import FAULTS, DriveParams, Fault, MotionLimits, PerceptionParams, Runner, RunState, judge
 from elastic_strips.execution.judge import REST_SPEED
+from elastic_strips.execution.tracking_bound import Displacement
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.strip import Strip
@@ -73,6 +74,20 @@ def test_faults_end_at_rest_or_at_the_goal(silvermate, kind):
     faults = [e for e in result.events if e.kind == "fault"]
     assert any(named in e.reason for e in faults)
     assert 1.5 <= faults[0].time < 1.5 + duration + 0.5
+
+
+def test_without_odometry_it_stays_on_its_way(silvermate):
+    """It brakes by what it was told, not by an estimate that stands still: the wheels' slip alone takes it off."""
+    for seed, start in ((1, 1.5), (2, 2.3), (3, 3.0)):
+        runner = Runner(
+            silvermate, World(Scene(CLUTTER)), *ends(silvermate), seed=seed, faults=[Fault("lost_odometry", start, 0.5)]
+        )
+        result = runner.run(time_limit=40.0)
+        rows = result.record.control
+        moving = np.abs(rows.v[np.searchsorted(rows.time, start), 0])
+        assert moving > 0.3
+        assert Displacement(silvermate)(rows.chart, rows.reference).max() < 0.04
+        assert result.state is RunState.REACHED
 
 
 def test_a_fault_that_stays_leaves_the_robot_at_rest(silvermate):
