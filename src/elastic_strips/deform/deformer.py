@@ -79,7 +79,7 @@ class Deformer:
         work.foresight = foresight
         asked = work.queries
         hold = self._paper is None and work.holds(strip) and self._certified
-        work.load(strip, scene)
+        work.load(strip, scene, to_move=True)
         iterations = 0
         while True:
             began = self.clock.elapsed

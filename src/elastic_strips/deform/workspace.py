@@ -80,17 +80,21 @@ class Workspace:
         """Whether the current nodes are those of this very strip."""
         return strip is self._strip
 
-    def load(self, strip: Strip, scene: Scene) -> None:
+    def load(self, strip: Strip, scene: Scene, *, to_move: bool = False) -> None:
         """Make a strip current; cheap where it already is.
 
-        With foresight, and the same obstacles as before, it is taken as it is: what moves as it was foreseen is where
-        it was reckoned with, and what does not is measured once the nodes have moved.
+        Args:
+            strip: the nodes.
+            scene: the obstacles.
+            to_move: the nodes are about to move, and all is measured again then. With foresight, and the same obstacles
+                as before, the distances that are known do for the forces: what moves as it was foreseen is where it was
+                reckoned with.
         """
         current = strip is self._strip
         if not current:
             self.kin.update(strip.chart)
         self._strip, self._ends = strip, strip.q[[0, -1]]
-        if not (current and self.foresight is not None and self.obstacles.knows(scene)):
+        if not (to_move and current and self.foresight is not None and self.obstacles.knows(scene)):
             self._distances(scene)
 
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:

@@ -8,7 +8,7 @@ from brute_force import configuration, link_distances, make_obstacle
 
 from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.proximity import Forecast
-from elastic_strips.scene import Scene
+from elastic_strips.scene import Cylinder, Scene
 from elastic_strips.strip import Strip
 
 SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex")
@@ -69,7 +69,6 @@ def test_certified_among_moving_obstacles(name, request, rng):
 def test_a_crossing_obstacle_is_passed_behind(silvermate):
     """The strip goes where the obstacle will have left, and not where it stands now."""
     from elastic_strips.planning import straight_line
-    from elastic_strips.scene import Cylinder
 
     scene = Scene([Cylinder(0.3, 1.6, at=(2.0, 0.2, 0.8), name="walker")])
     leaving = Forecast(np.array([0]), np.array([[0.0, 0.8, 0.0]]), np.zeros(1), np.zeros(1), np.zeros(1))
@@ -90,3 +89,21 @@ def test_a_crossing_obstacle_is_passed_behind(silvermate):
     standing = Deformer(silvermate).settle(around, scene, max_ticks=15)
     assert np.abs(aside.chart[:, 1]).max() < 0.05
     assert np.abs(standing.strip.chart[:, 1]).max() > 0.2
+
+
+def test_a_strip_that_does_not_move_is_certified_against_the_newest_scene(silvermate):
+    """Also where it is the strip of the last report, and what was foreseen has turned out otherwise."""
+    deformer = Deformer(silvermate, DeformParams(clearance=0.01))
+    strip = Strip(silvermate, [silvermate.home(x=x) for x in np.linspace(0.0, 2.0, 8)])
+    far = Scene([Cylinder(0.2, 1.5, at=(1.0, -3.0, 0.75), name="walker")])
+    waits = Forecast(np.array([0]), np.zeros((1, 3)), np.zeros(1), np.zeros(1), np.zeros(1))
+
+    def foresight(chart):
+        return waits.ahead(np.linspace(0.0, 2.0, len(chart)))
+
+    report = deformer.step(strip, far, foresight=foresight)
+    assert report.certified
+    pose = far.obstacle("walker").pose.copy()
+    pose[1, 3] = 0.0
+    near = far.moved("walker", pose)
+    assert not deformer.assess(report.strip, near, foresight=foresight).certified
