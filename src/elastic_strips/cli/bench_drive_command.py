@@ -10,6 +10,7 @@ from ..bench import bench_bridge, bench_drive, bench_faults, bench_problems, ben
 from ..io import check_writable, write_json
 from ..robot import load_robot
 from ..scenarios import PLANTS
+from .numbers import Finite
 from .progress import LateProgress
 
 _json = click.option("--json", "json_file", type=click.Path(), metavar="FILE", help="Write all figures and runs.")
@@ -144,7 +145,7 @@ def bridge(root: str, robot: str, seed: int, json_file: str | None) -> None:
 @click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")
 @click.option("--seeds", type=click.IntRange(1, 100_000), default=50, show_default=True, help="Number of corridors.")
 @click.option(
-    "--depth", type=click.FloatRange(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m]."
+    "--depth", type=Finite(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m]."
 )
 @_json
 def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> None:
@@ -163,7 +164,7 @@ def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> Non
 
 @click.command(short_help="Drive for a long time; watch memory and ticks.")
 @click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")
-@click.option("--hours", type=click.FloatRange(0.01, 1000), default=1.0, show_default=True, help="Of simulated time.")
+@click.option("--hours", type=Finite(0.01, 1000), default=1.0, show_default=True, help="Of simulated time.")
 @_json
 def soak(robot: str, hours: float, json_file: str | None) -> None:
     """Drive to and fro among moving obstacles in one process."""

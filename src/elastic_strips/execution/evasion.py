@@ -19,10 +19,11 @@ from ..scene import Scene
 from .limits import MotionLimits
 from .manoeuvres import Targets, lattice, motion_to, roll_out, roll_to_rest
 from .onward import fastest_drive
-from .outlook import Outlook, Silhouette
+from .outlook import Outlook
 from .params import EvasionParams
 from .prediction import ArrivalTimes
 from .proposal import Proposal
+from .silhouette import Silhouette
 from .timed_certificate import TrajectoryCertifier
 from .trajectory import ReferenceState, Trajectory
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Obstacle
+from .silhouette import Silhouette, beyond_box
 
-_SIGNS = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, -1).T
 _OVERLAP = 0.05
 """What passes above or below by less than this [m] counts as being at the same height."""
 _ROUND = (coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone)
@@ -57,46 +56,32 @@ class Discs:
 
 
 class Footprint:
-    """Workspace: a robot where it stands, each of its pieces as an upright box that is turned as the base is.
+    """Workspace: a robot where it stands, each of its bodies as an upright box that is turned as the base is.
 
     Args:
-        robot: whose pieces these are.
+        robot: whose bodies these are.
     """
 
     def __init__(self, robot: RobotModel) -> None:
-        self._robot, self._data = robot, robot.model.createData()
-        corners = []
-        for piece in robot.geometries:
-            piece.geometry.computeLocalAABB()
-            low, high = np.array(piece.geometry.aabb_local.min_), np.array(piece.geometry.aabb_local.max_)
-            local = 0.5 * (low + high) + 0.5 * _SIGNS * (high - low)
-            corners.append(local @ piece.placement[:3, :3].T + piece.placement[:3, 3])
-        self._corners = np.array(corners)  # (G, 8, 3) in the joints' frames
+        self._body, self._planar = Silhouette(robot), robot.space.planar
+        self._origin, self._turn = np.zeros(2), np.eye(2)
 
     def place(self, chart: Array) -> None:
         """Put the robot at a chart row (nv,)."""
-        robot, data = self._robot, self._data
-        pin.forwardKinematics(robot.model, data, robot.space.from_chart(chart[None])[0])
-        joints = [data.oMi[piece.joint] for piece in robot.geometries]
-        rotation, shift = np.array([T.rotation for T in joints]), np.array([T.translation for T in joints])
-        world = self._corners @ rotation.transpose(0, 2, 1) + shift[:, None]
-        yaw = float(chart[2]) if robot.space.planar else 0.0
-        self._origin = np.array(chart[:2]) if robot.space.planar else np.zeros(2)
-        self._turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-        local = (world[..., :2] - self._origin) @ self._turn
-        low, high = local.min(axis=1), local.max(axis=1)
-        self._centre, self._half = 0.5 * (low + high), 0.5 * (high - low)  # (G, 2)
-        self._bottom, self._top = world[..., 2].min(axis=1), world[..., 2].max(axis=1)
+        self._body.update(chart)
+        if self._planar:
+            cos, sin = math.cos(chart[2]), math.sin(chart[2])
+            self._origin, self._turn = np.array(chart[:2]), np.array([[cos, -sin], [sin, cos]])
 
     def distances(self, discs: Discs, poses: Array) -> Array:
         """Distances (P,) [m] seen from above of an obstacle at poses (P, 4, 4); infinite where no heights overlap."""
-        rotation = poses[:, None, :3, :3]
+        body, rotation = self._body, poses[:, None, :3, :3]
         centre = np.matmul(rotation, discs.centre[:, :, None])[..., 0] + poses[:, None, :3, 3]  # (P, D, 3)
         tall = (np.abs(rotation[..., 2, :]) * discs.half).sum(axis=-1) + _OVERLAP  # (P, D)
         local = (centre[..., :2] - self._origin) @ self._turn
-        beyond = np.abs(local[:, :, None] - self._centre) - self._half  # (P, D, G, 2)
-        outside = np.sqrt(np.square(np.maximum(beyond, 0.0)).sum(axis=-1)) + np.minimum(beyond.max(axis=-1), 0.0)
+        offset = local[:, :, None] - body.middle  # (P, D, K, 2)
+        outside = beyond_box(offset[..., 0], offset[..., 1], *body.half.T)
         z = centre[..., 2, None]
-        level = (z - tall[..., None] <= self._top) & (z + tall[..., None] >= self._bottom)
+        level = (z - tall[..., None] <= body.high) & (z + tall[..., None] >= body.low)
         apart = np.where(level, outside - discs.radius[:, None], np.inf)
         return apart.reshape(len(poses), -1).min(axis=1)

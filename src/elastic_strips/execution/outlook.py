@@ -4,65 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..proximity import BodySet, Forecast
-from ..robot import Kinematics, RobotModel
-from ..robot.geometry import support_points
+from ..proximity import Forecast
 from ..robot.space import Array
 from ..scene import Scene
+from .silhouette import Silhouette, beyond_box
 
 FAR = 3.0
 """Separations are not told beyond this [m]."""
 _FASTEST = 3.0  # [m/s] what is faster is noticed late
 _LOW = 0.02  # [m] what lies lower is driven over
-
-
-class Silhouette:
-    """Workspace: the robot's bodies as upright boxes in the base's frame, for one posture of its joints.
-
-    Attributes:
-        middle, half: (K, 2) centres and half sizes of the boxes seen from above [m].
-        low, high: (K,) their lowest and highest points [m].
-    """
-
-    def __init__(self, robot: RobotModel) -> None:
-        self._bodies = BodySet.links(robot)
-        self._points = [support_points(g) for g in self._bodies.geometries]
-        self._kin = Kinematics(robot.tree, 1)
-        self._base = robot.space.base_nv
-        self._posture: Array | None = None
-        self.middle = self.half = np.zeros((0, 2))
-        self.low = self.high = np.zeros(0)
-
-    def update(self, chart: Array) -> None:
-        """Take the joints of a chart row (nv,)."""
-        row = np.array(chart, dtype=float)
-        row[: self._base] = 0.0
-        if self._posture is not None and np.array_equal(row, self._posture):
-            return
-        self._posture = row
-        self._kin.update(row[None])
-        count = len(self._bodies)
-        index = np.arange(count, dtype=np.intp)
-        turn, move = self._bodies.placements(self._kin, np.zeros(count, dtype=np.intp), index)
-        boxes = np.empty((count, 2, 3))
-        for g, (points, radius) in enumerate(self._points):
-            placed = points @ turn[g].T + move[g]
-            boxes[g] = placed.min(axis=0) - radius, placed.max(axis=0) + radius
-        inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2) & (boxes[:, None, 1] <= boxes[None, :, 1]).all(2)
-        inside &= ~np.eye(count, dtype=bool)
-        boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
-        self.middle, self.half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
-        self.low, self.high = boxes[:, 0, 2], boxes[:, 1, 2]
-
-    @property
-    def reach(self) -> float:
-        """Radius [m] about the base's origin that holds the robot, seen from above."""
-        return self.reach_between(-np.inf, np.inf)
-
-    def reach_between(self, low: float, high: float) -> float:
-        """That of the bodies between two heights [m]."""
-        at = (self.low <= high) & (self.high >= low)
-        return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
 
 
 class Outlook:
@@ -154,7 +104,7 @@ class Outlook:
         for k in range(len(body.low)):
             at = (low <= body.high[k]) & (high >= body.low[k])
             if at.any():
-                d = _beyond(ahead[..., at] - body.middle[k, 0], aside[..., at] - body.middle[k, 1], *body.half[k])
+                d = beyond_box(ahead[..., at] - body.middle[k, 0], aside[..., at] - body.middle[k, 1], *body.half[k])
                 np.minimum(result, (d - size[:, at]).min(axis=-1), out=result)
         return result
 
@@ -175,13 +125,6 @@ class Outlook:
                 px, py = pose[..., 0] + cos * u - sin * w, pose[..., 1] + sin * u + cos * w
                 c, s = np.cos(self._boxes[at, 6]), np.sin(self._boxes[at, 6])
                 dx, dy = px[..., None] - self._boxes[at, 0], py[..., None] - self._boxes[at, 1]
-                d = _beyond(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
+                d = beyond_box(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
                 np.minimum(result, d.min(axis=-1) - radius, out=result)
         return result
-
-
-def _beyond(x: Array, y: Array, a: Array | float, b: Array | float) -> Array:
-    """Signed distances [m] of points from boxes of half sizes a, b about the origin."""
-    x, y = np.abs(x) - a, np.abs(y) - b
-    outside = np.sqrt(np.square(np.maximum(x, 0.0)) + np.square(np.maximum(y, 0.0)))
-    return outside + np.minimum(np.maximum(x, y), 0.0)

@@ -61,6 +61,12 @@ class Pilot:
         self.strip = strip
         self._last = None
 
+    def reset(self) -> None:
+        """Forget all that is kept from tick to tick, the strip aside; for after an exception."""
+        self.deformer.reset()
+        self.certifier.reset()
+        self._last = self._sensed = None
+
     def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify what is left of a motion once more, against a newer scene."""
         return self.certifier.certify(motion, scene, predict(scene, self.params.assumptions))

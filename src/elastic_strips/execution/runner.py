@@ -203,7 +203,7 @@ class Runner:
             supervisor.log(t, "fault", str(error))
         except Exception as error:  # whatever it is: the held motion is driven to its end
             _log.exception("planning tick failed")
-            self.pilot.deformer.reset()
+            self.pilot.reset()
             supervisor.keep(f"planning failed: {type(error).__name__}: {error}", t)
             supervisor.log(t, "fault", f"planning exception: {type(error).__name__}: {error}")
         seconds = perf_counter() - began

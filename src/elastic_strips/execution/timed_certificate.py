@@ -30,6 +30,10 @@ class TrajectoryCertifier:
         bodies = BodySet.links(robot)
         self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)
 
+    def reset(self) -> None:
+        """Forget the obstacles; for after an exception."""
+        self._certifier.reset()
+
     def certify(self, trajectory: Trajectory, scene: Scene, forecast: Forecast) -> Certificate:
         """Certify a trajectory, from its first sample until it has come to rest.
 

@@ -23,7 +23,8 @@ _SLACK = 0.6
 _LOOSE = 0.15
 """A box test may lie below the distance by the capsule's length and about this [m]; decides only what is asked."""
 
-Bound = Callable[[Kinematics, Indices, Indices, tuple[Array, Array] | None], Array]
+Measure = Callable[[Kinematics, Indices, Array, Indices], Array]
+"""Distances (K,) at kinematics' nodes (K,), which are places (K,) of the motion, of pairs (K,)."""
 
 
 @dataclass(slots=True)
@@ -62,8 +63,8 @@ class _Family:
     """
 
     way: Array
-    cheap: Callable[[Kinematics, Indices, Array, Indices], Array]
-    exact: Callable[[Kinematics, Indices, Array, Indices], Array]
+    cheap: Measure
+    exact: Measure
     loose: Array
     clearance: float
     broken: Callable[[int, int, float, bool], BrokenSegment]
@@ -215,7 +216,7 @@ class MotionCertifier:
             pair, zero, zero + last, zero, zero, np.zeros(count, dtype=bool), np.zeros(count, dtype=bool),
             family.way[-1].copy(),
         )  # fmt: skip
-        todo.d_low, todo.d_high = (self._cheap(family, at, pair) for at in (todo.low, todo.high))
+        todo.d_low, todo.d_high = (self._measured(family.cheap, at, pair) for at in (todo.low, todo.high))
         todo = todo.take(todo.open(c))
         for _level in range(int(last).bit_length() + self.max_depth + 1):
             single = todo.high - todo.low <= 1.0
@@ -229,7 +230,7 @@ class MotionCertifier:
                 return None
             middle = 0.5 * (todo.low + todo.high)
             middle = np.where(single, middle, np.floor(middle))
-            d = self._cheap(family, middle, todo.pair)
+            d = self._measured(family.cheap, middle, todo.pair)
             first, second = family.travel(todo.low, middle, todo.pair), family.travel(middle, todo.high, todo.pair)
             inexact = np.zeros(len(todo), dtype=bool)
             one = _Open(todo.pair, todo.low, middle, todo.d_low, d, todo.exact_low, inexact, first)
@@ -239,7 +240,7 @@ class MotionCertifier:
             least = np.minimum(first - todo.d_low, second - todo.d_high) + 2.0 * c
             ask = np.flatnonzero((d < need) & (single | (d + family.loose[todo.pair] >= least) | (d <= c)))
             if len(ask):
-                d[ask] = self._exact(family, middle[ask], todo.pair[ask])
+                d[ask] = self._measured(family.exact, middle[ask], todo.pair[ask])
                 inexact[ask] = True
                 broken = self._too_near(family, middle[ask], todo.pair[ask], d[ask])
                 if broken is not None:
@@ -262,7 +263,7 @@ class MotionCertifier:
         ask = np.flatnonzero(~exact & (gap >= 0.0) & (single | (gap <= family.loose[todo.pair]) | (d <= c)))
         if len(ask) == 0:
             return None
-        d[ask] = self._exact(family, place[ask], todo.pair[ask])
+        d[ask] = self._measured(family.exact, place[ask], todo.pair[ask])
         exact[ask] = True
         return self._too_near(family, place[ask], todo.pair[ask], d[ask])
 
@@ -275,15 +276,7 @@ class MotionCertifier:
     def _segment(self, place: float) -> int:
         return min(int(place), len(self._v) - 2)
 
-    def _cheap(self, family: _Family, place: Array, pair: Indices) -> Array:
-        return self._measured(family.cheap, place, pair)
-
-    def _exact(self, family: _Family, place: Array, pair: Indices) -> Array:
-        return self._measured(family.exact, place, pair)
-
-    def _measured(
-        self, measure: Callable[[Kinematics, Indices, Array, Indices], Array], place: Array, pair: Indices
-    ) -> Array:
+    def _measured(self, measure: Measure, place: Array, pair: Indices) -> Array:
         """Distances at places, samples or between them."""
         sample = place.astype(np.intp)
         whole = place == sample
