@@ -33,7 +33,6 @@ class Silhouette:
         row[: self._base] = 0.0
         if self._posture is not None and np.array_equal(row, self._posture):
             return
-        self._posture = row
         self._kin.update(row[None])
         count = len(self._bodies)
         index = np.arange(count, dtype=np.intp)
@@ -47,6 +46,7 @@ class Silhouette:
         boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
         self.middle, self.half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
         self.low, self.high = boxes[:, 0, 2], boxes[:, 1, 2]
+        self._posture = row
 
     @property
     def reach(self) -> float:

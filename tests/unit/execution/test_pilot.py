@@ -110,3 +110,11 @@ def test_every_tick_is_planned_anew_where_asked_for(silvermate):
     ride = Ride(silvermate, Scene([PILLAR, WALKER]), params)
     assert all(ride.tick().accepted for _ in range(6))
     assert ride.deformed == [True] * 6
+
+
+def test_after_a_reset_nothing_is_taken_for_known(silvermate):
+    ride = Ride(silvermate, Scene([PILLAR]))
+    ride.tick()
+    ride.pilot.reset()
+    assert ride.tick().accepted
+    assert ride.deformed == [True, True]  # else the second would go on with what the first had certified
