@@ -144,9 +144,7 @@ def bridge(root: str, robot: str, seed: int, json_file: str | None) -> None:
 @click.command(short_help="How soon a new obstacle is answered.")
 @click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")
 @click.option("--seeds", type=click.IntRange(1, 100_000), default=50, show_default=True, help="Number of corridors.")
-@click.option(
-    "--depth", type=Finite(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m]."
-)
+@click.option("--depth", type=Finite(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m].")
 @_json
 def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> None:
     """A post appears on the strip while the robot drives, planned at 100 Hz: ticks until a new certified strip is

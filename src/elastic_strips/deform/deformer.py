@@ -80,6 +80,7 @@ class Deformer:
         asked = work.queries
         hold = self._paper is None and work.holds(strip) and self._certified
         work.load(strip, scene, to_move=True)
+        hold = hold and not work.obstacles.nearer_than(self.params.clearance)  # the scene has taken it already
         iterations = 0
         while True:
             began = self.clock.elapsed

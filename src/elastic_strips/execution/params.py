@@ -130,7 +130,7 @@ class DriveParams:
     tracking_error: float = 0.02
     margin: float = 0.005
     settle_time: float = 0.15
-    recover_iterations: int = 2
+    recover_iterations: int = 4
     motion_every: int = 2
     maintain_every: int = 3
     horizon: float = 3.0

@@ -291,6 +291,10 @@ class ObstacleProximity:
             return np.full(self.bound.shape[:2], self.influence)
         return np.minimum(self.bound.min(axis=2), self.influence)
 
+    def nearer_than(self, distance: float) -> bool:
+        """Whether some body is surely nearer to an obstacle than this [m], below the influence distance."""
+        return bool((self.exact + self._since < distance).any())
+
     def obstacle_name(self, part: int) -> str:
         """Name of the obstacle that a window column belongs to."""
         assert self.window is not None

@@ -191,6 +191,27 @@ class SelfProximity:
             second[k] = result.getNearestPoint2()
         return distance, -direction, first, second
 
+    def measure(self, kin: Kinematics, node: Indices, pair: Indices, need: Array) -> Array:
+        """Lower bounds (K,) [m]; where one is at least ``need`` (K,) the capsules may have done."""
+        bound = self.cheap(kin, node, pair)
+        ask = np.flatnonzero(bound < need)
+        if len(ask):
+            bound[ask] = self.distances(kin, node[ask], pair[ask]) - GJK_EXCESS
+        return bound
+
+    def distances(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
+        """Exact signed distances (K,) [m]."""
+        self.queries += len(node)
+        r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
+        r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])
+        distance = np.empty(len(node))
+        one, two, ask, functors = self._one, self._two, self._solver.ask, self._functors
+        for k, s in enumerate(pair.tolist()):
+            one.setTransform(r1[k], t1[k])
+            two.setTransform(r2[k], t2[k])
+            distance[k] = ask(functors[s], one, two)
+        return distance
+
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""
         node, pair = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))

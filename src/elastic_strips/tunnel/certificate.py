@@ -227,9 +227,7 @@ class Certifier:
     def _measure(self, node: Indices, triples: _Open, need: Array, is_self: bool) -> Array:
         """Lower bounds of the distances at the middles; exact where the box test does not already suffice."""
         if is_self:
-            from ..proximity import GJK_EXCESS
-
-            return self.self_pairs.query(self._between, node, triples.body)[0] - GJK_EXCESS
+            return self.self_pairs.measure(self._between, node, triples.body, need)
         fraction = 0.5 * (triples.low + triples.high)
         moved = self.obstacles.movers.between(triples.segment, fraction, triples.part)
         return self.obstacles.measure(self._between, node, triples.body, triples.part, need, moved)

@@ -195,7 +195,7 @@ class MotionCertifier:
         np.cumsum(np.abs(v[:, b:]) @ proximity.radius[b:], axis=0, out=way[1:])
 
         def exact(kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
-            return proximity.query(kin, node, pair)[0] - GJK_EXCESS
+            return proximity.distances(kin, node, pair) - GJK_EXCESS
 
         def broken(segment: int, pair: int, d: float, certain: bool) -> BrokenSegment:
             one, two = pairs[pair]

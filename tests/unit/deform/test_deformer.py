@@ -221,6 +221,18 @@ def test_a_certified_strip_stays_certified_where_nothing_moves(silvermate):
     assert was
 
 
+def test_no_step_is_shortened_where_the_scene_has_taken_the_strip(silvermate, monkeypatch):
+    shortened = []
+    monkeypatch.setattr(Deformer, "_shorter", lambda self, before, chart, scene, full: shortened.append(full) or full)
+    deformer = Deformer(silvermate)
+    report = deformer.settle(line(silvermate), Scene([]), until="certified")
+    post = Cylinder(0.15, 1.0, at=(2.0, 0.1, 0.5), name="post")
+    report = deformer.step(report.strip, Scene([post]))
+    assert not report.certified
+    assert report.moved > 0.0
+    assert not shortened
+
+
 def test_moving_obstacles_are_followed(silvermate):
     """A ball crosses the strip slowly: it stays certified, and every certificate is true at its nodes."""
     deformer, strip = Deformer(silvermate), line(silvermate)

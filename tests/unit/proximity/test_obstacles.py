@@ -58,6 +58,10 @@ class Bench:
         assert found[inside < INFLUENCE - tolerance].all(), "a pair within the influence distance is missing"
         assert not found[inside > INFLUENCE + tolerance].any()
         assert len(contacts) == found.sum()
+        nearest = inside.min(initial=np.inf)
+        if nearest < INFLUENCE:
+            assert not proximity.nearer_than(nearest - tolerance)
+            assert proximity.nearer_than(nearest + 2.0 * proximity.tolerance + tolerance)
         error = np.abs(contacts.distance - inside[found])
         assert error[~deep[found]].max(initial=0.0) <= tolerance
         assert (contacts.distance[deep[found]] <= tolerance).all()

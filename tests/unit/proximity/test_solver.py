@@ -21,7 +21,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("one, two", itertools.product(SHAPES, SHAPES))
+@pytest.mark.parametrize("one, two", list(itertools.product(SHAPES, SHAPES)))
 def test_never_worse_than_coal_itself(one, two, rng):
     """Random poses and such on a grid, where shapes touch in a point, an edge or a face."""
     solver, pair = PairSolver(), ShapePair.of(SHAPES[one], SHAPES[two])
