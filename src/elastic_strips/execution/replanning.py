@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ..errors import ElasticStripsError
 from ..planning import PlanReport, plan_report
 from ..robot import RobotModel
-from ..scene import Scene
+from ..scene import Box, Obstacle, Scene
 from ..strip import Strip
 from .params import DriveParams
 from .proposal import Proposal
@@ -16,6 +16,8 @@ from .proposal import Proposal
 _STANDING = 0.05
 """An obstacle that is slower than this [m/s] counts as standing for a planner."""
 _TIMEOUT = 4.0
+_BERTH, _MOST_BERTH = 0.2, 0.6
+"""What stands but can move is kept away from by so much more [m] with every further plan, and at most."""
 
 
 class Replanner:
@@ -75,26 +77,48 @@ class Replanner:
         return f"the strip is broken: {broken}" if by_standing else proposal.reason
 
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
-        """Another strip, or None, and what happened."""
+        """Another strip, or None, and what happened.
+
+        Somebody who stands may walk on: a strip close by has been of no use, and the next one leads past at a
+        distance, or on another side, where there is room for that.
+        """
         self.pending = False
+        berth = min(_BERTH * self.count, _MOST_BERTH)
         self.count += 1
-        try:
-            report = plan_report(
-                self.robot, standing(scene), start, goal, seed=self.seed + self.count, params=self.deform,
-                timeout=_TIMEOUT, line=False, grid=self.grid,
-            )  # fmt: skip
-        except ElasticStripsError as error:
-            return None, f"failed: {error}"
-        if not report.certified:
-            return None, report.reason
-        self.halted = False
-        return report.strip, report.reason
+        still, reason = standing(scene), ""
+        mobile = [o for o in still if scene.obstacle(o.name).motion is not None] if berth else []
+        widths = (berth, 0.5 * berth, 0.0) if mobile else (0.0,)
+        for width in widths:
+            around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
+            try:
+                report = plan_report(
+                    self.robot, around, start, goal, seed=self.seed + self.count, params=self.deform,
+                    timeout=_TIMEOUT / len(widths), line=False, grid=self.grid,
+                )  # fmt: skip
+            except ElasticStripsError as error:
+                reason = f"failed: {error}"
+                continue
+            if report.certified:
+                self.halted = False
+                return report.strip, report.reason
+            reason = report.reason
+        return None, reason
 
 
 def standing(scene: Scene) -> Scene:
     """What a planner of still scenes gets: the obstacles that stand."""
     still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _STANDING]
     return Scene([o.sensed(o.pose, None) for o in still], time=scene.time)
+
+
+def _around(obstacle: Obstacle, width: float) -> Obstacle:
+    """An upright box about an obstacle, wider than it by ``width`` [m] on every side."""
+    rotation, shift = obstacle.pose[:3, :3], obstacle.pose[:3, 3]
+    centre = np.array([rotation @ part.center + shift for part in obstacle.parts])
+    half = np.array([np.abs(rotation) @ part.half_extents for part in obstacle.parts])
+    low, high = (centre - half).min(axis=0), (centre + half).max(axis=0)
+    size = high - low + 2.0 * width * np.array([1.0, 1.0, 0.0])
+    return Box(size, at=0.5 * (low + high), name=f"about {obstacle.name}")
 
 
 def _moves(scene: Scene, name: str) -> bool:

@@ -247,14 +247,15 @@ class Runner:
         if (waiting and self.pilot.evasion is None) or self._rest_of_goal(t, scene):
             return
         begin = t + params.latency * params.control_dt
-        if supervisor.at_rest(t) and self._settled_estimate(t):
+        at_rest = supervisor.at_rest(t)
+        if at_rest and self._settled_estimate(t):
             rest = standstill(self.robot, self.limits, self.estimate.copy(), begin, params.control_dt)
             supervisor.rebase(rest)
         proposal = self.proposal = self.pilot.tick(t, scene, supervisor.held, begin)
         late = 10.0 * params.latency * params.control_dt if self.faults.active("slow_tick", t) else 0.0
         if late:
             supervisor.log(t, "fault", f"late tick: it is ready only after {late:.2f} s")
-        due = "" if waiting else self.replanner.watch(t, proposal, self.scene, at_rest=supervisor.at_rest(t))
+        due = "" if waiting else self.replanner.watch(t, proposal, self.scene, at_rest=at_rest)
         if due:
             supervisor.log(t, "replanning", due)
         if waiting and not proposal.evasive:

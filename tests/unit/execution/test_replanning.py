@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from brute_force import link_distances
 
 from elastic_strips.execution import DriveParams
 from elastic_strips.execution.replanning import Replanner, standing
@@ -76,3 +78,28 @@ def test_only_what_stands_is_planned_with():
     still = standing(SCENE)
     assert still.names == ("crate", "idler")
     assert all(o.motion is None for o in still)
+
+
+def test_who_stands_in_the_way_is_given_a_wider_berth_each_time(replanner, silvermate):
+    scene = SCENE.without("crate").without("walker").moved("idler", pose_at(2.5, 0.05, 0.8))
+    apart = []
+    for _ in range(3):
+        strip, text = replanner.plan_anew(scene, silvermate.home(), silvermate.home(x=5.0))
+        assert strip is not None, text
+        apart.append(min(link_distances(silvermate, scene, q).min() for q in strip.q))
+    assert apart[1] > apart[0] + 0.1
+    assert apart[2] > apart[1] + 0.1
+
+
+def test_where_there_is_no_room_for_a_berth_the_way_is_as_narrow_as_before(replanner, silvermate):
+    walls = [Box((60.0, 0.2, 1.0), at=(2.5, side * 0.65, 0.5), name=f"wall{side:+d}") for side in (-1, 1)]
+    idler = SCENE.obstacle("idler").moved(pose_at(2.5, 0.5, 0.8))
+    replanner.count = 3
+    strip, text = replanner.plan_anew(Scene([*walls, idler]), silvermate.home(), silvermate.home(x=5.0))
+    assert strip is not None, text
+
+
+def pose_at(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose

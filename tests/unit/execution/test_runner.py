@@ -10,7 +10,7 @@ from elastic_strips.execution import FAULTS, DriveParams, Fault, MotionLimits, P
 from elastic_strips.execution.judge import REST_SPEED
 from elastic_strips.execution.tracking_bound import Displacement
 from elastic_strips.planning import straight_line
-from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
+from elastic_strips.scene import Box, Cylinder, Scene, Twist, Unknown, World
 from elastic_strips.strip import Strip
 
 CLUTTER = [
@@ -22,6 +22,11 @@ WALKER = Cylinder(0.25, 1.7, at=(2.0, -2.5, 0.85), name="walker", motion=Twist((
 
 def ends(robot, x: float = 4.0):
     return robot.home(), robot.home(x=x)
+
+
+def through(robot) -> Strip:
+    """The straight line, whatever stands on it."""
+    return Strip.from_chart(robot, straight_line(robot, *ends(robot), spacing=0.13))
 
 
 def drive(robot, obstacles, seconds: float = 40.0, **options):
@@ -124,16 +129,24 @@ def test_stop_brings_it_to_rest(silvermate):
 def test_a_closed_way_is_not_driven(silvermate):
     """The strip stays broken at the wall: the robot stops, says why, and does not wander about."""
     wall = Box((0.2, 60.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
-    start, goal = ends(silvermate)
-    strip = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
     params = DriveParams(replan_time=50.0)
-    _, result, verdict = drive(silvermate, [wall], seconds=8.0, params=params, strip=strip)
+    _, result, verdict = drive(silvermate, [wall], seconds=8.0, params=params, strip=through(silvermate))
     assert result.state is RunState.STOPPED
     assert not verdict.contacts
     assert "wall" in result.reason
     rows = result.record.control
     assert np.abs(rows.v[rows.time > 4.0]).max() < REST_SPEED
     assert any(e.kind == "replanning" for e in result.events)
+
+
+def test_who_might_walk_on_and_does_not_is_planned_around_again_and_again(silvermate):
+    """At rest the held motion is made anew now and then: that must not count as if the robot had moved."""
+    queue = Box((0.2, 60.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    params = DriveParams(replan_after=0.6)
+    _, result, verdict = drive(silvermate, [queue], seconds=14.0, params=params, strip=through(silvermate))
+    assert result.state is RunState.STOPPED
+    assert not verdict.contacts
+    assert result.replans >= 2
 
 
 def test_a_delayed_scene_is_driven_on_more_carefully(silvermate):
