@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
@@ -51,6 +52,8 @@ from .tunnel import Certificate, strip_clearance
 
 if TYPE_CHECKING:
     from .viewer import Viewer
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # who uses the library decides what is shown
 
 __all__ = [
     "__version__",

@@ -136,8 +136,11 @@ class Runner:
             step = self._step
             t = self.time = step * params.control_dt
             over = t >= limit
-            if not self._stop and not over and step % params.plan_every == 0:
-                self._planning_tick(t)
+            if step % params.plan_every == 0:
+                if not self._stop and not over:
+                    self._planning_tick(t)
+                elif supervisor.state is not RunState.REACHED:
+                    supervisor.keep("asked to stop" if self._stop else f"time limit of {limit:g} s", t)
             self._take_waiting(t)
             state = supervisor.update(t)
             self._control(t, state)

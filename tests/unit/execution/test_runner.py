@@ -121,9 +121,18 @@ def test_stop_brings_it_to_rest(silvermate):
 
     _, result, verdict = drive(silvermate, CLUTTER, watch=watch)
     assert result.state is RunState.STOPPED
+    assert result.reason == "asked to stop"
     assert result.record.control.time[-1] < 4.5
     assert np.abs(result.record.control.v[-1]).max() < REST_SPEED
     assert not verdict.contacts
+
+
+def test_the_time_limit_brings_it_to_rest(silvermate):
+    _, result, _ = drive(silvermate, [], seconds=1.5)
+    assert result.state is RunState.STOPPED
+    assert result.reason == "time limit of 1.5 s"
+    assert [reason for _, reason in result.stops] == [result.reason]
+    assert np.abs(result.record.control.v[-1]).max() < REST_SPEED
 
 
 def test_a_closed_way_is_not_driven(silvermate):
