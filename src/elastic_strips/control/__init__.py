@@ -2,6 +2,33 @@
 
 from __future__ import annotations
 
+from .deliberative import Deliberation, DeliberativeLayer, Part, Step
+from .director import Director
+from .hybrid import HybridControl, HybridResult
+from .reach import Reach, Reached
+from .sequencing import Facts, MissingExtraError, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskState, TaskWatch
+from .tasks import DriveAndReach, DriveTo, ReachHand, Task
 
-__all__ = ["TaskEvent", "TaskState", "TaskWatch"]
+__all__ = [
+    "DriveTo",
+    "ReachHand",
+    "DriveAndReach",
+    "Task",
+    "HybridControl",
+    "HybridResult",
+    "DeliberativeLayer",
+    "Deliberation",
+    "Part",
+    "Step",
+    "Reach",
+    "Reached",
+    "SequencingLayer",
+    "Facts",
+    "Order",
+    "Director",
+    "TaskWatch",
+    "TaskState",
+    "TaskEvent",
+    "MissingExtraError",
+]

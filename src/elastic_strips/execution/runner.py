@@ -52,6 +52,7 @@ class Runner:
         grid: whether plans may use a way over a grid.
         plant: the machine; a :class:`KinematicPlant` where None.
         perception: noise and delay of the sensed scene.
+        replanner: decides when a strip is planned anew, and does it; one of its own where None.
         faults: what goes wrong on purpose.
         seed: of the first plan, of the plant and of what is sensed.
         watch: called after every planning tick, with this runner; what it raises is logged and goes no further.
@@ -77,6 +78,7 @@ class Runner:
         grid: bool = True,
         plant: Plant | None = None,
         perception: PerceptionParams | None = None,
+        replanner: Replanner | None = None,
         faults: Iterable[Fault] = (),
         seed: int = 0,
         watch: Watch | None = None,
@@ -103,7 +105,7 @@ class Runner:
         first = robot.space.to_chart(robot.check_q(start, what="start"))
         self.time = 0.0
         self.first_plan: PlanReport | None = None
-        self.replanner = Replanner(robot, self.params, seed=seed, grid=grid)
+        self.replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
         if strip is None:
             self.first_plan = self.replanner.plan(self.world.at(0.0), start, self.goal_q, path=path)
             strip = self.first_plan.strip
