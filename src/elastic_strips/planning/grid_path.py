@@ -98,15 +98,33 @@ def grid_path(
     shape = np.ceil((ends.max(axis=0) + widen - low) / resolution).astype(int) + 1
     body = footprint(robot, start)
     clear = clearance_map(scene, low, shape, resolution, body.height)
-    cells = np.clip(np.rint((ends - low) / resolution).astype(int), 0, shape - 1)
-    cost = _cost(clear, body.inner, comfort, cells, resolution)
-    route = _cheapest(cost, cells)
+    way = cheapest_way(clear, low, resolution, ends, inner=body.inner, comfort=comfort)
     spent = perf_counter() - began
+    if way is None:
+        return GridPath(None, f"no way for the base on a grid of {resolution:g} m", clear.size, spent)
+    return GridPath(_smooth(way, resolution), "", clear.size, perf_counter() - began)
+
+
+def cheapest_way(
+    clear: Array, low: Array, resolution: float, ends: Array, *, inner: float, comfort: float
+) -> Array | None:
+    """Waypoints (K, 2) of the cheapest way from ``ends[0]`` to ``ends[1]`` [m], a cell apart; None where there is none.
+
+    Args:
+        clear: (rows, columns) distance of each cell's middle to the nearest obstacle [m].
+        low: (2,) middle of the first cell [m].
+        resolution: edge of a cell [m].
+        ends: (2, 2) start and goal [m].
+        inner: clearance below which a cell is closed [m].
+        comfort: clearance beyond ``inner`` from which on more of it is worth nothing [m].
+    """
+    cells = np.clip(np.rint((ends - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
+    route = _cheapest(_cost(clear, inner, comfort, cells, resolution), cells)
     if route is None:
-        return GridPath(None, f"no way for the base on a grid of {resolution:g} m", cost.size, spent)
+        return None
     way = low + resolution * route
     way[0], way[-1] = ends
-    return GridPath(_smooth(way, resolution), "", cost.size, perf_counter() - began)
+    return way
 
 
 def footprint(robot: RobotModel, q: Array) -> Footprint:
