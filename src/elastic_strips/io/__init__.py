@@ -12,6 +12,7 @@ from elastic_strips.io.record_table import record_columns, record_csv, record_fr
 from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
 from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
 from elastic_strips.io.scene_writer import write_scene, write_world
+from elastic_strips.io.sensor_file import read_sensors, silvermate_sensors
 from elastic_strips.io.yaml_source import Node, load_yaml
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "read_record",
     "read_scenario",
     "read_scene",
+    "read_sensors",
     "read_world",
     "scene_from_node",
     "record_columns",
@@ -39,6 +41,7 @@ __all__ = [
     "record_frame",
     "record_robot",
     "shape_document",
+    "silvermate_sensors",
     "world_from_node",
     "write_json",
     "write_record",

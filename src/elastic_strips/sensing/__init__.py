@@ -2,6 +2,25 @@
 
 from __future__ import annotations
 
+from .mounting import sensor_frames
+from .params import InfraredParams, LaserParams, RangeParams, RingParams, SensorConfig, SonarParams
 from .readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading
+from .suite import SensorSuite
+from .triangles import NoRayTracer
 
-__all__ = ["LaserScan", "RangeRing", "Reading", "NOTHING", "NO_ANSWER"]
+__all__ = [
+    "LaserScan",
+    "RangeRing",
+    "Reading",
+    "NOTHING",
+    "NO_ANSWER",
+    "SensorSuite",
+    "SensorConfig",
+    "RangeParams",
+    "LaserParams",
+    "RingParams",
+    "SonarParams",
+    "InfraredParams",
+    "sensor_frames",
+    "NoRayTracer",
+]
