@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .base_runner import BaseRunner
+from .bumper import Bumper
 from .deliberative import Deliberation, DeliberativeLayer, Part, Step
 from .director import Director
 from .hybrid import HybridControl, HybridResult
@@ -27,6 +29,8 @@ __all__ = [
     "Facts",
     "Order",
     "Director",
+    "BaseRunner",
+    "Bumper",
     "TaskWatch",
     "TaskState",
     "TaskEvent",
