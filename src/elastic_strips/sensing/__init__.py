@@ -2,6 +2,41 @@
 
 from __future__ import annotations
 
+from .cluster_shapes import Footprint, cluster_obstacles, fit_circle, footprint
+from .clusters import Cluster, clusters_of
+from .estimator import EstimatorReport, SceneEstimator, scan_scene
+from .estimator_params import SceneEstimatorParams
+from .scan_rays import Rays, rays_of
 from .readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading
+from .tracker import Sighting, Tracker
+from .tracks import TrackedObstacle, TrackState
+from .visibility import Visibility, seen_obstacles, visible_to
+from .voxel_map import VoxelMap
 
-__all__ = ["LaserScan", "RangeRing", "Reading", "NOTHING", "NO_ANSWER"]
+__all__ = [
+    "LaserScan",
+    "RangeRing",
+    "Reading",
+    "NOTHING",
+    "NO_ANSWER",
+    "SceneEstimator",
+    "SceneEstimatorParams",
+    "EstimatorReport",
+    "scan_scene",
+    "TrackedObstacle",
+    "TrackState",
+    "Tracker",
+    "Sighting",
+    "VoxelMap",
+    "Rays",
+    "rays_of",
+    "Cluster",
+    "clusters_of",
+    "Footprint",
+    "footprint",
+    "fit_circle",
+    "cluster_obstacles",
+    "Visibility",
+    "visible_to",
+    "seen_obstacles",
+]

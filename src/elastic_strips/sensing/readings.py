@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
-from ..robot.space import Array
+from ..robot.space import Array, Mask
 
 NOTHING = np.inf
 """A range at which nothing is, as far as the sensor reaches."""
@@ -42,7 +42,7 @@ class LaserScan:
         _freeze(self, "ranges", self.angles.shape)
 
     @property
-    def hits(self) -> Array:
+    def hits(self) -> Mask:
         """(R,) whether a ray met something."""
         return np.isfinite(self.ranges)
 
@@ -84,7 +84,7 @@ class RangeRing:
         _freeze(self, "ranges", self.T_base_sensor.shape[:1])
 
     @property
-    def hits(self) -> Array:
+    def hits(self) -> Mask:
         """(S,) whether a sensor sees something."""
         return np.isfinite(self.ranges)
 
