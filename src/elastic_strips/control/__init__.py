@@ -8,6 +8,7 @@ from .deliberative import Deliberation, DeliberativeLayer, Part, Step
 from .director import Director
 from .hybrid import HybridControl, HybridResult
 from .reach import Reach, Reached
+from .sensed_perception import LASER_ASSUMPTIONS, SensedPerception
 from .sequencing import Facts, MissingExtraError, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskState, TaskWatch
 from .tasks import DriveAndReach, DriveTo, ReachHand, Task
@@ -29,6 +30,8 @@ __all__ = [
     "Facts",
     "Order",
     "Director",
+    "SensedPerception",
+    "LASER_ASSUMPTIONS",
     "BaseRunner",
     "Bumper",
     "TaskWatch",

@@ -59,7 +59,7 @@ class ScanRays:
     def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
         """Which of the points (n, 2) the scan sees through, and which it could not see, for something is before them.
 
-        ScanRays within half of ``margin`` to either side of a point, and the next ones, must all end more than ``margin``
+        Rays within half of ``margin`` to either side of a point, and the next ones, must all end more than ``margin``
         [m] behind it for the point to be free. A point is hidden where the ray to it ends that much before it, or says
         nothing, or there is none.
         """
