@@ -1,5 +1,7 @@
 """Scenarios: named problems and YAML files, and running them."""
 
+from .closing import closing_side
+from .clutter import clutter
 from .corridor import corridor_scene
 from .document import FORMAT, FORMAT_VERSION, result_document
 from .drive import PLANTS, DriveOutcome, conclude, drive_scenario, make_runner
@@ -24,6 +26,8 @@ __all__ = [
     "result_document",
     "RunResult",
     "Scenario",
+    "closing_side",
+    "clutter",
     "corridor_scene",
     "get_scenario",
     "moving_corridor",

@@ -9,6 +9,10 @@ import numpy as np
 
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
+from .closing import NAME as CLOSING
+from .closing import closing_side
+from .clutter import NAME as CLUTTER
+from .clutter import clutter
 from .corridor import LENGTH, corridor_scene
 from .moving import COURTEOUS, COURTEOUS_SPEEDS, moving_corridor
 from .moving import NAME as MOVING
@@ -34,6 +38,8 @@ def _case(name: str) -> Callable[[int], Scenario]:
 REGISTRY: dict[str, Callable[[int], Scenario]] = {
     **{name: _case(name) for name in TABLE_2},
     "corridor": _corridor,
+    CLUTTER: clutter,
+    CLOSING: closing_side,
     MOVING: moving_corridor,
     COURTEOUS: lambda seed: moving_corridor(seed, speed=COURTEOUS_SPEEDS, yielding=True),
 }
