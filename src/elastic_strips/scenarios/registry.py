@@ -18,6 +18,7 @@ from .moving import COURTEOUS, COURTEOUS_SPEEDS, moving_corridor
 from .moving import NAME as MOVING
 from .paper_cases import TABLE_2, paper_case
 from .scenario import Scenario
+from .traps import BOTTLENECK, DEAD_END, bottleneck, dead_end
 
 
 def _corridor(seed: int) -> Scenario:
@@ -40,6 +41,8 @@ REGISTRY: dict[str, Callable[[int], Scenario]] = {
     "corridor": _corridor,
     CLUTTER: clutter,
     CLOSING: closing_side,
+    BOTTLENECK: bottleneck,
+    DEAD_END: dead_end,
     MOVING: moving_corridor,
     COURTEOUS: lambda seed: moving_corridor(seed, speed=COURTEOUS_SPEEDS, yielding=True),
 }
