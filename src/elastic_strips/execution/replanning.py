@@ -86,7 +86,7 @@ class Replanner:
         berth = min(_BERTH * self.count, _MOST_BERTH)
         self.count += 1
         still, reason = standing(scene), ""
-        mobile = [o for o in still if scene.obstacle(o.name).motion is not None] if berth else []
+        mobile = [o for o in still if scene.obstacle(o.name or "").motion is not None] if berth else []
         widths = (berth, 0.5 * berth, 0.0) if mobile else (0.0,)
         for width in widths:
             around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still

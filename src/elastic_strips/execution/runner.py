@@ -143,7 +143,7 @@ class Runner:
             if step % params.plan_every == 0:
                 if not self._stop and not over:
                     self._planning_tick(t)
-                elif supervisor.state is not RunState.REACHED:
+                elif supervisor.state in (RunState.MOVING, RunState.SLOWING):  # who stands, stands for another reason
                     supervisor.keep("asked to stop" if self._stop else f"time limit of {limit:g} s", t)
             self._take_waiting(t)
             state = supervisor.update(t)
