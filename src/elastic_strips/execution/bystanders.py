@@ -6,7 +6,7 @@ They belong to the physical world: they see the robot as it truly is, and nobody
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Obstacle, World, Yielding
 from .footprints import Discs, Footprint
+from .params import check_numbers
 
 _ROUNDING = 1e-6  # [s] rounding of times
 _BRAKING = 0.05  # [s] step in which a stop is looked ahead
@@ -49,12 +50,9 @@ class Courtesy:
     pace: float = 0.5
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not 0.0 <= value < math.inf:
-                raise ParameterError(f"Courtesy.{f.name}={value!r} must be finite and ≥ 0")
-        if not self.room < self.distance + self.onward or not self.pace <= 1.0 or not self.look > 0.0:
-            raise ParameterError(f"{self}: room must be less than distance + onward, pace at most 1, look positive")
+        check_numbers(self, zero=("distance", "standing", "patience", "onward", "aside", "room", "wait", "pace"))
+        if not self.room < self.distance + self.onward or not self.pace <= 1.0:
+            raise ParameterError(f"{self}: room must be less than distance + onward, and pace at most 1")
 
 
 class Bystanders:

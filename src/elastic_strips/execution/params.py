@@ -11,7 +11,7 @@ from ..deform import AxisTask, DeformParams
 from ..errors import ParameterError
 
 
-def _check(owner: object, *, zero: tuple[str, ...] = ()) -> None:
+def check_numbers(owner: object, *, zero: tuple[str, ...] = ()) -> None:
     """Every number of a dataclass is finite and > 0, or ≥ 0 where it is named in ``zero``."""
     for f in fields(owner):  # type: ignore[arg-type]
         value = getattr(owner, f.name)
@@ -48,7 +48,7 @@ class ObstacleAssumptions:
     max_speed: float = 2.0
 
     def __post_init__(self) -> None:
-        _check(self, zero=("position_error", "velocity_error", "acceleration"))
+        check_numbers(self, zero=("position_error", "velocity_error", "acceleration"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +81,7 @@ class EvasionParams:
     tries: int = 4
 
     def __post_init__(self) -> None:
-        _check(self, zero=("spread", "lead", "calm", "gain"))
+        check_numbers(self, zero=("spread", "lead", "calm", "gain"))
         if not self.acceleration <= 1.0:
             raise ParameterError(f"EvasionParams.acceleration={self.acceleration!r} must be at most 1")
         if not self.step <= 0.5 * self.horizon:
@@ -147,7 +147,7 @@ class DriveParams:
     time_limit: float = 120.0
 
     def __post_init__(self) -> None:
-        _check(self, zero=("latency", "settle_time", "recover_iterations"))
+        check_numbers(self, zero=("latency", "settle_time", "recover_iterations"))
         for name in ("plan_every", "latency", "motion_every", "maintain_every", "recover_iterations"):
             if not isinstance(getattr(self, name), (int, np.integer)):
                 raise ParameterError(f"DriveParams.{name}={getattr(self, name)!r} must be a whole number")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import coal
@@ -176,16 +177,11 @@ class SelfProximity:
     ) -> tuple[Array, Array, Array, Array]:
         """Exact signed distances (K,), directions (K, 3) and witness points (K, 3) ×2 of (node, pair)."""
         count = len(node)
-        self.queries += count
         distance = np.empty(count)
         direction, first, second = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
-        r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
-        r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])
         result = self._solver.result
-        for k, s in enumerate(pair.tolist()):
-            self._one.setTransform(r1[k], t1[k])
-            self._two.setTransform(r2[k], t2[k])
-            distance[k] = self._solver.ask(self._functors[s], self._one, self._two)
+        for k, d in enumerate(self._each(kin, node, pair)):
+            distance[k] = d
             direction[k] = result.normal
             first[k] = result.getNearestPoint1()
             second[k] = result.getNearestPoint2()
@@ -200,17 +196,19 @@ class SelfProximity:
         return bound
 
     def distances(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
-        """Exact signed distances (K,) [m]."""
+        """Exact signed distances (K,) [m]; cheaper than :meth:`query`, which reads the nearest points, too."""
+        return np.fromiter(self._each(kin, node, pair), dtype=float, count=len(node))
+
+    def _each(self, kin: Kinematics, node: Indices, pair: Indices) -> Iterator[float]:
+        """Ask Coal for one pair after the other; the solver's result is that of the last."""
         self.queries += len(node)
         r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
         r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])
-        distance = np.empty(len(node))
         one, two, ask, functors = self._one, self._two, self._solver.ask, self._functors
         for k, s in enumerate(pair.tolist()):
             one.setTransform(r1[k], t1[k])
             two.setTransform(r2[k], t2[k])
-            distance[k] = ask(functors[s], one, two)
-        return distance
+            yield ask(functors[s], one, two)
 
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""
