@@ -16,9 +16,9 @@ from ..execution import (
     DriveResult,
     KinematicPlant,
     MotionLimits,
-    PerceptionParams,
     Plant,
     RunState,
+    Tolerance,
 )
 from ..execution.bystanders import Bystanders
 from ..execution.estimation import Estimator
@@ -91,7 +91,6 @@ class BaseRunner:
         self.robot, self.params = robot, params or DriveParams()
         self.world = world if isinstance(world, World) else World(world)
         self.limits = limits or MotionLimits.for_robot(robot)
-        self.perception_params = PerceptionParams(delay=0.0)
         self.watch, self.realtime, self.patience = watch, realtime, patience
         plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
         self.plant: Plant = plant or KinematicPlant(robot, self.limits, MACHINE, seed=np.random.default_rng(plant_seed))
@@ -112,6 +111,11 @@ class BaseRunner:
         self.stops: list[tuple[float, str]] = []
         self._past: deque[tuple[float, Array]] = deque([(0.0, first[:3].copy())], _KEPT)
         self._stop = ""
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """How near counts as reached; of the base alone."""
+        return Tolerance(position=0.15, yaw=0.2, joints=np.inf)
 
     def stop(self) -> None:
         """Ask the loop to end: the base brakes first."""

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from ..deform import AxisTask
 from ..errors import ConfigurationError
-from ..execution import DriveParams, DriveResult, Runner, RunState
+from ..execution import DriveParams, DriveResult, PerceptionParams, Runner, RunState
+from ..execution.perception import Perceiver
 from ..execution.replanning import standing
 from ..robot import RobotModel
 from ..scene import Scene, World
@@ -56,12 +57,14 @@ class HybridControl:
         task: what to do.
         keep: what the strip is to keep to meanwhile; suspended where that cannot be, and resumed.
         params: of the drive.
+        perception: what tells all three layers about the world; see the Runner's.
         seed: of all that is sampled, and of the machine.
         watch: called after every planning tick, with this control.
         **options: of the Runner.
 
     Attributes:
         deliberation: the task's steps.
+        director: plans their paths when the sequencing layer asks.
         sequencing: the layer, or None where there is no step.
         runner: the reactive layer, or None where there is no step.
         keeping: watches what is to be kept to, or None.
@@ -80,6 +83,7 @@ class HybridControl:
         *,
         keep: AxisTask | None = None,
         params: DriveParams | None = None,
+        perception: PerceptionParams | Perceiver | None = None,
         seed: int = 0,
         watch: Callable[[HybridControl], object] | None = None,
         **options: Any,
@@ -88,7 +92,9 @@ class HybridControl:
         world = world if isinstance(world, World) else World(world)
         params = replace(params or DriveParams(), task=keep)
         layer = DeliberativeLayer(robot, seed=seed, margin=params.clearance + 0.01)
-        self.deliberation = layer.divide(task, start, standing(world.at(0.0)))
+        seen = world.at(0.0) if perception is None or isinstance(perception, PerceptionParams) else perception.known()
+        self.deliberation = layer.divide(task, start, standing(seen))
+        self.director = Director(robot, params, seed=seed, grid=robot.space.planar)
         self.orders: list[tuple[float, Order, str]] = []
         self.sequencing: SequencingLayer | None = None
         self.runner: Runner | None = None
@@ -96,12 +102,11 @@ class HybridControl:
         steps = self.deliberation.steps
         if not steps:
             return
-        self.director = Director(robot, params, seed=seed, grid=robot.space.planar)
         self.sequencing = SequencingLayer([str(s) for s in steps], max_scene_age=params.max_scene_age)
         try:
             self.runner = Runner(
                 robot, world, start, [s.q for s in steps], params=params, replanner=self.director, seed=seed,
-                watch=self._look, **options,
+                perception=perception, watch=self._look, **options,
             )  # fmt: skip
         except ConfigurationError as error:
             self.deliberation = replace(self.deliberation, steps=(), reason=str(error))

@@ -29,6 +29,7 @@ from .replanning import Replanner
 from .result import DriveResult, TickStatistics
 from .supervisor import Supervisor, standstill
 from .tracking import TrackingController, TrackingGains
+from .verdict import Tolerance
 
 _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
@@ -126,6 +127,12 @@ class Runner:
         self.statistics = TickStatistics()
         self._waiting: list[tuple[float, Proposal]] = []
         self._stop = False
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """How near counts as reached."""
+        params = self.params
+        return Tolerance(position=params.goal_position, yaw=params.goal_angle, joints=params.goal_angle)
 
     def stop(self) -> None:
         """Ask the loop to end: the held motion is driven to its rest first."""

@@ -79,6 +79,9 @@ class StripFamily:
         self._turn = self._since_plan = self._calls = self._futile = 0
         self._said_none = False
 
+    def __len__(self) -> int:
+        return len(self._members)
+
     def plan(self, scene: Scene, start: npt.ArrayLike, *, timeout: float = 5.0) -> FamilyReport:
         """Forget all strips and plan new ones, for ``timeout`` [s] at most.
 
@@ -91,12 +94,13 @@ class StripFamily:
         self._plan(scene, self.robot.check_q(start, what="start"), events, timeout)
         return self._report(events, self._members, planned=True)
 
-    def step(self, scene: Scene, start: npt.ArrayLike | None = None) -> FamilyReport:
+    def step(self, scene: Scene, start: npt.ArrayLike | None = None, *, decide: bool = True) -> FamilyReport:
         """One tick: deform against a new scene, and decide which strip to follow.
 
         Args:
             scene: the obstacles.
             start: configuration (nq,) where the robot is; where it has been so far, where None.
+            decide: whether to change over; without that, the current strip stays the current one until :meth:`leave`.
 
         Raises:
             ConfigurationError: a start that is not sound, or none at all yet.
@@ -117,7 +121,8 @@ class StripFamily:
             self._turn = (self._turn + 1) % len(others)
             others[self._turn].deform(scene)
             fresh.append(others[self._turn])
-        self._decide(scene, others, fresh, events)
+        if decide:
+            self._decide(scene, others, fresh, events)
         self._drop(events)
         planned = self._lacks()
         if planned:
@@ -125,6 +130,38 @@ class StripFamily:
             self._plan(scene, where, events, self.family.timeout)
             fresh += [m for m in self._members if id(m) not in before]
         return self._report(events, fresh, planned=planned)
+
+    def leave(self, scene: Scene, start: npt.ArrayLike, why: str) -> FamilyReport:
+        """Follow another strip than the current one, which whoever follows it has given up.
+
+        The cheapest that is certified from where the robot is, after up to ``patience`` ticks each. Where there is
+        none, all strips are forgotten: `best` of the report is None.
+
+        Args:
+            scene: the obstacles.
+            start: configuration (nq,) where the robot is.
+            why: the current one was given up.
+
+        Raises:
+            ConfigurationError: a start that is not sound.
+        """
+        self._rejoin(self.robot.check_q(start, what="start"))
+        others, events = [m for m in self._members if m is not self._current], list[str]()
+        for member in others:
+            for _ in range(self.family.patience):
+                member.deform(scene)
+                if member.report.usable:
+                    break
+        sound = [m for m in others if m.report.usable]
+        if sound:
+            left = self._current
+            self._switch(scene, min(sound, key=lambda m: m.cost), why, events)
+            if left is not None:
+                self._members.remove(left)
+        else:
+            self._members, self._current, others = [], None, []
+            events.append(f"no alternative left: {why}")
+        return self._report(events, others, planned=False)
 
     # the parts of a tick
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from ..errors import ParameterError, nearest_name
@@ -248,3 +248,14 @@ class SensorConfig:
     def names(self) -> tuple[str, ...]:
         """Names of the sensors."""
         return tuple(s.name for s in self.sensors)
+
+    def only(self, *names: str) -> SensorConfig:
+        """These sensors alone.
+
+        Raises:
+            ParameterError: there is no sensor of such a name.
+        """
+        for name in names:
+            if name not in self.names:
+                raise ParameterError(f"sensor {name!r} is unknown{nearest_name(name, self.names)}")
+        return replace(self, sensors=tuple(s for s in self.sensors if s.name in names))

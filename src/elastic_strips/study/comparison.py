@@ -8,25 +8,14 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ..bench.pool import cached, spread
-from ..control import LASER_ASSUMPTIONS, BaseRunner, SensedPerception
-from ..deform import DeformParams
 from ..errors import ElasticStripsError
-from ..execution import (
-    DRIVE_STRIP,
-    DriveParams,
-    MotionLimits,
-    Record,
-    Runner,
-    Tolerance,
-    judge,
-)
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..robot.space import Array
-from ..scenarios import get_scenario
-from ..scenarios.scenario import Scenario
+from ..scenarios import STRIP, drive_scenario, get_scenario
+from ..sensing import SensorConfig
 
-STRIP, STRIP_SENSED = "strip", "strip-sensed"
+STRIP_SENSED = "strip-sensed"
 METHODS = (*BASE_METHODS, STRIP_SENSED, STRIP)
 """Names of what is compared; ``strip-sensed`` sees what the base methods see, ``strip`` knows the obstacles."""
 CASES = ("case-1", "case-2", "case-3", "case-4", "case-5", "case-6", "bottleneck", "dead-end")
@@ -49,7 +38,7 @@ class Row:
 
     Attributes:
         case, method, seed: what was tried.
-        reached: whether the base is at the goal, within 0.15 m, in truth.
+        reached: whether the robot is at the goal in truth: a base within 0.15 m, a strip within 0.05 m.
         contacts: obstacles that were touched, none of them twice.
         clearance: least distance to an obstacle [m].
         path: length of the base's way [m]; time: [s].
@@ -94,12 +83,15 @@ def attempt(trial: Trial) -> Row:
     robot: RobotModel = cached("silvermate", lambda: load_robot("silvermate"))
     scenario = get_scenario(trial.case, seed=trial.seed)
     try:
-        record, reason = _driven(scenario, robot, trial)
+        sensors = None if trial.method == STRIP else SensorConfig()
+        outcome = drive_scenario(
+            scenario, method=STRIP if trial.method == STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
+            sensors=sensors, time_limit=trial.time_limit,
+        )  # fmt: skip
     except ElasticStripsError as error:
         nothing = float("nan")
         return Row(trial.case, trial.method, trial.seed, False, (), nothing, 0.0, 0.0, 0.0, nothing, str(error))
-    tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.pi)
-    verdict = judge(record, robot, scenario.world, tolerance=tolerance)
+    record, reason, verdict = outcome.result.record, outcome.result.reason, outcome.verdict
     rows = record.control
     turning, roughness = _turns(rows.time, rows.chart[:, 2])
     touched = tuple(dict.fromkeys(contact.obstacle for contact in verdict.contacts))
@@ -111,24 +103,6 @@ def attempt(trial: Trial) -> Row:
 
 def _attempt(trial: Trial) -> dict[str, object]:
     return asdict(attempt(trial))
-
-
-def _driven(scenario: Scenario, robot: RobotModel, trial: Trial) -> tuple[Record, str]:
-    start, goal = scenario.ends(robot)
-    world, seed = scenario.world, trial.seed
-    if trial.method in BASE_METHODS:
-        result = BaseRunner(robot, world, start, goal, trial.method, seed=seed).run(time_limit=trial.time_limit)
-        return result.record, result.reason
-    deform = DeformParams.for_preset("default", **{**DRIVE_STRIP, **scenario.params.get("default", {})})
-    limits = MotionLimits.for_robot(robot)
-    if trial.method == STRIP_SENSED:
-        params = DriveParams(deform=deform, assumptions=LASER_ASSUMPTIONS)
-        perception = SensedPerception(robot, world, start, seed=seed)
-        runner = Runner(robot, world, start, goal, params=params, limits=limits, perception=perception, seed=seed)
-    else:
-        runner = Runner(robot, world, start, goal, params=DriveParams(deform=deform), limits=limits, seed=seed)
-    result = runner.run(time_limit=trial.time_limit)
-    return result.record, result.reason
 
 
 def _turns(time: Array, yaw: Array) -> tuple[float, float]:

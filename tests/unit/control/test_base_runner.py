@@ -35,7 +35,7 @@ def test_a_closed_room_blocks(silvermate):
     result = runner.run(time_limit=60.0)
     assert result.state is RunState.STOPPED
     assert "blocked" in result.reason
-    assert np.abs(result.record.control.v[-1]).max() < 1e-3
+    assert np.abs(result.record.control.v[-1]).max() < 0.01  # the plant comes to rest after the last sample
     assert not judge(result.record, silvermate, runner.world, runner.limits).contacts
 
 
