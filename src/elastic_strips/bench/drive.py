@@ -12,7 +12,6 @@ import numpy as np
 
 from ..errors import ElasticStripsError
 from ..execution import FAULTS, Fault
-from ..execution.tracking_bound import Displacement
 from ..robot import load_robot
 from ..scenarios import STRIP, drive_scenario, get_scenario
 from ..sensing import SensorConfig
@@ -96,7 +95,7 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         "replans": result.replans,
         "limit_excess": dict(verdict.excess),
         "max_lateral_slip": verdict.max_lateral_slip_m,
-        "tracking_m": float(Displacement(robot)(rows.chart, rows.reference).max()),
+        "tracking_m": outcome.tracking_error,
         "physical_contacts": list(outcome.physical_contacts),
         "tick_ms": result.statistics.percentiles(),
         "faults": [[e.time, e.reason] for e in result.events if e.kind == "fault"],
@@ -188,7 +187,7 @@ def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "stops": int(sum(len(r["stops"]) for r in done)),
         "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),
         "time_s": percentiles([r["time_s"] for r in done if r["reached"]]),
-        "tracking_m": percentiles([r["tracking_m"] for r in done]),
+        "tracking_m": percentiles([r["tracking_m"] for r in done if r["tracking_m"] is not None]),
         "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
         "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
         "errors": [r["error"] for r in runs if "error" in r],

@@ -206,7 +206,8 @@ def _drive_rows(figures: dict[str, Any]) -> None:
     _row("stops", f"{figures['stops']}, {figures['stops_without_reason']} without a reason")
     if figures["time_s"]["p50"] is not None:
         _row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
-        _row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
+        if figures["tracking_m"]["p50"] is not None:
+            _row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
         _row("planning tick", f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, "
              f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
 

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..control import LASER_ASSUMPTIONS, BaseRunner, SensedPerception
 from ..deform import DeformParams
 from ..errors import ParameterError, nearest_name
@@ -26,6 +28,7 @@ from ..execution import (
     protective_separation,
 )
 from ..execution.switching import SwitchingReplanner
+from ..execution.tracking_bound import Displacement
 from ..methods import BASE_METHODS
 from ..planning import FamilyParams
 from ..robot import RobotModel
@@ -68,6 +71,14 @@ class DriveOutcome:
     sensors: tuple[str, ...] = ()
     physical_contacts: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
+
+    @property
+    def tracking_error(self) -> float | None:
+        """Bound on the largest distance [m] of any point of the robot from where the reference has it; None without
+        one."""
+        rows = self.result.record.control
+        error = float(Displacement(self.robot)(rows.chart, rows.reference).max())
+        return error if np.isfinite(error) else None
 
     @property
     def seen_collisions(self) -> int:
