@@ -71,9 +71,10 @@ def test_methods_and_sensors(short: Path, tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "driven by laser" in ended.stdout
     assert json.loads((tmp_path / "d.json").read_text())["sensors"] == ["laser"]
-    ended = run_cli("drive", str(short), "--method", "vff", "--json", "d.json", cwd=tmp_path)
+    short.write_text(SHORT.replace("at: [1.2, 0.6, 0.5]", "at: [1.2, 1.0, 0.5]"))  # for a base that minds no arm
+    ended = run_cli("drive", str(short), "--method", "vfh", "--json", "d.json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert json.loads((tmp_path / "d.json").read_text())["method"] == "vff"
+    assert json.loads((tmp_path / "d.json").read_text())["method"] == "vfh"
 
 
 def test_time_runs_out(short: Path, tmp_path: Path) -> None:
