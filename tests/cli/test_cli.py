@@ -225,6 +225,17 @@ def test_bench_plan(tmp_path: Path) -> None:
         assert sum(run["phases_ms"].values()) <= run["ms"]
 
 
+def test_bench_plan_of_another_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The clutter, with the grid first; an unknown scenario is wrong input."""
+    figures = _bench(tmp_path, "plan", "--seeds", "2", "--scenario", "clutter", "--grid")
+    assert (figures["scenario"], figures["grid"], figures["certified"]) == ("clutter", True, 1.0)
+    soon = sum(run["certified"] and run["ms"] <= 2000.0 for run in figures["runs"]) / 2
+    assert figures["certified_within_2_s"] == soon
+    assert "2 seeds of clutter" in capsys.readouterr().out
+    assert call("bench", "plan", "--seeds", "1", "--scenario", "cluter") == 2
+    assert "clutter" in capsys.readouterr().err
+
+
 def test_bench_replan(tmp_path: Path) -> None:
     """Up to four pushes on each of two corridors; the strip follows by about as much as it was pushed."""
     figures = _bench(tmp_path, "replan", "--seeds", "2")

@@ -66,6 +66,17 @@ def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
     assert any(e["kind"] == "fault" and "stale scene" in e["reason"] for e in events)
 
 
+def test_methods_and_sensors(short: Path, tmp_path: Path) -> None:
+    ended = run_cli("drive", str(short), "--sensors", "laser", "--json", "d.json", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert "driven by laser" in ended.stdout
+    assert json.loads((tmp_path / "d.json").read_text())["sensors"] == ["laser"]
+    short.write_text(SHORT.replace("at: [1.2, 0.6, 0.5]", "at: [1.2, 1.0, 0.5]"))  # for a base that minds no arm
+    ended = run_cli("drive", str(short), "--method", "vfh", "--json", "d.json", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert json.loads((tmp_path / "d.json").read_text())["method"] == "vfh"
+
+
 def test_time_runs_out(short: Path, tmp_path: Path) -> None:
     ended = run_cli("drive", str(short), "--time-limit", "1.0", cwd=tmp_path)
     assert ended.returncode == 3
@@ -82,6 +93,10 @@ def test_time_runs_out(short: Path, tmp_path: Path) -> None:
         (["drive", "case-1", "--plant", "steam"], "steam"),
         (["drive", "case-1", "--time-limit", "nan"], "nan"),
         (["drive", "run.npz"], "is no scenario"),
+        (["drive", "case-1", "--sensors", "lasar"], "did you mean 'laser'"),
+        (["drive", "case-1", "--sensors", "none.yaml"], "none.yaml"),
+        (["drive", "case-1", "--method", "vhf"], "'vfh'"),
+        (["drive", "case-1", "--method", "vfh", "--fault", "scene_late@1"], "are of the strip"),
     ],
 )
 def test_wrong_input_is_one_message(arguments: list[str], message: str, tmp_path: Path) -> None:

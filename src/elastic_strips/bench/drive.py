@@ -12,9 +12,9 @@ import numpy as np
 
 from ..errors import ElasticStripsError
 from ..execution import FAULTS, Fault
-from ..execution.tracking_bound import Displacement
 from ..robot import load_robot
-from ..scenarios import drive_scenario, get_scenario
+from ..scenarios import STRIP, drive_scenario, get_scenario
+from ..sensing import SensorConfig
 from .measure import machine, percentiles
 from .pool import cached, spread
 
@@ -26,7 +26,8 @@ FAULT_SECONDS = {"lost_odometry": 0.5, "scene_frozen": 2.0, "slow_tick": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class DriveTask:
-    """One run: scenario, seed, robot, plant, perhaps a fault, whether it evades, and its longest time [s]."""
+    """One run: scenario, seed, robot, plant, perhaps a fault, whether it evades, its longest time [s], method, sensors
+    (the robot knows the scene where None)."""
 
     scenario: str
     seed: int
@@ -35,6 +36,8 @@ class DriveTask:
     fault: str = ""
     evade: bool = False
     time_limit: float = 90.0
+    method: str = STRIP
+    sensors: SensorConfig | None = None
 
 
 def drive_once(task: DriveTask) -> dict[str, Any]:
@@ -45,23 +48,30 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         start = float(np.random.default_rng(task.seed).uniform(1.0, 6.0))
         faults = [Fault(task.fault, start, FAULT_SECONDS.get(task.fault, 1.0))]
     scenario = get_scenario(task.scenario, seed=task.seed)
-    killed: dict[str, Any] = {}
+    options: dict[str, Any] = {"sensors": task.sensors}
+    if task.method == STRIP:
+        options |= {"evade": task.evade, "faults": faults}
     if task.fault == "viewer_killed":
-        killed["watch"] = _doomed_viewer(faults[0].start)
-        faults = []
+        options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
     try:
         outcome = drive_scenario(
             scenario,
+            method=task.method,
             robot=robot,
             seed=task.seed,
             plant=task.plant,
-            evade=task.evade,
             time_limit=task.time_limit,
-            faults=faults,
-            **killed,
+            **options,
         )
     except ElasticStripsError as error:
-        return {"seed": task.seed, "fault": task.fault, "error": str(error), "reached": False, "collisions": 0}
+        return {
+            "seed": task.seed,
+            "fault": task.fault,
+            "error": str(error),
+            "reached": False,
+            "collisions": 0,
+            "collisions_seen": 0,
+        }
     result, verdict = outcome.result, outcome.verdict
     rows = result.record.control
     return {
@@ -72,6 +82,8 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         "state": result.state.name.lower(),
         "reached": outcome.reached,
         "collisions": len(verdict.collisions),
+        "collisions_seen": outcome.seen_collisions,
+        "unseen": list(outcome.unseen),
         "contacts": verdict.as_dict()["collisions"],
         "contacts_at_rest": len(verdict.rest_contacts),
         "min_clearance_m": verdict.min_clearance_m if verdict.closest else None,
@@ -83,7 +95,7 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         "replans": result.replans,
         "limit_excess": dict(verdict.excess),
         "max_lateral_slip": verdict.max_lateral_slip_m,
-        "tracking_m": float(Displacement(robot)(rows.chart, rows.reference).max()),
+        "tracking_m": outcome.tracking_error,
         "physical_contacts": list(outcome.physical_contacts),
         "tick_ms": result.statistics.percentiles(),
         "faults": [[e.time, e.reason] for e in result.events if e.kind == "fault"],
@@ -99,6 +111,8 @@ def bench_drive(
     scenario: str = "moving-corridor",
     plant: str = "kinematic",
     evade: bool = False,
+    method: str = STRIP,
+    sensors: SensorConfig | None = None,
     processes: int | None = None,
 ) -> dict[str, Any]:
     """Drive a scenario of many seeds.
@@ -106,7 +120,9 @@ def bench_drive(
     Returns:
         Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
     """
-    tasks = [DriveTask(scenario, int(seed), robot, plant, evade=evade) for seed in seeds]
+    tasks = [
+        DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors) for seed in seeds
+    ]
     runs = []
     for run in spread(drive_once, tasks, processes):
         runs.append(run)
@@ -124,6 +140,8 @@ def bench_drive(
         "scenario": scenario,
         "plant": plant,
         "evade": evade,
+        "method": method,
+        "sensors": [] if sensors is None else list(sensors.names),
         **_summary(runs),
         "classes": classes,
         "runs": runs,
@@ -162,13 +180,14 @@ def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "count": len(runs),
         "reached": float(np.mean([r["reached"] for r in runs])),
         "collisions": int(sum(r["collisions"] for r in runs)),
+        "collisions_seen": int(sum(r["collisions_seen"] for r in runs)),
         "physical_contacts": int(sum(len(r["physical_contacts"]) for r in done)),
         "largest_excess": max((max(r["limit_excess"].values(), default=0.0) for r in done), default=0.0),
         "runs_with_contacts_at_rest": int(sum(r["contacts_at_rest"] > 0 for r in done)),
         "stops": int(sum(len(r["stops"]) for r in done)),
         "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),
         "time_s": percentiles([r["time_s"] for r in done if r["reached"]]),
-        "tracking_m": percentiles([r["tracking_m"] for r in done]),
+        "tracking_m": percentiles([r["tracking_m"] for r in done if r["tracking_m"] is not None]),
         "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
         "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
         "errors": [r["error"] for r in runs if "error" in r],

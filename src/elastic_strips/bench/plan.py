@@ -1,4 +1,4 @@
-"""Planning benchmark: from nothing to a certified strip on seeded corridors."""
+"""Planning benchmark: from nothing to a certified strip on seeded corridors, or on another seeded scenario."""
 
 from __future__ import annotations
 
@@ -15,36 +15,45 @@ from ..scene import Scene
 from ..tunnel import strip_clearance
 from .measure import machine, percentiles
 
+SOON = 2.0
+"""Time [s] within which a strip should be certified."""
+
 
 def planned_corridors(
-    robot: RobotModel, seeds: int, step: Callable[[str], object]
+    robot: RobotModel, seeds: int, step: Callable[[str], object], *, scenario: str = "corridor", grid: bool = False
 ) -> list[tuple[int, Scene, PlanReport]]:
     """Plan the corridors of seeds 0 … ``seeds`` − 1, each with a new workspace; one warm-up is not counted."""
-    _plan(robot, 10_000)
+    _plan(robot, 10_000, scenario, grid)
     out = []
     for seed in range(seeds):
-        scene, report = _plan(robot, seed)
+        scene, report = _plan(robot, seed, scenario, grid)
         out.append((seed, scene, report))
         step(f"seed {seed}: {report.method}")
     return out
 
 
-def _plan(robot: RobotModel, seed: int) -> tuple[Scene, PlanReport]:
-    problem = get_scenario("corridor", seed=seed)
+def _plan(robot: RobotModel, seed: int, scenario: str, grid: bool) -> tuple[Scene, PlanReport]:
+    problem = get_scenario(scenario, seed=seed)
     start, goal = problem.ends(robot)
-    return problem.scene, plan_report(robot, problem.scene, start, goal, seed=seed, deformer=Deformer(robot))
+    report = plan_report(robot, problem.scene, start, goal, seed=seed, deformer=Deformer(robot), grid=grid)
+    return problem.scene, report
 
 
-def bench_plan(robot: RobotModel, seeds: int, step: Callable[[str], object] = lambda note: None) -> dict[str, Any]:
-    """Success, time to the first certified strip, clearance and slip on ``corridor``.
+def bench_plan(
+    robot: RobotModel, seeds: int, step: Callable[[str], object] = lambda note: None, *, scenario: str = "corridor",
+    grid: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Success, time to the first certified strip, clearance and slip on a seeded scenario.
 
     Args:
         robot: the robot.
         seeds: number of corridors.
         step: called after each with a note, for a progress bar.
+        scenario: name of the scenario.
+        grid: whether a way over a grid is tried before OMPL.
     """
     runs = []
-    for seed, scene, report in planned_corridors(robot, seeds, step):
+    for seed, scene, report in planned_corridors(robot, seeds, step, scenario=scenario, grid=grid):
         strip = report.strip
         runs.append(
             {
@@ -65,11 +74,14 @@ def bench_plan(robot: RobotModel, seeds: int, step: Callable[[str], object] = la
     good = [r for r in runs if r["certified"]]
     return {
         "benchmark": "plan",
+        "scenario": scenario,
+        "grid": grid,
         "machine": machine(),
         "robot": robot.name,
         "base": robot.base_kind.value,
         "seeds": seeds,
         "certified": len(good) / max(len(runs), 1),
+        "certified_within_2_s": sum(r["ms"] <= 1e3 * SOON for r in good) / max(len(runs), 1),
         "line_alone": sum(r["method"] == "line" for r in runs) / max(len(runs), 1),
         "time_to_certified_ms": percentiles([r["ms"] for r in good]),
         "clearance_m": {

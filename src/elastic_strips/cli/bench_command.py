@@ -27,16 +27,20 @@ def bench() -> None:
 @bench.command(short_help="From nothing to a certified strip.")
 @_robot
 @_seeds
+@click.option("--scenario", default="corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
+@click.option("--grid/--no-grid", default=False, show_default=True, help="Try a way over a grid before OMPL.")
 @_json
-def plan(robot: str, seeds: int, json_file: str | None) -> None:
-    """Plan the corridor of many seeds: how often, how fast, how clear."""
+def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | None) -> None:
+    """Plan the corridor (or another scenario) of many seeds: how often, how fast, how clear."""
     if json_file is not None:
         check_writable(json_file)
     model = load_robot(robot)
     with LateProgress("planning", seeds) as bar:
-        figures = bench_plan(model, seeds, bar.step)
-    click.echo(f"{figures['robot']} ({figures['base']}), {seeds} corridors")
+        figures = bench_plan(model, seeds, bar.step, scenario=scenario, grid=grid)
+    what = "corridors" if scenario == "corridor" else f"seeds of {scenario}"
+    click.echo(f"{figures['robot']} ({figures['base']}), {seeds} {what}")
     _row("certified", f"{100 * figures['certified']:.1f} %")
+    _row("within 2 s", f"{100 * figures['certified_within_2_s']:.1f} %")
     _row("by the line alone", f"{100 * figures['line_alone']:.1f} %")
     _row("time to certified", _times(figures["time_to_certified_ms"]))
     clear = figures["clearance_m"]

@@ -9,9 +9,10 @@ import click
 from ..bench import bench_bridge, bench_drive, bench_faults, bench_problems, bench_reaction, bench_soak
 from ..io import check_writable, write_json
 from ..robot import load_robot
-from ..scenarios import PLANTS
+from ..scenarios import DRIVE_METHODS, PLANTS, STRIP
 from .numbers import Finite
 from .progress import LateProgress
+from .sensor_option import sensors_of, sensors_option
 
 _json = click.option("--json", "json_file", type=click.Path(), metavar="FILE", help="Write all figures and runs.")
 _processes = click.option(
@@ -30,6 +31,8 @@ _root = click.option(
 @click.option("--first", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
 @click.option("--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True, help="The machine.")
 @click.option("--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait.")
+@click.option("--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True, help="What steers.")
+@sensors_option
 @_processes
 @_json
 def drive(
@@ -39,11 +42,14 @@ def drive(
     first: int,
     plant: str,
     evade: bool,
+    method: str,
+    sensors: str | None,
     processes: int | None,
     json_file: str | None,
 ) -> None:
     """Drive a scenario of many seeds in the closed loop; each run is judged from its true states."""
     _writable(json_file)
+    config = sensors_of(sensors)
     with LateProgress("driving", seeds) as bar:
         figures = bench_drive(
             robot,
@@ -52,9 +58,11 @@ def drive(
             scenario=scenario,
             plant=plant,
             evade=evade,
+            method=method,
+            sensors=config,
             processes=processes,
         )
-    click.echo(f"{robot}, {scenario}, {plant} plant, {seeds} runs")
+    click.echo(f"{robot}, {scenario}, {method}, {plant} plant, {seeds} runs")
     _drive_rows(figures)
     for group in figures["classes"]:
         click.echo(f"movers up to {group['from']:g} … {group['to']:g} m/s, {group['count']} runs")
@@ -192,12 +200,14 @@ COMMANDS = (
 
 def _drive_rows(figures: dict[str, Any]) -> None:
     _row("reached", f"{100 * figures['reached']:.1f} %")
-    _row("contacts at speed", str(figures["collisions"]))
+    unseen = figures["collisions"] - figures["collisions_seen"]
+    _row("contacts at speed", f"{figures['collisions']}" + (f", {unseen} with what no laser saw" if unseen else ""))
     _row("run into at rest", f"{figures['runs_with_contacts_at_rest']} runs")
     _row("stops", f"{figures['stops']}, {figures['stops_without_reason']} without a reason")
     if figures["time_s"]["p50"] is not None:
         _row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
-        _row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
+        if figures["tracking_m"]["p50"] is not None:
+            _row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
         _row("planning tick", f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, "
              f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
 

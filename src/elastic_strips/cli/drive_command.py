@@ -7,14 +7,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 
 import click
+import numpy as np
 
+from ..control import BaseRunner
 from ..execution import FAULTS, Fault, Runner, RunState
 from ..io import check_record_file, write_json, write_record
-from ..scenarios import PLANTS, DriveOutcome, conclude, drive_document, get_scenario, make_runner
+from ..scenarios import (
+    DRIVE_METHODS,
+    PLANTS,
+    STRIP,
+    DriveOutcome,
+    conclude,
+    drive_document,
+    get_scenario,
+    make_base_runner,
+    make_runner,
+)
+from ..strip import Strip
 from .numbers import Finite
 from .pictures import browser_option, open_viewer, write_page
 from .progress import LateProgress
 from .run_command import check_outputs
+from .sensor_option import sensors_of, sensors_option
 
 EXIT_REACHED = 0
 EXIT_NOT_REACHED = 3
@@ -32,8 +46,18 @@ EXIT_INTERRUPTED = 130
     "--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
 )  # fmt: skip
+@click.option(
+    "--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True,
+    help="What steers: the elastic strip, or a method for a base alone, on its sensors: artificial potential field, "
+    "virtual force field, vector field histogram, elastic band.",
+)  # fmt: skip
+@sensors_option
 @click.option("--time-limit", type=Finite(0.1, 36000), help="Longest run [s of simulated time].")
 @click.option("--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait.")
+@click.option(
+    "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
+    help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
+)  # fmt: skip
 @click.option("--realtime", is_flag=True, help="As fast as the clock; without it, as fast as it can.")
 @click.option(
     "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
@@ -53,8 +77,11 @@ def drive(
     base: str | None,
     seed: int | None,
     plant: str,
+    method: str,
+    sensors: str | None,
     time_limit: float | None,
     evade: bool,
+    alternatives: int,
     realtime: bool,
     faults: tuple[str, ...],
     json_file: str | None,
@@ -64,7 +91,8 @@ def drive(
     no_browser: bool,
 ) -> int:
     """Plan a strip and drive it in a closed loop: at every tick the strip gives way to what is sensed, the motion ahead
-    is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
+    is certified to its stop, and the robot follows it. Moving obstacles move meanwhile. Another --method steers the
+    base alone, promises nothing, and stops at a contact.
 
     Ctrl-C brings the robot to rest, and what was recorded is written; a second one ends at once, without.
 
@@ -76,30 +104,29 @@ def drive(
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, "default", base)
     number = problem.seed if seed is None else seed
-    wrong = [Fault.parse(text) for text in faults]
+    wrong, config = [Fault.parse(text) for text in faults], sensors_of(sensors)
+    if method != STRIP and (wrong or evade or alternatives > 1):
+        raise click.UsageError(f"--fault, --evade and --alternatives are of the strip; --method {method} has none")
     viewer = open_viewer(no_browser=no_browser, title=problem.name) if view else None
     with viewer or nullcontext(), LateProgress(f"{problem.name}: driving") as bar:
 
-        def watch(runner: Runner) -> None:
-            bar.step(f"{runner.time:.1f} s, {runner.supervisor.state.name.lower()}")
+        def watch(runner: Runner | BaseRunner) -> None:
+            steers = runner if isinstance(runner, BaseRunner) else runner.supervisor
+            bar.step(f"{runner.time:.1f} s, {steers.state.name.lower()}")
             if viewer is not None:
                 viewer.update(
-                    runner.proposal.report if runner.proposal else runner.pilot.strip,
-                    runner.world.at(runner.time), q=model.space.from_chart(runner.plant.chart),
-                )  # fmt: skip
+                    _shown(runner), runner.world.at(runner.time), q=model.space.from_chart(runner.plant.chart)
+                )
 
-        runner = make_runner(
-            problem,
-            robot=model,
-            seed=number,
-            plant=plant,
-            evade=evade,
-            faults=wrong,
-            realtime=realtime or view,
-            watch=watch,
-        )
+        runner: Runner | BaseRunner
+        common = {"robot": model, "seed": number, "plant": plant, "sensors": config, "watch": watch}
+        common["realtime"] = realtime or view
+        if method == STRIP:
+            runner = make_runner(problem, evade=evade, alternatives=alternatives, faults=wrong, **common)
+        else:
+            runner = make_base_runner(problem, method, **common)
         if viewer is not None:
-            viewer.show(model, problem.world.at(0.0), runner.pilot.strip)
+            viewer.show(model, problem.world.at(0.0), _shown(runner))
             click.echo(f"viewer  {viewer.url}")
         try:
             with _stopping(runner) as interrupted:
@@ -122,8 +149,15 @@ def drive(
     return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
 
 
+def _shown(runner: Runner | BaseRunner) -> object:
+    """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
+    if isinstance(runner, BaseRunner):
+        return Strip.from_chart(runner.robot, np.stack((runner.plant.chart, runner.goal)))
+    return runner.proposal.report if runner.proposal else runner.pilot.strip
+
+
 @contextmanager
-def _stopping(runner: Runner) -> Iterator[list[int]]:
+def _stopping(runner: Runner | BaseRunner) -> Iterator[list[int]]:
     """The first Ctrl-C brings the robot to rest; a second one ends the program."""
     interrupted: list[int] = []
 
@@ -160,10 +194,17 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         f"  planning ticks p50 {ticks['p50']:.1f}, p95 {ticks['p95']:.1f}, p99 {ticks['p99']:.1f} ms, "
         f"{result.statistics.misses} of {len(result.statistics.seconds)} late"
     )
+    if outcome.sensors:
+        click.echo(f"  driven by {', '.join(outcome.sensors)}")
+    for name in outcome.unseen:
+        click.echo(f"  {name} was in no laser's view in the second before it was touched")
     for contact in verdict.rest_contacts:
         click.echo(f"  {contact.obstacle} ran into {contact.link} at rest, from {contact.time:.1f} s on")
     for contact in verdict.collisions:
         click.echo(f"  COLLISION of {contact.link} with {contact.obstacle} at {contact.speed:.2f} m/s")
+    for event in result.events:
+        if event.kind == "replanned" and event.reason.startswith("switched"):
+            click.echo(f"  at {event.time:.2f} s {event.reason}")
     for time, reason in result.stops[:5]:
         click.echo(f"  stopped at {time:.2f} s: {reason}")
     if len(result.stops) > 5:

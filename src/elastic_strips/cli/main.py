@@ -13,6 +13,7 @@ from .bench_command import bench
 from .drive_command import drive
 from .list_command import list_command
 from .run_command import run
+from .study_command import study
 from .view_command import view
 
 EXIT_INPUT = 2
@@ -45,6 +46,7 @@ cli.add_command(run)
 cli.add_command(drive)
 cli.add_command(view)
 cli.add_command(bench)
+cli.add_command(study)
 cli.add_command(list_command)
 
 

@@ -3,6 +3,17 @@
 from .deformer import Deformer
 from .params import PRESETS, DeformParams
 from .report import DeformReport, DeformStatus, ForceField
+from .task import AxisTask, kept_as_at
 from .workspace import Foresight
 
-__all__ = ["PRESETS", "DeformParams", "DeformReport", "DeformStatus", "Deformer", "ForceField", "Foresight"]
+__all__ = [
+    "PRESETS",
+    "AxisTask",
+    "DeformParams",
+    "DeformReport",
+    "DeformStatus",
+    "Deformer",
+    "ForceField",
+    "Foresight",
+    "kept_as_at",
+]

@@ -12,6 +12,7 @@ from ..robot.space import Array
 from .clock import PhaseClock
 from .params import DeformParams
 from .report import ForceField
+from .task import TaskForce
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
 
@@ -49,10 +50,11 @@ class DefaultStep:
         self_pairs: SelfProximity,
         clock: PhaseClock,
         trust: float = 1.0,
+        task: TaskForce | None = None,
     ) -> tuple[Array, float, dict[str, float], ForceField]:
         """One step from the nodes of ``kin``: new chart (N, nv), rolling residual [m], energies, external forces.
 
-        ``trust`` in (0, 1] shortens the bound of the step.
+        ``trust`` in (0, 1] shortens the bound of the step; ``task`` is what the strip is to keep to.
         """
         params, space = self.params, self.robot.space
         n = kin.n
@@ -70,6 +72,8 @@ class DefaultStep:
         )  # fmt: skip
         add_self_repulsion(system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self)
         add_joint_limits(system, space, chart, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin)
+        if task is not None:
+            task.push(system, kin)
         if params.k_posture > 0.0:
             fraction = np.linspace(0.0, 1.0, n)
             target = space.interpolate(chart[:1], chart[-1:], fraction)

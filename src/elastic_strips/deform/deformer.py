@@ -20,6 +20,7 @@ from .paper_step import PaperStep
 from .params import DeformParams
 from .report import DeformReport, ForceField, TickResult
 from .status import SLIP_LIMIT, settled_report, tick_status
+from .task import AxisTask, TaskForce
 from .workspace import Foresight, Workspace
 
 
@@ -31,9 +32,19 @@ class Deformer:
     Args:
         robot: whose strips.
         params: parameters, or the name of a preset.
+        task: what the strips are to keep to besides; default preset only.
+
+    Attributes:
+        task: the same with its switch ``active``, or None.
+
+    Raises:
+        ParameterError: an unknown preset, or a task for preset ``paper``.
+        RobotError: a task for a frame that the robot does not have.
     """
 
-    def __init__(self, robot: RobotModel, params: DeformParams | str = "default") -> None:
+    def __init__(
+        self, robot: RobotModel, params: DeformParams | str = "default", *, task: AxisTask | None = None
+    ) -> None:
         if isinstance(params, str):
             params = DeformParams.for_preset(params)
         if not isinstance(params, DeformParams):
@@ -42,6 +53,9 @@ class Deformer:
         self.clock = PhaseClock()
         self.workspace = Workspace(robot, params, self.clock)
         self._default = DefaultStep(robot, params)
+        if task is not None and params.preset == "paper":
+            raise ParameterError("preset='paper' knows no tasks: its forces are those of the paper")
+        self.task = None if task is None else TaskForce(robot, task)
         self._paper = PaperStep(robot, params) if params.preset == "paper" else None
         self._certified = False
         self._trust = 1.0
@@ -212,7 +226,7 @@ class Deformer:
         if not hold:
             self._trust = 1.0
         chart, slip, energies, field = self._default.iterate(
-            work.kin, work.obstacles, work.self_pairs, self.clock, self._trust
+            work.kin, work.obstacles, work.self_pairs, self.clock, self._trust, self.task
         )
         moved = work.move(chart, scene)
         result = TickResult(work.certify(scene), slip, moved, energies, field)
@@ -300,4 +314,5 @@ class Deformer:
             tunnel=tunnel,
             connectivity_counts=paper is not None,
             heading_step=paper.heading_step if paper is not None else 0.0,
+            task_errors=None if self.task is None else self.task.errors(self.workspace.kin),
         )

@@ -67,6 +67,7 @@ class DeformReport:
         tunnel: protective hulls, or None where they were not asked for.
         connectivity_counts: whether the hulls must overlap for the strip to count; preset ``paper`` only.
         heading_step: largest turn of the mobile in one update [rad]; preset ``paper`` only.
+        task_errors: (N,) angle [rad] by which each node misses the task; None where there is none.
     """
 
     strip: Strip
@@ -86,6 +87,7 @@ class DeformReport:
     tunnel: Tunnel | None = None
     connectivity_counts: bool = False
     heading_step: float = 0.0
+    task_errors: Array | None = None
 
     @property
     def certified(self) -> bool:

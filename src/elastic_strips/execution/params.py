@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..deform import DeformParams
+from ..deform import AxisTask, DeformParams
 from ..errors import ParameterError
 
 
@@ -96,6 +96,7 @@ class DriveParams:
         deform: parameters of the strip; its clearance is raised to what execution needs.
         assumptions: of the obstacles.
         evasion: how the robot gets out of the way of what moves; None: it only brakes and waits.
+        task: what the strip is to keep to besides its goal.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
@@ -123,6 +124,7 @@ class DriveParams:
     deform: DeformParams = field(default_factory=lambda: DeformParams(**DRIVE_STRIP))
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
     evasion: EvasionParams | None = None
+    task: AxisTask | None = None
     control_dt: float = 0.01
     plan_every: int = 5
     latency: int = 2

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from ..errors import ParameterError, SceneError
+from ..robot.space import Array
 from ..scene import Scene, Twist, Unknown, World
 from .faults import SCENE_DELAY, FaultPlan
 from .params import ObstacleAssumptions
@@ -33,6 +35,30 @@ class PerceptionParams:
             raise ParameterError(f"PerceptionParams.noise={self.noise!r} must lie in [0, 1]")
         if not (np.isfinite(self.delay) and self.delay >= 0.0):
             raise ParameterError(f"PerceptionParams.delay={self.delay!r} must be finite and ≥ 0 s")
+
+
+class Perceiver(Protocol):
+    """What tells a planner about the world."""
+
+    params: PerceptionParams
+
+    def known(self) -> Scene:
+        """What is known before the robot sets out."""
+        ...
+
+    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+        """Look at the world, at every control step.
+
+        Args:
+            t: time [s].
+            chart: (nv,) where the robot truly is; for what simulates sensors, and nobody else.
+            estimate: (nv,) where it believes to be.
+        """
+        ...
+
+    def sense(self, t: float) -> Scene:
+        """The newest scene at time ``t`` [s]; its ``time`` says how old it is."""
+        ...
 
 
 class Perception:
@@ -69,6 +95,13 @@ class Perception:
                 way[2] = 0.0
                 store[name] = way / np.linalg.norm(way) * size * params.noise * rng.uniform()
         self._frozen: Scene | None = None
+
+    def known(self) -> Scene:
+        """All that is there at time 0."""
+        return self.world.at(0.0)
+
+    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+        """Nothing: this perception knows the world."""
 
     def sense(self, t: float) -> Scene:
         """The newest scene at time ``t`` [s]; its ``time`` says how old it is.

@@ -38,7 +38,7 @@ class Pilot:
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
         self.robot, self.limits, self.params = robot, limits, params
         deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
-        self.deformer = Deformer(robot, deform)
+        self.deformer = Deformer(robot, deform, task=params.task)
         self.onward = Onward(robot, limits, params, self.deformer.spacing_weight, deform.self_clearance)
         self.certifier = self.onward.certifier
         self.arrival = ArrivalTimes(robot, usual_pace(robot, limits))

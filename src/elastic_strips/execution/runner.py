@@ -19,7 +19,7 @@ from .estimation import Estimator
 from .faults import Fault, FaultPlan
 from .limits import MotionLimits
 from .params import DriveParams
-from .perception import Perception, PerceptionParams
+from .perception import Perceiver, Perception, PerceptionParams
 from .pilot import Pilot
 from .plant import KinematicPlant, Plant, PlantParams
 from .proposal import Proposal
@@ -29,6 +29,7 @@ from .replanning import Replanner
 from .result import DriveResult, TickStatistics
 from .supervisor import Supervisor, standstill
 from .tracking import TrackingController, TrackingGains
+from .verdict import Tolerance
 
 _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
@@ -52,7 +53,8 @@ class Runner:
         path: waypoints (K, 2) [m] that the first plan tries before all else.
         grid: whether plans may use a way over a grid.
         plant: the machine; a :class:`KinematicPlant` where None.
-        perception: noise and delay of the sensed scene.
+        perception: noise and delay of the sensed scene; or what senses it.
+        replanner: decides when a strip is planned anew, and does it; one of its own where None.
         faults: what goes wrong on purpose.
         seed: of the first plan, of the plant and of what is sensed.
         watch: called after every planning tick, with this runner; what it raises is logged and goes no further.
@@ -78,7 +80,8 @@ class Runner:
         path: npt.ArrayLike | None = None,
         grid: bool = True,
         plant: Plant | None = None,
-        perception: PerceptionParams | None = None,
+        perception: PerceptionParams | Perceiver | None = None,
+        replanner: Replanner | None = None,
         faults: Iterable[Fault] = (),
         seed: int = 0,
         watch: Watch | None = None,
@@ -94,10 +97,12 @@ class Runner:
         self.watch, self.realtime = watch, realtime
         plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
         self.plant: Plant = plant or KinematicPlant(robot, self.limits, MACHINE, seed=np.random.default_rng(plant_seed))
-        self.perception = Perception(
-            self.world, self.params.assumptions, perception or PerceptionParams(),
-            np.random.default_rng(sense_seed), self.faults,
-        )  # fmt: skip
+        self.perception: Perceiver
+        if perception is None or isinstance(perception, PerceptionParams):
+            rng, noise = np.random.default_rng(sense_seed), perception or PerceptionParams()
+            self.perception = Perception(self.world, self.params.assumptions, noise, rng, self.faults)
+        else:
+            self.perception = perception
         goals = np.atleast_2d(robot.check_q(goal, what="goal"))
         self.goals = [goals[0], *goals[1:]]
         self.goal_q = self.goals.pop(0)
@@ -105,9 +110,9 @@ class Runner:
         first = robot.space.to_chart(robot.check_q(start, what="start"))
         self.time = 0.0
         self.first_plan: PlanReport | None = None
-        self.replanner = Replanner(robot, self.params, seed=seed, grid=grid)
+        self.replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
         if strip is None:
-            self.first_plan = self.replanner.plan(self.world.at(0.0), start, self.goal_q, path=path)
+            self.first_plan = self.replanner.plan(self.perception.known(), start, self.goal_q, path=path)
             strip = self.first_plan.strip
         self.pilot = Pilot(robot, self.limits, self.params, strip)
         self.plant.reset(first)
@@ -120,11 +125,17 @@ class Runner:
         last = robot.space.to_chart(goals[-1])
         self._new_recorder = lambda: Recorder(robot, self.world, goal=last, metadata=metadata or {})
         self.recorder, self._recording, self._step = self._new_recorder(), record, 0
-        self.scene: Scene = self.world.at(0.0)
+        self.scene: Scene = self.perception.known()
         self.proposal: Proposal | None = None
         self.statistics = TickStatistics()
         self._waiting: list[tuple[float, Proposal]] = []
         self._stop = False
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """How near counts as reached."""
+        params = self.params
+        return Tolerance(position=params.goal_position, yaw=params.goal_angle, joints=params.goal_angle)
 
     def stop(self) -> None:
         """Ask the loop to end: the held motion is driven to its rest first."""
@@ -189,6 +200,7 @@ class Runner:
             estimate=self.estimate, drive=command.drive, joints=command.joints, motors=self.plant.motors,
             state=int(state),
         )  # fmt: skip
+        self.perception.observe(t, self.plant.chart, self.estimate)
         self.bystanders.step(t, self.plant.chart, self.plant.v)
         measurement = self.plant.step(command, params.control_dt)
         self.estimate = self.estimator.update(measurement)

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from ..errors import ParameterError
 from .sweep import Approach
 
@@ -41,7 +39,8 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m]."""
+    """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m];
+    inf: however far."""
 
     position: float = 0.05
     yaw: float = 0.05
@@ -50,8 +49,8 @@ class Tolerance:
     def __post_init__(self) -> None:
         for name in ("position", "yaw", "joints"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ParameterError(f"{name} = {value!r} must be finite and at least 0")
+            if not value >= 0.0:
+                raise ParameterError(f"{name} = {value!r} must be at least 0 (inf: any)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

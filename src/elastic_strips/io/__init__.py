@@ -5,23 +5,30 @@ from elastic_strips.io.bridge import load_bridge
 from elastic_strips.io.drive_problem import DriveProblem
 from elastic_strips.io.dynabarn import dynabarn_ids, load_dynabarn
 from elastic_strips.io.files import check_writable, write_json
+from elastic_strips.io.laser_log import LaserLogError, LoggedScan, read_laser_log
 from elastic_strips.io.nav2_map import load_nav2_map
 from elastic_strips.io.obstacle_document import obstacle_documents, shape_document
+from elastic_strips.io.point_cloud import PointCloud, cloud_scene, read_point_cloud
 from elastic_strips.io.record_file import check_record_file, read_record, record_robot, write_record
 from elastic_strips.io.record_table import record_columns, record_csv, record_frame
 from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
 from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
 from elastic_strips.io.scene_writer import write_scene, write_world
+from elastic_strips.io.sensor_file import read_sensors, silvermate_sensors
 from elastic_strips.io.yaml_source import Node, load_yaml
 
 __all__ = [
     "DriveProblem",
+    "LaserLogError",
+    "LoggedScan",
     "Node",
+    "PointCloud",
     "PoseSpec",
     "ScenarioSpec",
     "barn_ids",
     "check_record_file",
     "check_writable",
+    "cloud_scene",
     "dynabarn_ids",
     "load_barn",
     "load_bridge",
@@ -29,9 +36,12 @@ __all__ = [
     "load_nav2_map",
     "load_yaml",
     "obstacle_documents",
+    "read_laser_log",
+    "read_point_cloud",
     "read_record",
     "read_scenario",
     "read_scene",
+    "read_sensors",
     "read_world",
     "scene_from_node",
     "record_columns",
@@ -39,6 +49,7 @@ __all__ = [
     "record_frame",
     "record_robot",
     "shape_document",
+    "silvermate_sensors",
     "world_from_node",
     "write_json",
     "write_record",

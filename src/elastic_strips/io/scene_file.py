@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from elastic_strips.errors import nearest_name
 from elastic_strips.io import schema
+from elastic_strips.io.point_cloud import read_point_cloud
 from elastic_strips.io.yaml_source import Node, load_yaml
 from elastic_strips.scene import (
     Box,
@@ -232,13 +233,15 @@ def _file(node: Node) -> Path:
 
 
 def _cloud(node: Node) -> NDArray[np.float64]:
-    """Points (n, 3) that are listed in the file, or that the named .npy, .csv, .txt or .xyz file holds."""
+    """Points (n, 3) that are listed in the file, or that the named .npy, .csv, .txt, .xyz, .ply or .pcd file holds."""
     if isinstance(node.value, list):
         return schema.rows(node, 3)
     path = _file(node)
-    suffixes = (".npy", ".csv", ".txt", ".xyz")
+    suffixes = (".npy", ".csv", ".txt", ".xyz", ".ply", ".pcd")
     if path.suffix.lower() not in suffixes:
         node.fail(f"{path}: files of kind {path.suffix!r} are not read{nearest_name(path.suffix, suffixes)}")
+    if path.suffix.lower() in (".ply", ".pcd"):
+        return schema.checked(node, lambda: read_point_cloud(path).points)
     try:
         size = path.stat().st_size
         if not 0 < size <= MAX_ARRAY_BYTES:

@@ -19,11 +19,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from ..errors import ParameterError
 from ..robot import RobotModel
-from ..robot.space import Array
+from ..robot.space import Array, Indices
 from ..scene import Scene
 
 _DIRECTIONS = 32  # of which half planes hold an obstacle's outline: it is at most 0.5 % of its radius too large
-_FLOOR = 0.02  # [m] obstacles that lie lower are driven over
+FLOOR = 0.02  # [m] obstacles that lie lower are driven over
 _STEEP = 12.0  # cost of a cell at the narrowest clearance against one in the open
 _SMOOTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
 _MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
@@ -98,15 +98,33 @@ def grid_path(
     shape = np.ceil((ends.max(axis=0) + widen - low) / resolution).astype(int) + 1
     body = footprint(robot, start)
     clear = clearance_map(scene, low, shape, resolution, body.height)
-    cells = np.clip(np.rint((ends - low) / resolution).astype(int), 0, shape - 1)
-    cost = _cost(clear, body.inner, comfort, cells, resolution)
-    route = _cheapest(cost, cells)
+    way = cheapest_way(clear, low, resolution, ends, inner=body.inner, comfort=comfort)
     spent = perf_counter() - began
+    if way is None:
+        return GridPath(None, f"no way for the base on a grid of {resolution:g} m", clear.size, spent)
+    return GridPath(smooth_way(way, resolution), "", clear.size, perf_counter() - began)
+
+
+def cheapest_way(
+    clear: Array, low: Array, resolution: float, ends: Array, *, inner: float, comfort: float
+) -> Array | None:
+    """Waypoints (K, 2) of the cheapest way from ``ends[0]`` to ``ends[1]`` [m], a cell apart; None where there is none.
+
+    Args:
+        clear: (rows, columns) distance of each cell's middle to the nearest obstacle [m].
+        low: (2,) middle of the first cell [m].
+        resolution: edge of a cell [m].
+        ends: (2, 2) start and goal [m].
+        inner: clearance below which a cell is closed [m].
+        comfort: clearance beyond ``inner`` from which on more of it is worth nothing [m].
+    """
+    cells = np.clip(np.rint((ends - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
+    route = _cheapest(cell_cost(clear, inner, comfort, cells, resolution), cells)
     if route is None:
-        return GridPath(None, f"no way for the base on a grid of {resolution:g} m", cost.size, spent)
+        return None
     way = low + resolution * route
     way[0], way[-1] = ends
-    return GridPath(_smooth(way, resolution), "", cost.size, perf_counter() - began)
+    return way
 
 
 def footprint(robot: RobotModel, q: Array) -> Footprint:
@@ -152,33 +170,44 @@ def clearance_map(scene: Scene, low: Array, shape: Array, resolution: float, hei
         resolution: edge of a cell [m].
         height: obstacles that are above it are left out [m].
     """
-    table = scene.table
-    taken = np.zeros(tuple(shape), dtype=bool)
-    turn = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    around = np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_DIRECTIONS)))
-    center, half = table.center, table.half_extents
-    high = low + resolution * (shape - 1)
-    near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
-    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > _FLOOR)
-    for row in np.flatnonzero(near).tolist():
-        part, rotation, at = table.parts[row], table.rotation[row], table.translation[row]
-        local = around @ rotation
-        if part.geometry is None:
-            for box, shift in part.boxes:
-                _fill(taken, support(box, local), at + rotation @ np.asarray(shift), around, low, resolution)
-        else:
-            _fill(taken, support(part.geometry, local), at, around, low, resolution)
+    taken = owner_map(scene, low, shape, resolution, height) >= 0
     if not taken.any():
         return np.full(taken.shape, np.inf)
     return np.asarray(distance_transform_edt(~taken, sampling=resolution))
 
 
-def _fill(taken: Array, reach: Array, at: Array, around: Array, low: Array, resolution: float) -> None:
-    """Close the cells whose middle is within half a cell of an outline with the supports ``reach`` about ``at``."""
+def owner_map(scene: Scene, low: Array, shape: Array, resolution: float, height: float) -> Indices:
+    """Index in the scene (rows, columns) of an obstacle that takes each cell, −1 where none does.
+
+    Args:
+        scene, low, shape, resolution, height: as in :func:`clearance_map`.
+    """
+    table = scene.table
+    owner = np.full(tuple(shape), -1, dtype=np.intp)
+    turn = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    around = np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_DIRECTIONS)))
+    center, half = table.center, table.half_extents
+    high = low + resolution * (shape - 1)
+    near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
+    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > FLOOR)
+    for row in np.flatnonzero(near).tolist():
+        part, rotation, at = table.parts[row], table.rotation[row], table.translation[row]
+        whose = int(table.obstacle_index[row])
+        local = around @ rotation
+        if part.geometry is None:
+            for box, shift in part.boxes:
+                _fill(owner, whose, support(box, local), at + rotation @ np.asarray(shift), around, low, resolution)
+        else:
+            _fill(owner, whose, support(part.geometry, local), at, around, low, resolution)
+    return owner
+
+
+def _fill(owner: Indices, whose: int, reach: Array, at: Array, around: Array, low: Array, resolution: float) -> None:
+    """Give the cells within half a cell of an outline, with the supports ``reach`` about ``at``, to ``whose``."""
     quarter = _DIRECTIONS // 4
     extent = reach[[0, quarter, 2 * quarter, 3 * quarter]] + 0.5 * resolution  # towards x, y, -x, -y
     first = np.maximum(np.ceil((at[:2] - extent[2:] - low) / resolution).astype(int), 0)
-    last = np.minimum(np.floor((at[:2] + extent[:2] - low) / resolution).astype(int), np.array(taken.shape) - 1)
+    last = np.minimum(np.floor((at[:2] + extent[:2] - low) / resolution).astype(int), np.array(owner.shape) - 1)
     if (last < first).any():
         return
     x = low[0] + resolution * np.arange(first[0], last[0] + 1) - at[0]
@@ -186,10 +215,10 @@ def _fill(taken: Array, reach: Array, at: Array, around: Array, low: Array, reso
     inside = np.ones((len(x), len(y)), dtype=bool)
     for direction, bound in zip(around, reach, strict=True):
         inside &= direction[0] * x[:, None] + direction[1] * y[None, :] <= bound + 0.5 * resolution
-    taken[first[0] : last[0] + 1, first[1] : last[1] + 1] |= inside
+    owner[first[0] : last[0] + 1, first[1] : last[1] + 1][inside] = whose
 
 
-def _cost(clear: Array, inner: float, comfort: float, ends: Array, resolution: float) -> Array:
+def cell_cost(clear: Array, inner: float, comfort: float, ends: Array, resolution: float) -> Array:
     """Cost of each cell per metre: 1 in the open, more near obstacles, infinite where the robot does not fit."""
     spare = np.clip((clear - inner) / comfort, 0.0, 1.0)
     cost = 1.0 + (_STEEP - 1.0) * (1.0 - spare) ** 2
@@ -204,6 +233,18 @@ def _cost(clear: Array, inner: float, comfort: float, ends: Array, resolution: f
 
 def _cheapest(cost: Array, ends: Array) -> Array | None:
     """Cells (K, 2) of the cheapest way between two cells, or None."""
+    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in ends)
+    _, before = dijkstra(cell_graph(cost), directed=False, indices=first, return_predecessors=True)
+    if first != last and before[last] < 0:
+        return None
+    way = [last]
+    while way[-1] != first:
+        way.append(int(before[way[-1]]))
+    return np.column_stack(np.unravel_index(way[::-1], cost.shape)).astype(float)
+
+
+def cell_graph(cost: Array) -> csr_array:
+    """Costs of the moves between neighbouring cells, in both directions, as a sparse matrix of one of them."""
     number = np.arange(cost.size).reshape(cost.shape)
     rows, columns, weights = [], [], []
     for di, dj in _MOVES:
@@ -214,20 +255,12 @@ def _cheapest(cost: Array, ends: Array) -> Array | None:
         rows.append(number[a][open_])
         columns.append(number[b][open_])
         weights.append(weight[open_])
-    graph = csr_array(
+    return csr_array(
         (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(cost.size, cost.size)
     )
-    first, last = (int(number[tuple(end)]) for end in ends)
-    _, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
-    if first != last and before[last] < 0:
-        return None
-    way = [last]
-    while way[-1] != first:
-        way.append(int(before[way[-1]]))
-    return np.column_stack(np.unravel_index(way[::-1], cost.shape)).astype(float)
 
 
-def _smooth(way: Array, resolution: float) -> Array:
+def smooth_way(way: Array, resolution: float) -> Array:
     """The way with even steps and rounded corners; its ends stay."""
     step = 0.5 * resolution
     even = resample(way, step)

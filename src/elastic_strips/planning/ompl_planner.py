@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ParameterError
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import Scene
@@ -49,6 +50,7 @@ def ompl_path(
     turning_radius: float = 0.3,
     spacing: float = 0.12,
     widen: float = 2.0,
+    fineness: float = 1.0,
 ) -> PathResult:
     """A path found by RRTConnect, shortcut, and sampled into waypoints.
 
@@ -65,7 +67,13 @@ def ompl_path(
         turning_radius: of the Reeds–Shepp curves [m].
         spacing: distance between waypoints [m].
         widen: how far beyond start and goal the base may go [m].
+        fineness: configurations on an edge are checked so many times as densely as usual.
+
+    Raises:
+        ParameterError: a fineness that is not positive.
     """
+    if not fineness > 0.0:
+        raise ParameterError(f"ompl_path: fineness={fineness!r} must be > 0")
     from ompl import base as ob
     from ompl import geometric as og
     from ompl import util as ou
@@ -89,7 +97,7 @@ def ompl_path(
     setup.setStateValidityChecker(is_valid)
     for k in range(states.getSubspaceCount()):
         part = states.getSubspace(k)
-        step = _BASE_STEP if planar and k == 0 else _JOINT_STEP
+        step = (_BASE_STEP if planar and k == 0 else _JOINT_STEP) / fineness
         part.setLongestValidSegmentFraction(min(step / part.getMaximumExtent(), 0.5))
     first, last = states.allocState(), states.allocState()
     reader.write(first, ends[0])

@@ -1,13 +1,14 @@
 """plan: an initial strip, by the straight line where that relaxes to a certified strip, else by OMPL.
 
-A path that is given comes before both; a path over a grid, where it is asked for, between them.
+A path that is given comes before both; a path over a grid, where it is asked for, between them: with the joints in
+step, and with the arm tucked.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
@@ -15,19 +16,20 @@ import numpy.typing as npt
 
 from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ParameterError
-from ..relax import project_rolling
-from ..robot import BaseKind, RobotModel
+from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from .edges import certify_path
 from .ends import check_ends
 from .grid_path import grid_path
 from .line import straight_line
 from .ompl_planner import ompl_path
+from .relaxation import path_strip, relax_line, relax_path, relax_while_clearer, way_rows
 from .waypoints import waypoint_rows
 
 _log = logging.getLogger(__name__)
-_LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
+_FINEST = 4.0  # times as many samples on an edge as usual, at most
 _MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 
 
@@ -124,11 +126,12 @@ def plan_report(
             timings,
         )
 
-    def relaxed(rows: Array) -> tuple[Strip, DeformReport]:
+    def relaxed(rows: Array, *, patient: bool = True) -> tuple[Strip, DeformReport]:
         nonlocal ticks
         mark = perf_counter()
         strip = path_strip(robot, rows)
-        report = relax_path(deformer, strip, scene, watch=watch)
+        relax = relax_path if patient else relax_while_clearer
+        report = relax(deformer, strip, scene, watch=watch)
         ticks += report.ticks
         timings["relaxation"] += perf_counter() - mark
         return strip, report
@@ -143,7 +146,7 @@ def plan_report(
     mark = perf_counter()
     rows = straight_line(robot, q_start, q_goal, spacing=spacing)
     initial = Strip.from_chart(robot, rows)
-    report = _relax_line(deformer, initial, scene, line_ticks if line else 0, watch)
+    report = relax_line(deformer, initial, scene, line_ticks if line else 0, watch)
     ticks += report.ticks if line else 0
     timings["line"] += perf_counter() - mark
     if report.usable:
@@ -158,13 +161,17 @@ def plan_report(
         if way.way is None:
             reasons.append(way.reason)
         else:
-            strip, report = relaxed(waypoint_rows(robot, q_start, q_goal, way.way, spacing=spacing))
-            if report.usable:
-                initial = strip
-                return done(report, "grid", f"the grid's path relaxed to a certified strip in {report.ticks} ticks")
-            reasons.append(f"grid's path: {report.reason}")
-            best = report if report.clearance > best.clearance else best
+            for rows, what in way_rows(robot, q_start, q_goal, way.way, spacing):
+                strip, report = relaxed(rows, patient=False)
+                if report.usable:
+                    initial = strip
+                    return done(
+                        report, "grid", f"the grid's path{what} relaxed to a certified strip in {report.ticks} ticks"
+                    )
+                reasons.append(f"grid's path{what}: {report.reason}")
+                best = report if report.clearance > best.clearance else best
 
+    fineness = 1.0
     for attempt in range(64):
         left = timeout - (perf_counter() - began)
         if left <= 0.0:
@@ -175,6 +182,7 @@ def plan_report(
         found = ompl_path(
             robot, scene, q_start, q_goal, seed=seed + 7919 * attempt, margin=margin,
             timeout=min(left, 1.0 + 0.5 * attempt), spacing=spacing, widen=2.0 + 0.5 * (attempt % 4),
+            fineness=fineness,
         )  # fmt: skip
         timings["planner"] += perf_counter() - mark
         if found.chart is None:
@@ -185,57 +193,12 @@ def plan_report(
             initial = strip
             return done(report, "ompl", f"OMPL path {attempts} relaxed to a certified strip in {report.ticks} ticks")
         reasons.append(f"path {attempts}: {report.reason}")
+        if fineness < _FINEST and not certify_path(deformer, scene, found.chart).certified:
+            fineness *= 2.0  # the planner's samples had missed something on an edge
         best = report if report.clearance > best.clearance else best
     reason = "no certified strip: " + "; ".join(reasons[-4:])
     _log.warning("%s", reason)
     return done(best, "none", reason)
-
-
-def _relax_line(
-    deformer: Deformer, strip: Strip, scene: Scene, ticks: int, watch: Callable[[DeformReport], object] | None
-) -> DeformReport:
-    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
-    report = deformer.assess(strip, scene)
-    for tick in range(1, ticks + 1):
-        if report.usable:
-            break
-        step = deformer.step(report.strip, scene, nodes=tick > 3)
-        report = replace(step, ticks=tick)
-        if watch is not None:
-            watch(step)
-        if step.clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
-            break  # nodes on both sides of an obstacle: more ticks would not bring them together
-    return report
-
-
-def path_strip(robot: RobotModel, chart: Array) -> Strip:
-    """A planner's waypoints (N, nv) as a strip; drivable for a differential drive."""
-    if robot.base_kind is BaseKind.DIFF_DRIVE:
-        chart, _ = project_rolling(robot.space, chart)
-    return Strip.from_chart(robot, chart)
-
-
-def relax_path(
-    deformer: Deformer,
-    strip: Strip,
-    scene: Scene,
-    *,
-    max_ticks: int = 30,
-    extra_ticks: int = 4,
-    watch: Callable[[DeformReport], object] | None = None,
-) -> DeformReport:
-    """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle."""
-    report = deformer.settle(strip, scene, until="certified", max_ticks=max_ticks, watch=watch)
-    for _ in range(extra_ticks):
-        if not report.usable or report.clearance >= deformer.params.near:
-            break
-        further = deformer.step(report.strip, scene)
-        if watch is not None:
-            watch(further)
-        if not further.usable or further.clearance <= report.clearance:
-            break
-        report = replace(further, ticks=report.ticks + 1, reason=report.reason)
-    return report
 
 
 def plan(

@@ -13,6 +13,7 @@ from .grid_path import resample
 _TURN = 0.35  # largest turn in place between two rows [rad]
 _BEND = 1.0  # [rad] a heading that differs by less from the way's is bent into it, without a turn in place
 _LEAD = 0.8  # [m] over which it is bent
+_FOLD = 0.3  # largest motion of a joint between two rows while the base stands [rad or m]
 
 
 def waypoint_rows(robot: RobotModel, start: Array, goal: Array, way: npt.ArrayLike, *, spacing: float) -> Array:
@@ -65,6 +66,33 @@ def waypoint_rows(robot: RobotModel, start: Array, goal: Array, way: npt.ArrayLi
     rows[0], rows[-1] = ends
     rows[:, 2] = np.unwrap(rows[:, 2])
     return rows
+
+
+def tucked_rows(robot: RobotModel, start: Array, goal: Array, way: npt.ArrayLike, *, spacing: float) -> Array:
+    """Chart rows (N, nv) along waypoints of the base, on which the robot drives in its home posture.
+
+    It folds into that posture at the start and unfolds from it at the goal, while the base stands.
+
+    Args:
+        robot, start, goal, way, spacing: as in :func:`waypoint_rows`; ``way`` (K, 2).
+
+    Raises:
+        ParameterError: as :func:`waypoint_rows`.
+    """
+    space = robot.space
+    ends = space.to_chart(np.stack((start, goal)))
+    folded = ends.copy()
+    folded[:, space.base_nv :] = space.to_chart(robot.home_q)[space.base_nv :]
+    first, last = space.from_chart(folded)
+    rows = waypoint_rows(robot, first, last, way, spacing=spacing)
+    folded = rows[[0, -1]]
+    moves = space.difference(ends, folded)
+    moves[:, : space.base_nv] = 0.0
+    stands = []
+    for move, row in zip(moves, folded, strict=True):
+        count = int(np.ceil(float(np.abs(move).max(initial=0.0)) / _FOLD - 1e-9))
+        stands.append(row + (np.arange(count)[:, None] / max(count, 1) - 1.0) * move)  # from the end's posture on
+    return np.vstack((stands[0], rows, stands[1][::-1]))
 
 
 def _bent(points: Array, yaw: float) -> Array:

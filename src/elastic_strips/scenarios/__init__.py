@@ -1,8 +1,19 @@
 """Scenarios: named problems and YAML files, and running them."""
 
+from .closing import closing_side
+from .clutter import clutter
 from .corridor import corridor_scene
 from .document import FORMAT, FORMAT_VERSION, result_document
-from .drive import PLANTS, DriveOutcome, conclude, drive_scenario, make_runner
+from .drive import (
+    DRIVE_METHODS,
+    PLANTS,
+    STRIP,
+    DriveOutcome,
+    conclude,
+    drive_scenario,
+    make_base_runner,
+    make_runner,
+)
 from .drive_document import DRIVE_FORMAT, DRIVE_FORMAT_VERSION, drive_document
 from .moving import moving_corridor
 from .passage import passage
@@ -13,17 +24,22 @@ from .scenario import Scenario
 __all__ = [
     "DRIVE_FORMAT",
     "DRIVE_FORMAT_VERSION",
+    "DRIVE_METHODS",
     "PLANTS",
+    "STRIP",
     "DriveOutcome",
     "conclude",
     "drive_document",
     "drive_scenario",
+    "make_base_runner",
     "make_runner",
     "FORMAT",
     "FORMAT_VERSION",
     "result_document",
     "RunResult",
     "Scenario",
+    "closing_side",
+    "clutter",
     "corridor_scene",
     "get_scenario",
     "moving_corridor",

@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from ..control import LASER_ASSUMPTIONS, BaseRunner, SensedPerception
 from ..deform import DeformParams
 from ..errors import ParameterError, nearest_name
 from ..execution import (
@@ -17,17 +20,28 @@ from ..execution import (
     Fault,
     KinematicPlant,
     MotionLimits,
+    ObstacleAssumptions,
     Plant,
     Runner,
-    Tolerance,
     Verdict,
     judge,
     protective_separation,
 )
+from ..execution.switching import SwitchingReplanner
+from ..execution.tracking_bound import Displacement
+from ..methods import BASE_METHODS
+from ..planning import FamilyParams
 from ..robot import RobotModel
+from ..robot.space import Array
+from ..scene import World
+from ..sensing import SensorConfig
 from .scenario import Scenario
+from .sight import unseen_contacts
 
 PLANTS = ("kinematic", "mujoco")
+STRIP = "strip"
+DRIVE_METHODS = (STRIP, *BASE_METHODS)
+"""What steers: the elastic strip, or one of the methods for a base alone that the paper names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +52,12 @@ class DriveOutcome:
         scenario, robot, plant, seed: what was driven.
         result: of the loop, with its record.
         verdict: of the judge, who knows the true states.
-        separation: protective separation distance [m] at the robot's largest speed.
+        separation: protective separation distance [m] at the robot's largest speed; None of a method that promises no
+            stop.
+        method: what steered, of `DRIVE_METHODS`.
+        sensors: names of the simulated sensors that the robot drove by; empty where it knew the scene.
         physical_contacts: what a physical plant saw the robot touch, wheels and casters on the floor aside.
+        unseen: obstacles of contacts that no sensor had seen in the second before.
     """
 
     scenario: Scenario
@@ -48,8 +66,24 @@ class DriveOutcome:
     seed: int
     result: DriveResult
     verdict: Verdict
-    separation: float
+    separation: float | None
+    method: str = STRIP
+    sensors: tuple[str, ...] = ()
     physical_contacts: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def tracking_error(self) -> float | None:
+        """Bound on the largest distance [m] of any point of the robot from where the reference has it; None without
+        one."""
+        rows = self.result.record.control
+        error = float(Displacement(self.robot)(rows.chart, rows.reference).max())
+        return error if np.isfinite(error) else None
+
+    @property
+    def seen_collisions(self) -> int:
+        """Contacts at speed with what the sensors had seen; all of them where the robot knew the scene."""
+        return sum(contact.obstacle not in self.unseen for contact in self.verdict.collisions)
 
     @property
     def reached(self) -> bool:
@@ -64,11 +98,13 @@ def make_runner(
     seed: int | None = None,
     plant: str = "kinematic",
     evade: bool = False,
+    sensors: SensorConfig | None = None,
+    alternatives: int = 1,
     params: DriveParams | None = None,
     faults: Iterable[Fault] = (),
     **options: Any,
 ) -> Runner:
-    """A closed loop for a scenario, ready to run.
+    """A closed loop of the elastic strip for a scenario, ready to run.
 
     Args:
         scenario: the problem.
@@ -76,6 +112,9 @@ def make_runner(
         seed: of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
         evade: whether to leave the strip where something comes, rather than only to brake and wait.
+        sensors: the robot sees what these read, and nothing else of the scene; where None, it knows the scene.
+        alternatives: so many strips on different sides of the obstacles are kept and deformed side by side; a robot
+            that has to give one up follows another.
         params: of the drive; the scenario's parameters of the strip are put into the default ones where None.
         faults: what goes wrong on purpose.
         **options: of :class:`~elastic_strips.execution.Runner`.
@@ -83,55 +122,133 @@ def make_runner(
     Raises:
         InputError: start or goal in collision, an unknown plant, …
     """
-    if plant not in PLANTS:
-        raise ParameterError(f"plant={plant!r} is unknown{nearest_name(plant, PLANTS)}")
-    robot = scenario.load_robot(preset="default") if robot is None else robot
-    seed = scenario.seed if seed is None else seed
+    problem = _Problem.of(scenario, robot, seed, plant)
     if params is None:
         values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
         deform = DeformParams.for_preset("default", **values)
-        params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
-    limits = MotionLimits.for_robot(robot)
-    world = scenario.world
-    machine: Plant
-    if plant == "mujoco":
-        from ..execution.mujoco_plant import MujocoPlant
-
-        machine = MujocoPlant(robot, limits, world, seed=seed)
-    else:
-        machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
-    start, goal = scenario.ends(robot)
-    metadata = {"scenario": scenario.name, "seed": seed, "plant": plant}
+        assumptions = ObstacleAssumptions() if sensors is None else LASER_ASSUMPTIONS
+        params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None, assumptions=assumptions)
+    if sensors is not None:
+        options["perception"] = SensedPerception(
+            problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed
+        )
+    if alternatives > 1:
+        options["replanner"] = SwitchingReplanner(
+            problem.robot, params, seed=problem.seed, grid=options.get("grid", True),
+            family=FamilyParams(count=alternatives),
+        )  # fmt: skip
     return Runner(
-        robot, world, start, goal, params=params, limits=limits, plant=machine, faults=faults, seed=seed,
-        metadata=metadata, **options,
+        problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
+        plant=problem.machine, faults=faults, seed=problem.seed, metadata=problem.metadata, **options,
     )  # fmt: skip
 
 
-def conclude(scenario: Scenario, runner: Runner, result: DriveResult, *, plant: str, seed: int) -> DriveOutcome:
+def make_base_runner(
+    scenario: Scenario,
+    method: str,
+    *,
+    robot: RobotModel | None = None,
+    seed: int | None = None,
+    plant: str = "kinematic",
+    sensors: SensorConfig | None = None,
+    **options: Any,
+) -> BaseRunner:
+    """A closed loop of a method for a base alone; other arguments as in :func:`make_runner`.
+
+    Args:
+        scenario: the problem.
+        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
+        robot: another robot than the scenario's.
+        seed: of plant and sensors; the scenario's where None.
+        plant: ``"kinematic"``, or ``"mujoco"``.
+        sensors: what the method drives by; the Silvermate's where None.
+        **options: of :class:`~elastic_strips.control.BaseRunner`.
+    """
+    problem = _Problem.of(scenario, robot, seed, plant)
+    return BaseRunner(
+        problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
+        plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, **options,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """A scenario with everything that a loop needs."""
+
+    robot: RobotModel
+    world: World
+    start: Array
+    goal: Array
+    limits: MotionLimits
+    machine: Plant
+    seed: int
+    metadata: dict[str, object]
+
+    @classmethod
+    def of(cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str) -> _Problem:
+        if plant not in PLANTS:
+            raise ParameterError(f"plant={plant!r} is unknown{nearest_name(plant, PLANTS)}")
+        robot = scenario.load_robot(preset="default") if robot is None else robot
+        seed = scenario.seed if seed is None else seed
+        limits, world = MotionLimits.for_robot(robot), scenario.world
+        machine: Plant
+        if plant == "mujoco":
+            from ..execution.mujoco_plant import MujocoPlant
+
+            machine = MujocoPlant(robot, limits, world, seed=seed)
+        else:
+            machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
+        metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": plant}
+        return cls(robot, world, *scenario.ends(robot), limits, machine, seed, metadata)
+
+
+def conclude(
+    scenario: Scenario, runner: Runner | BaseRunner, result: DriveResult, *, plant: str, seed: int
+) -> DriveOutcome:
     """Judge a run."""
-    params = runner.params
-    verdict = judge(
-        result.record, runner.robot, runner.world, runner.limits,
-        tolerance=Tolerance(position=params.goal_position, yaw=params.goal_angle, joints=params.goal_angle),
-    )  # fmt: skip
-    separation = protective_separation(runner.limits, params, runner.perception.params)
+    verdict = judge(result.record, runner.robot, runner.world, runner.limits, tolerance=runner.tolerance)
+    method, separation, suite = STRIP, None, None
+    if isinstance(runner, BaseRunner):
+        method, suite = runner.method.name, runner.sensors
+    else:
+        separation = protective_separation(runner.limits, runner.params, runner.perception.params)
+        if isinstance(runner.perception, SensedPerception):
+            suite = runner.perception.suite
     touched = tuple(str(event) for event in getattr(runner.plant, "contact_events", ()))
-    return DriveOutcome(scenario, runner.robot, plant, seed, result, verdict, separation, touched)
+    unseen = ()
+    if suite is not None:
+        unseen = unseen_contacts(result.record, verdict, runner.robot, runner.world, suite.config)
+    return DriveOutcome(
+        scenario, runner.robot, plant, seed, result, verdict, separation, method=method, physical_contacts=touched,
+        sensors=() if suite is None else suite.names, unseen=unseen,
+    )  # fmt: skip
 
 
 def drive_scenario(
     scenario: Scenario,
     *,
+    method: str = STRIP,
     robot: RobotModel | None = None,
     seed: int | None = None,
     plant: str = "kinematic",
     time_limit: float | None = None,
     **options: Any,
 ) -> DriveOutcome:
-    """Drive a scenario from start to goal, and judge it; arguments as in :func:`make_runner`."""
+    """Drive a scenario from start to goal, and judge it.
+
+    Args:
+        scenario: the problem.
+        method: ``"strip"``, or one for a base alone.
+        robot, seed, plant, **options: as in :func:`make_runner` or :func:`make_base_runner`.
+        time_limit: longest run [s of simulated time].
+    """
     seed = scenario.seed if seed is None else seed
-    runner = make_runner(scenario, robot=robot, seed=seed, plant=plant, **options)
+    if method not in DRIVE_METHODS:
+        raise ParameterError(f"method={method!r} is unknown{nearest_name(method, DRIVE_METHODS)}")
+    if method == STRIP:
+        runner = make_runner(scenario, robot=robot, seed=seed, plant=plant, **options)
+    else:
+        runner = make_base_runner(scenario, method, robot=robot, seed=seed, plant=plant, **options)
     try:
         result = runner.run(time_limit=time_limit)
     finally:

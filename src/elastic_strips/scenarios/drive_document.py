@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..execution.tracking_bound import Displacement
 from .drive import DriveOutcome
 
 DRIVE_FORMAT = "elastic-strips-drive"
@@ -25,12 +24,15 @@ def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
         "scenario": outcome.scenario.name,
         "robot": outcome.robot.name,
         "plant": outcome.plant,
+        "method": outcome.method,
+        "sensors": list(outcome.sensors),
         "seed": outcome.seed,
         "state": result.state.name.lower(),
         "reason": result.reason,
         "reached": outcome.reached,
         "collisions": len(verdict.collisions),
         "contacts": judged["collisions"],
+        "unseen_contacts": list(outcome.unseen),
         "contacts_at_rest": judged["rest_contacts"],
         "physical_contacts": list(outcome.physical_contacts),
         "min_clearance_m": judged["min_clearance_m"],
@@ -43,7 +45,7 @@ def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
         "deadline_misses": result.statistics.misses,
         "max_lateral_slip": verdict.max_lateral_slip_m,
         "limit_excess": judged["excess"],
-        "max_tracking_error_m": _tracking(outcome),
+        "max_tracking_error_m": outcome.tracking_error,
         "protective_separation_m": outcome.separation,
         "events": [{"time_s": e.time, "kind": e.kind, "reason": e.reason} for e in result.events],
         "wall_s": result.seconds,
@@ -52,9 +54,3 @@ def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _tracking(outcome: DriveOutcome) -> float:
-    """Largest distance [m] of any point of the robot from where the reference has it."""
-    rows = outcome.result.record.control
-    return float(Displacement(outcome.robot)(rows.chart, rows.reference).max())

@@ -9,11 +9,16 @@ import numpy as np
 
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
+from .closing import NAME as CLOSING
+from .closing import closing_side
+from .clutter import NAME as CLUTTER
+from .clutter import clutter
 from .corridor import LENGTH, corridor_scene
 from .moving import COURTEOUS, COURTEOUS_SPEEDS, moving_corridor
 from .moving import NAME as MOVING
 from .paper_cases import TABLE_2, paper_case
 from .scenario import Scenario
+from .traps import BOTTLENECK, DEAD_END, bottleneck, dead_end
 
 
 def _corridor(seed: int) -> Scenario:
@@ -34,6 +39,10 @@ def _case(name: str) -> Callable[[int], Scenario]:
 REGISTRY: dict[str, Callable[[int], Scenario]] = {
     **{name: _case(name) for name in TABLE_2},
     "corridor": _corridor,
+    CLUTTER: clutter,
+    CLOSING: closing_side,
+    BOTTLENECK: bottleneck,
+    DEAD_END: dead_end,
     MOVING: moving_corridor,
     COURTEOUS: lambda seed: moving_corridor(seed, speed=COURTEOUS_SPEEDS, yielding=True),
 }

@@ -65,7 +65,13 @@ def merge_cells(cells: Index, span: Index) -> tuple[Index, Index]:
     counts. No box crosses a multiple of ``span`` (3,).
     """
     best: tuple[Index, Index] | None = None
+    flat = (cells == cells[:1]).all(axis=0)
+    tried: set[tuple[int, ...]] = set()
     for order in permutations(range(3)):
+        wide = tuple(axis for axis in order if not flat[axis])
+        if wide in tried:  # nothing to join along an axis of one cell: when that is tried makes no difference
+            continue
+        tried.add(wide)
         low, high = cells, cells + 1
         for done, axis in enumerate(order):
             low, high = _join(low, high, axis, order[:done], span)

@@ -174,6 +174,13 @@ def test_wrong_configurations_are_named(silvermate):
     bad[5] = np.nan
     with pytest.raises(ConfigurationError, match=r"start\[5\] = nan"):
         plan(silvermate, Scene([]), bad, silvermate.home())
+    bad[5] = 2.3
+    with pytest.raises(
+        ConfigurationError, match=r"goal: joint 'arm_2_joint' = 2.3 is outside its limits \[-0.6, 2.2\]"
+    ):
+        plan(silvermate, Scene([]), silvermate.home(), bad)
+    with pytest.raises(ParameterError, match=r"fineness=0"):
+        ompl_path(silvermate, Scene([]), silvermate.home(), bad, seed=0, margin=0.02, timeout=1.0, fineness=0.0)
 
 
 @pytest.mark.parametrize("many", [False, True], ids=["few parts", "many parts"])

@@ -1,0 +1,240 @@
+"""IO room, laser logs: scans with poses from JSON lines, CSV or CARMEN logs; the format is told by the content."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.errors import InputError
+from elastic_strips.robot.space import Array
+from elastic_strips.sensing import NO_ANSWER, NOTHING, LaserScan
+
+MAX_BYTES = 1_000_000_000
+LoggedScan = tuple[LaserScan, Array | None]
+"""A scan and the base's pose (3,): x [m], y [m], yaw [rad], read-only; None where the log has none."""
+
+_NEEDED = ("stamp", "angle_min", "angle_increment", "range_min", "range_max", "ranges")
+_OPTIONAL = ("x", "y", "yaw", "pose", "sensor", "mount", "frame_id", "angle_max", "time_increment", "scan_time")
+_CSV_KEYS = (*_NEEDED[:-1], "x", "y", "yaw")
+_CARMEN_POSES = ("laser", "odometry")
+_IGNORED = ("PARAM", "SYNC", "ODOM", "TRUEPOS", "NMEAGGA", "NMEARMC", "RLASER", "LASER3", "LASER4", "MARKER")
+
+
+class LaserLogError(InputError):
+    """A laser log cannot be read; the message names file and line."""
+
+
+def read_laser_log(
+    path: str | os.PathLike[str], *, carmen_pose: str = "laser", carmen_range_max: float = 80.0, height: float = 0.0
+) -> tuple[LoggedScan, ...]:
+    """Read the scans of a log, in the file's order; docs/sensed-scenes.md describes the formats.
+
+    Args:
+        path: of the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines; its
+            other messages are passed over).
+        carmen_pose: which pose of a CARMEN log counts: ``"laser"``, its (usually corrected) pose, which then also is
+            the base's, or ``"odometry"``, the base's own, with the laser where the two say it is.
+        carmen_range_max: range from which on FLASER lines, which do not say it, mean that nothing is there [m].
+        height: of a laser over the floor, where the log does not say it [m].
+
+    Raises:
+        LaserLogError: no such file, an unknown format, a line that does not fit, a log without scans.
+    """
+    if carmen_pose not in _CARMEN_POSES:
+        raise InputError(f"carmen_pose={carmen_pose!r}; valid: {', '.join(map(repr, _CARMEN_POSES))}")
+    if not (math.isfinite(carmen_range_max) and carmen_range_max > 0.0 and math.isfinite(height)):
+        raise InputError(f"carmen_range_max={carmen_range_max!r} must be > 0 m and height={height!r} finite")
+    file = Path(path)
+    try:
+        size = file.stat().st_size
+        if size > MAX_BYTES:
+            raise LaserLogError(f"{file}: the log has {size} bytes; at most {MAX_BYTES} are read")
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise LaserLogError(f"{file}: cannot read the log: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise LaserLogError(f"{file}: byte {error.start} is no UTF-8; a log is a text file") from None
+    lines = [(k, line.strip()) for k, line in enumerate(text.split("\n"), start=1)]
+    lines = [(k, line) for k, line in lines if line and not line.startswith("#")]
+    if not lines:
+        raise LaserLogError(f"{file}: the log holds no scans: it is empty")
+    parse: Callable[[str], LoggedScan | None]
+    first = lines[0][1]
+    if first.startswith("{"):
+        parse = lambda line: _json(line, height)  # noqa: E731
+    elif first.startswith("stamp,"):
+        columns = [c.strip() for c in first.split(",")]
+        _at(file, lines[0][0], lambda _: _check_header(columns), first)
+        lines = lines[1:]
+        parse = lambda line: _csv(line, columns, height)  # noqa: E731
+    elif first.split()[0].isupper():
+        parse = lambda line: _carmen(line, carmen_pose, carmen_range_max, height)  # noqa: E731
+    else:
+        raise LaserLogError(
+            f"{file}:{lines[0][0]}: neither a JSON object, nor the header of a CSV log ('stamp,…'), nor a message of a "
+            f"CARMEN log: {first[:40]!r}"
+        )
+    scans = [scan for k, line in lines if (scan := _at(file, k, parse, line)) is not None]
+    if not scans:
+        raise LaserLogError(f"{file}: the log holds no scans")
+    return tuple(scans)
+
+
+def _at(file: Path, number: int, parse: Callable[[str], Any], line: str) -> Any:
+    """Parse a line; what is wrong with it is said with its place."""
+    try:
+        return parse(line)
+    except (ValueError, IndexError, RecursionError, OverflowError) as error:
+        raise LaserLogError(f"{file}:{number}: {error}") from None
+
+
+def _json(line: str, height: float) -> LoggedScan:
+    try:
+        entry = json.loads(line)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"no JSON object: {error.msg} at column {error.colno}") from None
+    if not isinstance(entry, dict):
+        raise ValueError("must be a JSON object, with the keys " + ", ".join(_NEEDED))
+    _check_keys(entry)
+    if not isinstance(entry["ranges"], list):
+        raise ValueError("ranges: must be a list of numbers, or null where there is none")
+    ranges = [math.nan if r is None else _float(r, f"ranges[{k}]", finite=False) for k, r in enumerate(entry["ranges"])]
+    numbers = {key: _float(entry[key], key) for key in _NEEDED[:-1]}
+    pose = None
+    if "pose" in entry or "x" in entry:
+        pose = (
+            _floats(entry["pose"], "pose", 3) if "pose" in entry else [_float(entry[k], k) for k in ("x", "y", "yaw")]
+        )
+    mount = _floats(entry["mount"], "mount", 4) if "mount" in entry else [0.0, 0.0, height, 0.0]
+    name = entry.get("sensor", entry.get("frame_id", "laser"))
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"sensor: must be a name, not {name!r}")
+    return _scan(name, numbers, ranges, mount), _pose(pose)
+
+
+def _check_keys(entry: dict[str, Any]) -> None:
+    for key in entry:
+        if key not in _NEEDED and key not in _OPTIONAL and key != "intensities":
+            raise ValueError(f"unknown key {key!r}; valid: {', '.join((*_NEEDED, *_OPTIONAL))}")
+    missing = [key for key in _NEEDED if key not in entry]
+    if missing:
+        raise ValueError(f"the key {missing[0]!r} is missing")
+    parts = [key for key in ("x", "y", "yaw") if key in entry]
+    if parts and (len(parts) < 3 or "pose" in entry):
+        raise ValueError("a pose is given by 'pose', or by all of 'x', 'y' and 'yaw'")
+
+
+def _check_header(columns: list[str]) -> None:
+    if columns[-1] != "ranges" or len(set(columns)) != len(columns) or set(columns[:-1]) - set(_CSV_KEYS):
+        raise ValueError(f"the header must hold {', '.join(_NEEDED[:-1])}, may hold x, y, yaw, and ends with ranges")
+    _check_keys(dict.fromkeys(columns))
+
+
+def _csv(line: str, columns: list[str], height: float) -> LoggedScan:
+    cells = [c.strip() for c in line.split(",")]
+    if len(cells) < len(columns):
+        raise ValueError(f"has {len(cells)} columns; {len(columns) - 1} and the ranges are needed")
+    head = dict(zip(columns[:-1], cells, strict=False))
+    ranges = [math.nan if not c else _float(c, "ranges", finite=False) for c in cells[len(columns) - 1 :]]
+    numbers = {key: _float(head[key], key) for key in _NEEDED[:-1]}
+    pose = [_float(head[k], k) for k in ("x", "y", "yaw")] if "x" in head else None
+    return _scan("laser", numbers, ranges, [0.0, 0.0, height, 0.0]), _pose(pose)
+
+
+def _carmen(line: str, which: str, range_max: float, height: float) -> LoggedScan | None:
+    words = line.split()
+    kind, rest = words[0], words[1:]
+    if kind == "FLASER":
+        count = _count(rest[0] if rest else "", "the number of readings")
+        if len(rest) < 1 + count + 9:
+            raise ValueError(f"FLASER with {count} readings has {len(rest)} fields; {1 + count + 9} are needed")
+        step = math.pi / (count - 1 if count % 2 else count)
+        ranges = [_float(w, "range") for w in rest[1 : 1 + count]]
+        poses = [_float(w, "pose") for w in rest[1 + count : 7 + count]]
+        head = {"stamp": _float(rest[7 + count], "ipc_timestamp"), "angle_min": -0.5 * math.pi, "angle_increment": step}
+    elif kind[:-1] in ("RAWLASER", "ROBOTLASER") and kind[-1] in "12345":
+        if len(rest) < 8:
+            raise ValueError(f"{kind} has {len(rest)} fields; at least 8 and the readings are needed")
+        start, _, step, range_max = (_float(w, "field") for w in rest[1:5])
+        count = _count(rest[7], "the number of readings")
+        ranges = [_float(w, "range") for w in rest[8 : 8 + count]]
+        after = rest[8 + count :]
+        poses = None
+        if kind[:-1] == "ROBOTLASER":
+            if len(after) not in (13, 14) or (len(after) == 14 and after[0] == "0"):  # newer logs hold remissions
+                after = after[1 + _count(after[0] if after else "", "the number of remissions", low=0) :]
+            poses = [_float(w, "pose") for w in after[:6]]
+        if len(ranges) < count or len(after) < 3 or (poses is not None and len(after) < 13):
+            raise ValueError(f"{kind} with {count} readings ends too early, with {len(rest)} fields")
+        head = {"stamp": _float(after[-3], "timestamp"), "angle_min": start, "angle_increment": step}
+    elif kind in _IGNORED or (kind.isupper() and not kind.startswith(("FLASER", "RAWLASER", "ROBOTLASER"))):
+        return None
+    else:
+        raise ValueError(f"{kind[:40]!r} is no message of a CARMEN log")
+    mount, pose = [0.0, 0.0, height, 0.0], None
+    if poses is not None:
+        (lx, ly, la), pose = poses[:3], poses[:3] if which == "laser" else poses[3:]
+        if which == "odometry":
+            x, y, a = pose
+            c, s = math.cos(a), math.sin(a)
+            mount = [c * (lx - x) + s * (ly - y), c * (ly - y) - s * (lx - x), height, la - a]
+    return _scan(kind.lower(), {**head, "range_min": 0.0, "range_max": range_max}, ranges, mount), _pose(pose)
+
+
+def _scan(sensor: str, head: dict[str, float], ranges: list[float], mount: list[float]) -> LaserScan:
+    """The scan of a line; ranges as in REP 117: beyond ``range_max`` nothing, below ``range_min`` no answer."""
+    if len(ranges) < 2:
+        raise ValueError(f"a scan has {len(ranges)} ranges; at least 2 are needed")
+    low, high, step = head["range_min"], head["range_max"], head["angle_increment"]
+    if not 0.0 <= low < high:
+        raise ValueError(f"range_min={low:g} must be at least 0 and less than range_max={high:g}")
+    if step == 0.0 or abs(step) * (len(ranges) - 1) > 2.0 * math.pi + 1e-6:
+        raise ValueError(f"angle_increment={step:g}: {len(ranges)} rays of that step make no scan of at most one turn")
+    r = np.array(ranges)
+    angles = np.linspace(head["angle_min"], head["angle_min"] + step * (len(r) - 1), len(r))
+    with np.errstate(invalid="ignore"):
+        r = np.where(r >= high, NOTHING, np.where((r < low) | (r <= 0.0), NO_ANSWER, r))
+    if step < 0.0:  # clockwise
+        r, angles = r[::-1], angles[::-1]
+    x, y, z, yaw = mount
+    c, s = math.cos(yaw), math.sin(yaw)
+    T = np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
+    return LaserScan(sensor, head["stamp"], T, angles, r, low, high)
+
+
+def _pose(values: list[float] | None) -> Array | None:
+    if values is None:
+        return None
+    pose = np.array(values)
+    pose.flags.writeable = False
+    return pose
+
+
+def _count(word: str, what: str, low: int = 1) -> int:
+    if not word.isdecimal() or not low <= int(word) <= 100_000:
+        raise ValueError(f"{what} must be a whole number from {low} to 100000, not {word[:40]!r}")
+    return int(word)
+
+
+def _floats(value: Any, what: str, count: int) -> list[float]:
+    if not isinstance(value, list) or len(value) != count:
+        raise ValueError(f"{what}: must be a list of {count} numbers, not {str(value)[:40]!r}")
+    return [_float(v, f"{what}[{k}]") for k, v in enumerate(value)]
+
+
+def _float(value: Any, what: str, *, finite: bool = True) -> float:
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what}: must be a number, not {str(value)[:40]!r}") from None
+    if finite and not math.isfinite(number):
+        raise ValueError(f"{what}: must be finite, not {number:g}")
+    return number

@@ -1,0 +1,267 @@
+"""IO room, point clouds: PLY, PCD and XYZ files as arrays of points, and scenes of them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.robot.space import Array
+from elastic_strips.scene import Scene, Voxels
+
+MAX_BYTES = 1_000_000_000
+SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
+_PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+_PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_PCD_TYPES = {(k, s): f"{t}{s}" for k, t in (("I", "i"), ("U", "u")) for s in (1, 2, 4, 8)} | {
+    ("F", 4): "f4",
+    ("F", 8): "f8",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points of a file.
+
+    Attributes:
+        points: (n, 3) in the file's frame, in metres, read-only; at least one.
+        dropped: how many points of the file were left out: a coordinate was not finite.
+    """
+
+    points: Array
+    dropped: int
+
+
+def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> PointCloud:
+    """Read the points of a PLY (ASCII or binary), PCD (ASCII or binary, not compressed) or XYZ file (.xyz, .txt).
+
+    Of every point x, y and z are read, and the rest (colours, normals) is passed over. XYZ files hold at least three
+    numbers a line, between blanks, commas or semicolons; lines that begin with ``#`` or ``//`` are comments.
+
+    Args:
+        path: of the file.
+        scale: its numbers times that are metres.
+
+    Raises:
+        SceneError: no such file, another kind, damaged or cut off, no points; the message names file and line or byte.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise SceneError(f"{file}: point clouds of kind {suffix!r} are not read{nearest_name(suffix, SUFFIXES)}")
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise SceneError(f"scale={scale!r} must be finite and > 0")
+    try:
+        size = file.stat().st_size
+        if not 0 < size <= MAX_BYTES:
+            raise SceneError(f"{file}: the file has {size} bytes; it must have 1 to {MAX_BYTES}")
+        data = file.read_bytes()
+    except OSError as error:
+        raise SceneError(f"{file}: cannot read the point cloud: {error.strerror or error}") from None
+    reader = {".ply": _ply, ".pcd": _pcd}.get(suffix, _xyz)
+    try:
+        raw = reader(data)
+    except ValueError as error:
+        raise SceneError(f"{file}{error}") from None
+    points = np.ascontiguousarray(raw, dtype=np.float64) * scale
+    finite = np.isfinite(points).all(axis=1)
+    points = points[finite]
+    if not len(points):
+        raise SceneError(f"{file}: the file holds no points ({len(raw)} are given, none of them finite)")
+    points.flags.writeable = False
+    return PointCloud(points, int(len(raw) - len(points)))
+
+
+def cloud_scene(
+    points: Any,
+    voxel: float = 0.05,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    min_points: int = 1,
+    name: str = "cloud",
+    time: float = 0.0,
+) -> Scene:
+    """A scene with one obstacle: a voxel for every cell of a grid that holds points, merged where possible.
+
+    Args:
+        points: (n, 3) in the world [m], or a `PointCloud`.
+        voxel: edge of the cells [m]; the grid has its origin at the world's.
+        low, high: points below or above are left out [m]: the floor under the robot, the ceiling; None: all count.
+        min_points: cells with fewer points are left out, as noise.
+        name: of the obstacle.
+        time: of the scene [s].
+
+    Raises:
+        SceneError: points of another shape or not finite, an edge that is no length, nothing left of the cloud.
+    """
+    cloud = np.asarray(points.points if isinstance(points, PointCloud) else points)
+    if cloud.ndim != 2 or cloud.shape[1] != 3 or not len(cloud) or cloud.dtype.kind not in "fiu":
+        raise SceneError(f"points must be numbers of the shape (n, 3), n ≥ 1, not {cloud.dtype} {cloud.shape}")
+    if not np.isfinite(cloud).all():
+        bad = int(np.argmin(np.isfinite(cloud).all(axis=1)))
+        raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be finite")
+    if not (np.isfinite(voxel) and voxel > 0.0):
+        raise SceneError(f"voxel={voxel!r} must be a length > 0 m")
+    keep = np.ones(len(cloud), dtype=bool)
+    if low is not None:
+        keep &= cloud[:, 2] >= low
+    if high is not None:
+        keep &= cloud[:, 2] <= high
+    cells, counts = np.unique(np.floor(cloud[keep] / voxel).astype(np.int64), axis=0, return_counts=True)
+    cells = cells[counts >= min_points]
+    if not len(cells):
+        raise SceneError(f"nothing is left of {len(cloud)} points: low={low}, high={high}, min_points={min_points}")
+    return Scene([Voxels((cells + 0.5) * voxel, voxel, name=name)], time=time)
+
+
+def _ply(data: bytes) -> Array:
+    words, body, lines = _header(data, b"end_header", "PLY")
+    if words[0] != ["ply"]:
+        raise ValueError(":1: is no PLY file: it must begin with 'ply'")
+    order: str | None = None
+    elements: list[tuple[str, int, list[tuple[str, str]], bool]] = []
+    for k, line in enumerate(words[1:], start=2):
+        if line[0] == "format" and len(line) >= 2 and line[1] in _PLY_FORMATS:
+            order = _PLY_FORMATS[line[1]]
+        elif line[0] == "element" and len(line) == 3 and line[2].isdecimal():
+            elements.append((line[1], int(line[2]), [], False))
+        elif line[0] == "property" and elements and len(line) == 5 and line[1] == "list":
+            name, count, fields, _ = elements[-1]
+            elements[-1] = name, count, fields, True
+        elif line[0] == "property" and elements and len(line) == 3 and line[1] in _PLY_TYPES:
+            elements[-1][2].append((line[2], _PLY_TYPES[line[1]]))
+        elif line[0] not in ("comment", "obj_info", "end_header"):
+            raise ValueError(f":{k}: not understood in a PLY header: {' '.join(line)[:60]!r}")
+    if order is None:
+        raise ValueError(f": the PLY header names no format; valid: {', '.join(_PLY_FORMATS)}")
+    before = 0
+    for name, count, fields, lists in elements:
+        if name == "vertex":
+            if lists:
+                raise ValueError(": the PLY file's vertices hold lists; they must hold single numbers")
+            return _table(data, body, fields, count, order, lines + (before if not order else 0), before)
+        if lists and order:
+            raise ValueError(f": the PLY file's element {name!r} before the vertices holds lists; put vertices first")
+        before += count if not order else count * np.dtype([(f"{i}", t) for i, (_, t) in enumerate(fields)]).itemsize
+    raise ValueError(": the PLY file has no element 'vertex'")
+
+
+def _pcd(data: bytes) -> Array:
+    words, body, lines = _header(data, b"DATA", "PCD")
+    head: dict[str, tuple[int, list[str]]] = {w[0]: (k, w[1:]) for k, w in enumerate(words, 1) if w[0][0] != "#"}
+    for key in ("FIELDS", "SIZE", "TYPE", "DATA"):
+        if key not in head:
+            raise ValueError(f": the PCD header has no line {key!r}")
+    names, kind = head["FIELDS"][1], head["DATA"][1]
+    counts = head.get("COUNT", (0, ["1"] * len(names)))[1]
+    sizes, types = head["SIZE"][1], head["TYPE"][1]
+    number = head.get("POINTS", (0, []))[1] or None
+    if number is None and "WIDTH" in head and "HEIGHT" in head:
+        number = [str(int(_whole(head["WIDTH"])) * int(_whole(head["HEIGHT"])))]
+    if number is None or len(number) != 1 or not number[0].isdecimal():
+        raise ValueError(": the PCD header does not say how many POINTS there are")
+    if not len(names) == len(counts) == len(sizes) == len(types):
+        raise ValueError(
+            f":{head['SIZE'][0]}: FIELDS, SIZE, TYPE and COUNT of a PCD file must have equally many entries"
+        )
+    fields: list[tuple[str, str]] = []
+    for name, size, letter, count in zip(names, sizes, types, counts, strict=True):
+        code = _PCD_TYPES.get((letter, int(size) if size.isdecimal() else 0))
+        if code is None or not count.isdecimal() or not 1 <= int(count) <= 10_000:
+            raise ValueError(f":{head['TYPE'][0]}: field {name!r} of type {letter!r}, size {size!r} is not understood")
+        fields += [(name if i == 0 else f"{name}[{i}]", code) for i in range(int(count))]
+    if kind not in (["ascii"], ["binary"]):
+        raise ValueError(
+            f":{head['DATA'][0]}: PCD files with DATA {' '.join(kind)[:40]!r} are not read; valid: ascii, binary"
+        )
+    return _table(data, body, fields, int(number[0]), "" if kind == ["ascii"] else "<", lines, 0)
+
+
+def _xyz(data: bytes) -> Array:
+    rows = []
+    for k, line in enumerate(data.split(b"\n"), start=1):
+        text = line.decode("utf-8", "replace").strip()
+        if not text or text.startswith(("#", "//")):
+            continue
+        try:
+            x, y, z = text.replace(",", " ").replace(";", " ").split()[:3]
+            rows.append((float(x), float(y), float(z)))
+        except ValueError:
+            raise ValueError(f":{k}: must begin with three numbers, not {text[:60]!r}") from None
+    return np.array(rows).reshape(-1, 3)
+
+
+def _header(data: bytes, last: bytes, kind: str) -> tuple[list[list[str]], int, int]:
+    """Words of a header's lines up to the one that begins with ``last``, where its data begin, and its lines."""
+    words, at = [], 0
+    while len(words) < 1000:
+        end = data.find(b"\n", at)
+        if end < 0:
+            break
+        line = data[at:end]
+        at = end + 1
+        split = line.decode("ascii", "replace").split()
+        words.append(split or ["#"])
+        if line.strip().startswith(last):
+            words = [w if w != ["#"] or kind == "PCD" else ["comment"] for w in words]
+            return words, at, len(words)
+    raise ValueError(f": is no {kind} file, or its header is cut off: it has no line {last.decode()!r}")
+
+
+def _table(
+    data: bytes, body: int, fields: list[tuple[str, str]], count: int, order: str, line: int, skip: int
+) -> Array:
+    """x, y, z (count, 3) of rows of ``fields``, ``skip`` rows or bytes on; text where there is no byte ``order``."""
+    names = [name for name, _ in fields]
+    for axis in "xyz":
+        if axis not in names:
+            raise ValueError(f": the points have no {axis!r}; they have {', '.join(names) or 'nothing'}")
+        if names.count(axis) > 1:
+            raise ValueError(f": the points have {axis!r} twice")
+    places = [names.index(axis) for axis in "xyz"]
+    if order:
+        kind = np.dtype([(f"{i}", order + code) for i, (_, code) in enumerate(fields)])
+        start, needed = body + skip, count * kind.itemsize
+        if len(data) - start < needed:
+            raise ValueError(
+                f": byte {len(data)}: the file ends; {count} points need {needed} bytes from byte {start} on"
+            )
+        table = np.frombuffer(data, dtype=kind, count=count, offset=start)
+        return np.column_stack([table[f"{i}"].astype(np.float64) for i in places]).reshape(-1, 3)
+    rows = data[body:].split(b"\n")[skip : skip + count]
+    if rows and not rows[-1].strip():
+        rows = rows[:-1]
+    if len(rows) < count:
+        raise ValueError(f":{line + len(rows)}: the file ends after {len(rows)} of {count} points")
+    points = np.empty((count, 3))
+    for k, row in enumerate(rows):
+        words = row.split()
+        try:
+            if len(words) < len(fields):
+                raise ValueError
+            points[k] = [float(words[i]) for i in places]
+        except ValueError:
+            text = row[:60].decode("utf-8", "replace")
+            raise ValueError(f":{line + 1 + k}: must hold {len(fields)} numbers, not {text!r}") from None
+    return points
+
+
+def _whole(entry: tuple[int, list[str]]) -> str:
+    number, words = entry
+    if len(words) != 1 or not words[0].isdecimal():
+        raise ValueError(f":{number}: must be one whole number, not {' '.join(words)[:40]!r}")
+    return words[0]

@@ -1,0 +1,313 @@
+"""StripFamily: alternatives that are deformed side by side, and which of them to follow."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..deform import Deformer, DeformParams
+from ..errors import ConfigurationError, ParameterError
+from ..robot import RobotModel
+from ..robot.space import Array
+from ..scene import Scene
+from .alternatives import Alternative, plan_alternatives, strip_path
+from .family_params import FamilyParams
+from .homotopy import base_class, component_map, obstacle_points, parted_by
+from .member import Member, fault
+from .rejoin import parting_angle, rejoined
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FamilyReport:
+    """A tick of a family.
+
+    Attributes:
+        current: index of the strip to follow among ``alternatives``, or None where there is none at all.
+        alternatives: the members as they now are; only those named in ``fresh`` were deformed in this very tick, the
+            others' certificates are of an earlier scene.
+        fresh: indices of the members that were deformed in this tick, the current one first.
+        certified: whether the current strip is certified against this tick's scene.
+        events: what happened, with the reasons, for people.
+        planned: whether a planner was called.
+    """
+
+    current: int | None
+    alternatives: tuple[Alternative, ...]
+    fresh: tuple[int, ...]
+    certified: bool
+    events: tuple[str, ...]
+    planned: bool
+
+    @property
+    def best(self) -> Alternative | None:
+        """The alternative to follow."""
+        return None if self.current is None else self.alternatives[self.current]
+
+
+class StripFamily:
+    """Workspace: keeps strips of different classes, deforms them against each new scene, and says which is the best.
+
+    A tick deforms the current strip and one of the others, in turn. Only where the current one breaks, others are
+    deformed in the same tick until one is certified. A planner is called at most once in
+    ``plan_every`` ticks, and less often where it has found nothing more.
+
+    Args:
+        robot: whose strips.
+        goal: configuration (nq,) where they end.
+        params: of the deformation; the default preset where None.
+        family: of the family; its defaults where None.
+        seed: of the planner.
+    """
+
+    def __init__(
+        self, robot: RobotModel, goal: npt.ArrayLike, *, params: DeformParams | None = None,
+        family: FamilyParams | None = None, seed: int = 0,
+    ) -> None:  # fmt: skip
+        self.robot, self.params, self.family = robot, params or DeformParams(), family or FamilyParams()
+        self.goal = robot.check_q(goal, what="goal")
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+            raise ParameterError(f"seed={seed!r} must be an integer ≥ 0")
+        self.seed = int(seed)
+        self._planner = Deformer(robot, self.params)
+        self._members: list[Member] = []
+        self._current: Member | None = None
+        self._turn = self._since_plan = self._calls = self._futile = 0
+        self._said_none = False
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def plan(self, scene: Scene, start: npt.ArrayLike, *, timeout: float = 5.0) -> FamilyReport:
+        """Forget all strips and plan new ones, for ``timeout`` [s] at most.
+
+        Raises:
+            ConfigurationError: start or goal is not sound, or in collision; names the pair.
+            ParameterError: a timeout that is not positive.
+        """
+        self._members, self._current, self._said_none = [], None, False
+        events: list[str] = []
+        self._plan(scene, self.robot.check_q(start, what="start"), events, timeout)
+        return self._report(events, self._members, planned=True)
+
+    def step(self, scene: Scene, start: npt.ArrayLike | None = None, *, decide: bool = True) -> FamilyReport:
+        """One tick: deform against a new scene, and decide which strip to follow.
+
+        Args:
+            scene: the obstacles.
+            start: configuration (nq,) where the robot is; where it has been so far, where None.
+            decide: whether to change over; without that, the current strip stays the current one until :meth:`leave`.
+
+        Raises:
+            ConfigurationError: a start that is not sound, or none at all yet.
+        """
+        if start is None and not self._members:
+            raise ConfigurationError("StripFamily.step: there are no strips yet; give the start, or call plan")
+        events: list[str] = []
+        where = self._members[0].report.strip.q[0] if start is None else self.robot.check_q(start, what="start")
+        if start is not None:
+            self._rejoin(where)
+        self._since_plan += 1
+        fresh: list[Member] = []
+        if self._current is not None:
+            self._current.deform(scene)
+            fresh.append(self._current)
+        others = [m for m in self._members if m is not self._current]
+        if others:
+            self._turn = (self._turn + 1) % len(others)
+            others[self._turn].deform(scene)
+            fresh.append(others[self._turn])
+        if decide:
+            self._decide(scene, others, fresh, events)
+        self._drop(events)
+        planned = self._lacks()
+        if planned:
+            before = set(map(id, self._members))
+            self._plan(scene, where, events, self.family.timeout)
+            fresh += [m for m in self._members if id(m) not in before]
+        return self._report(events, fresh, planned=planned)
+
+    def leave(self, scene: Scene, start: npt.ArrayLike, why: str) -> FamilyReport:
+        """Follow another strip than the current one, which whoever follows it has given up.
+
+        The cheapest that is certified from where the robot is, after up to ``patience`` ticks each. Where there is
+        none, all strips are forgotten: `best` of the report is None.
+
+        Args:
+            scene: the obstacles.
+            start: configuration (nq,) where the robot is.
+            why: the current one was given up.
+
+        Raises:
+            ConfigurationError: a start that is not sound.
+        """
+        self._rejoin(self.robot.check_q(start, what="start"))
+        others, events = [m for m in self._members if m is not self._current], list[str]()
+        for member in others:
+            for _ in range(self.family.patience):
+                member.deform(scene)
+                if member.report.usable:
+                    break
+        sound = [m for m in others if m.report.usable]
+        if sound:
+            left = self._current
+            self._switch(scene, min(sound, key=lambda m: m.cost), why, events)
+            if left is not None:
+                self._members.remove(left)
+        else:
+            self._members, self._current, others = [], None, []
+            events.append(f"no alternative left: {why}")
+        return self._report(events, others, planned=False)
+
+    # the parts of a tick
+
+    def _rejoin(self, start: Array) -> None:
+        """Let the strips begin where the robot is."""
+        chart = self.robot.space.to_chart(start)
+        for member in self._members:
+            if np.abs(self.robot.space.difference(member.report.strip.chart[:1], chart[None])).max() > 1e-9:
+                member.report = rejoined(member.deformer, member.report, chart)
+
+    def _decide(self, scene: Scene, others: list[Member], fresh: list[Member], events: list[str]) -> None:
+        """Change over at once from a broken strip to a certified one; to a better one after some ticks."""
+        current = self._current
+        if current is not None and current.report.usable:
+            self._said_none = False
+            for other in others:
+                if other not in fresh:
+                    continue
+                better = other.report.usable and other.cost < (1.0 - self.family.margin) * current.cost
+                other.better = other.better + 1 if better else 0
+                if other.better >= self.family.patience:
+                    why = f"it costs {other.cost:.2f} m against {current.cost:.2f} m, {other.better} times in a row"
+                    self._switch(scene, other, why, events)
+                    return
+            return
+        for other in sorted(others, key=lambda m: m.cost):
+            if other not in fresh:
+                other.deform(scene)
+                fresh.append(other)
+            if other.report.usable:
+                self._switch(scene, other, fault(current.report) if current else "there was none to follow", events)
+                return
+        if not self._said_none:
+            self._said_none = True
+            events.append(f"no alternative left: {fault(current.report) if current else 'nothing is planned'}")
+
+    def _switch(self, scene: Scene, to: Member, why: str, events: list[str]) -> None:
+        old, self._current, self._said_none = self._current, to, False
+        for member in self._members:
+            member.better = 0
+        if old is None:
+            events.append(f"took up a strip of {to.report.strip.length:.2f} m: {why}")
+            return
+        events.append(f"switched from {self._sides(scene, old, to)}: {why}")
+
+    def _sides(self, scene: Scene, old: Member, new: Member) -> str:
+        """``"left of box to right of it"``."""
+        if not self.robot.space.planar:
+            return "one strip to another"
+        hit = old.report.certificate.broken  # the old path leads through this one, not past it
+        points = [c for c in obstacle_points(self.robot, scene) if hit is None or c.name != hit.obstacle]
+        parted = parted_by(strip_path(old.report.strip), strip_path(new.report.strip), points)
+        if not parted:
+            return "one strip to another on the same side"
+        name, side = next(iter(parted.items()))
+        more = f" (and {len(parted) - 1} more)" if len(parted) > 1 else ""
+        return f"{side} of {name} to {'left' if side == 'right' else 'right'} of it{more}"
+
+    def _drop(self, events: list[str]) -> None:
+        """Others go that have been broken for long, or that the robot has left behind."""
+        current = self._current
+        for member in tuple(self._members):
+            if member is current:
+                continue
+            why = fault(member.report) if member.broken >= self.family.patience else ""
+            if not why and member.travelled > self.family.stem and current is not None and current.report.usable:
+                angle = parting_angle(current.report.strip, member.report.strip, self.family.stem)
+                if angle > self.family.part:
+                    why = f"it leads {np.degrees(angle):.0f}° off the current one: the robot has passed where they part"
+            if why:
+                self._members.remove(member)
+                events.append(f"dropped {self._beside(member)}: {why}")
+
+    def _lacks(self) -> bool:
+        """Whether to call the planner: where the current strip is broken, or, less and less often, for more strips."""
+        every = self.family.plan_every
+        if every == 0 or self._since_plan < every:
+            return False
+        if self._current is None or self._current.broken >= self.family.patience:
+            return True
+        return len(self._members) < self.family.count and self._since_plan >= every * 2 ** min(self._futile, 5)
+
+    def _unlike(self, members: list[Member], events: list[str]) -> list[Member]:
+        """The members without those that have come to the same class as a better one."""
+        kept: list[Member] = []
+        for member in sorted(members, key=lambda m: (m is not self._current, m.cost)):
+            if any(member.base_class == other.base_class for other in kept):
+                self._members.remove(member)
+                events.append(f"dropped {self._beside(member)}: it passes on the same sides as a better one")
+            else:
+                kept.append(member)
+        return kept
+
+    def _plan(self, scene: Scene, start: Array, events: list[str], timeout: float) -> None:
+        """Call the planner for what is missing; a certified strip replaces a broken current one."""
+        self._since_plan, self._calls = 0, self._calls + 1
+        robot, current = self.robot, self._current
+        keep = [m for m in self._members if m.report.usable]
+        field = None
+        if robot.space.planar:
+            ends = robot.space.to_chart(np.stack((start, self.goal)))[:, :2]
+            paths = [strip_path(m.report.strip) for m in keep]
+            field = component_map(robot, scene, np.vstack((ends, *paths)))
+            for member, path in zip(keep, paths, strict=True):
+                member.base_class = base_class(path, field.components)
+            keep = self._unlike(keep, events)
+        try:
+            found = plan_alternatives(
+                robot, scene, start, self.goal, count=max(self.family.count - len(keep), 1),
+                seed=self.seed + self._calls, timeout=timeout, ompl_attempts=1 if keep else 3,
+                without=[m.base_class for m in keep], field=field, deformer=self._planner,
+            )  # fmt: skip
+        except ConfigurationError as error:
+            if not self._members:
+                raise
+            events.append(f"could not replan: {error}")
+            return
+        new = [Member(robot, self.params, a) for a in found.alternatives]
+        if new:
+            events.append(f"{'replanned' if self._calls > 1 else 'planned'}: {found.reason}")
+        elif not keep:
+            events.append(f"no strip: {found.reason}")
+        if not keep and new and current is not None:
+            self._members = []  # what was broken has no use beside what is certified
+            self._switch(scene, new[0], f"replanned after {fault(current.report)}", events)
+        else:
+            self._members = [m for m in self._members if m is current or m in keep]
+        self._members += new
+        self._futile = 0 if new else self._futile + 1
+        if self._current is None and self._members:
+            self._current = min(self._members, key=lambda m: m.cost)
+
+    @staticmethod
+    def _beside(member: Member) -> str:
+        return f"a strip of {member.report.strip.length:.2f} m"
+
+    def _report(self, events: list[str], fresh: list[Member], *, planned: bool) -> FamilyReport:
+        for event in events:
+            _log.info("%s", event)
+        current = self._current
+        ordered = sorted(fresh, key=lambda m: m is not current)
+        return FamilyReport(
+            current=None if current is None else self._members.index(current),
+            alternatives=tuple(m.alternative() for m in self._members),
+            fresh=tuple(self._members.index(m) for m in ordered if m in self._members),
+            certified=current is not None and current.report.usable,
+            events=tuple(events),
+            planned=planned,
+        )

@@ -1,0 +1,192 @@
+"""Classes of base paths: on which sides of the obstacles, seen from above, a path leads.
+
+A ray goes from a point of each obstacle upwards (towards +y) to infinity. The rays that a path crosses, in order and
+with the sense of the crossing, spell a word; a crossing and the next one back cancel. Two paths with the same ends have
+the same reduced word if and only if one can be deformed into the other without passing over one of those points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt, label, maximum_position
+
+from ..errors import ParameterError
+from ..robot import RobotModel
+from ..robot.space import Array, Indices
+from ..scene import Scene
+from .grid_path import FLOOR, footprint, owner_map
+
+BaseClass = tuple[tuple[str, int], ...]
+"""The crossings of a path: which component's ray, and +1 towards −x (the component on the left), −1 towards +x."""
+
+_EIGHT = np.ones((3, 3), dtype=int)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Component:
+    """Obstacles that the base cannot pass between.
+
+    Attributes:
+        name: of the component, after its obstacles; unique among the components of a map.
+        obstacles: names of the obstacles.
+        at: (2,) a point [m] well inside it.
+        area: that the base's centre cannot enter [m²].
+    """
+
+    name: str
+    obstacles: tuple[str, ...]
+    at: Array
+    area: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComponentMap:
+    """The components of a scene on a grid.
+
+    Attributes:
+        components: the components.
+        labels: (rows, columns) 1 + index of the component that closes a cell to the base's centre, 0 where open.
+        clear: (rows, columns) distance to the nearest obstacle, seen from above [m].
+        low: (2,) middle of the first cell [m]; resolution: edge of a cell [m].
+        inner: radius of the disc that the base at least needs [m].
+    """
+
+    components: tuple[Component, ...]
+    labels: Indices
+    clear: Array
+    low: Array
+    resolution: float
+    inner: float
+
+
+def base_components(
+    robot: RobotModel, scene: Scene, points: npt.ArrayLike, *, resolution: float = 0.05, widen: float = 3.0
+) -> tuple[Component, ...]:
+    """Obstacles about ``points``, merged where the base cannot pass between them; see :func:`component_map`."""
+    return component_map(robot, scene, points, resolution=resolution, widen=widen).components
+
+
+def component_map(
+    robot: RobotModel, scene: Scene, points: npt.ArrayLike, *, resolution: float = 0.05, widen: float = 3.0
+) -> ComponentMap:
+    """The components of a scene about ``points``, on a grid.
+
+    What is above the robot in its home posture, or on the floor below 2 cm, does not count: the robot passes under or
+    over it. Nor does what is farther away than ``widen``.
+
+    Args:
+        robot: the robot; its base must move.
+        scene: the obstacles, as they stand.
+        points: (K, 2) positions of the base that the grid has to hold [m].
+        resolution: edge of a cell [m].
+        widen: how far beyond the points the grid reaches [m].
+
+    Raises:
+        ParameterError: a fixed base, points of another shape or not finite, or a length that is not positive.
+    """
+    xy = _points(points, least=1)
+    if not robot.space.planar:
+        raise ParameterError(f"the base of {robot.name!r} is fixed; diff_drive or omni is needed for classes of paths")
+    for name, value in (("resolution", resolution), ("widen", widen)):
+        if not value > 0.0:
+            raise ParameterError(f"{name}={value!r} must be > 0 m")
+    low = np.floor((xy.min(axis=0) - widen) / resolution) * resolution
+    shape = np.ceil((xy.max(axis=0) + widen - low) / resolution).astype(int) + 1
+    body = footprint(robot, robot.home_q)
+    owner = owner_map(scene, low, shape, resolution, body.height)
+    taken = owner >= 0
+    if not taken.any():
+        return ComponentMap((), np.zeros(taken.shape, dtype=np.intp), np.full(taken.shape, np.inf), low, resolution,
+                            body.inner)  # fmt: skip
+    clear = np.asarray(distance_transform_edt(~taken, sampling=resolution))
+    closed = clear < body.inner
+    labels = np.zeros(closed.shape, dtype=np.intp)
+    count = int(np.asarray(label(closed, structure=_EIGHT, output=labels)))
+    depth = np.asarray(distance_transform_edt(closed)) * taken  # the middle of an obstacle, not of a gap that is closed
+    middles = maximum_position(depth, labels, np.arange(1, count + 1))
+    areas = np.bincount(labels.ravel(), minlength=count + 1)[1:] * resolution**2
+    found: list[Component] = []
+    used: dict[str, int] = {}
+    for k, cell in enumerate(middles, start=1):
+        whose = np.unique(owner[(labels == k) & taken])
+        names = tuple(scene.names[int(i)] for i in whose)
+        name = "+".join(names) if len(names) < 3 else f"{names[0]} and {len(names) - 1} more"
+        used[name] = used.get(name, 0) + 1
+        if used[name] > 1:  # pieces of one obstacle, far apart
+            name = f"{name}#{used[name]}"
+        shift = 1e-7 * k  # no two rays lie on each other
+        at = low + resolution * np.asarray(cell, dtype=float) + np.array([shift, 0.0])
+        found.append(Component(name, names, at, float(areas[k - 1])))
+    return ComponentMap(tuple(found), labels, clear, low, resolution, body.inner)
+
+
+def obstacle_points(robot: RobotModel, scene: Scene) -> tuple[Component, ...]:
+    """Each obstacle that counts as a component of its own, at its middle: to say where it is, not for classes."""
+    table, height = scene.table, footprint(robot, robot.home_q).height
+    found = []
+    for k, name in enumerate(scene.names):
+        rows = slice(int(table.offsets[k]), int(table.offsets[k + 1]))
+        low, high = table.center[rows] - table.half_extents[rows], table.center[rows] + table.half_extents[rows]
+        if len(low) and low[:, 2].min() < height and high[:, 2].max() > FLOOR:
+            corner, other = low.min(axis=0)[:2], high.max(axis=0)[:2]
+            found.append(Component(name, (name,), 0.5 * (corner + other), float(np.prod(other - corner))))
+    return tuple(found)
+
+
+def base_class(path_xy: npt.ArrayLike, components: Sequence[Component]) -> BaseClass:
+    """The class of a path (K, 2) of the base [m]: the reduced word of its crossings.
+
+    Compare it only with classes of paths that have the same ends, among the same components.
+
+    Raises:
+        ParameterError: a path of another shape, not finite, or of fewer than two points.
+    """
+    path = _points(path_xy, least=2)
+    if not components:
+        return ()
+    at = np.array([c.at for c in components])
+    beyond = path[:, :1] >= at[:, 0]  # (K, C)
+    step, which = np.nonzero(beyond[:-1] != beyond[1:])
+    a, b = path[step], path[step + 1]
+    share = (at[which, 0] - a[:, 0]) / (b[:, 0] - a[:, 0])
+    above = a[:, 1] + share * (b[:, 1] - a[:, 1]) > at[which, 1]
+    step, which, share = step[above], which[above], share[above]
+    word: list[tuple[str, int]] = []
+    for k in np.lexsort((share, step)).tolist():
+        component = int(which[k])
+        name, sense = components[component].name, -1 if beyond[step[k] + 1, component] else 1
+        if word and word[-1] == (name, -sense):
+            word.pop()
+        else:
+            word.append((name, sense))
+    return tuple(word)
+
+
+def parted_by(one: npt.ArrayLike, other: npt.ArrayLike, components: Sequence[Component]) -> dict[str, str]:
+    """Components between two paths with the same ends, the largest first, with the side on which ``one`` passes.
+
+    Returns:
+        component → ``"left"`` or ``"right"``, seen along the way; the other path passes on the other side. A component
+        that the paths together surround more than once, or in both senses, is there by its total.
+    """
+    a, b = _points(one, least=2), _points(other, least=2)
+    loop = np.vstack((a, b[::-1], a[:1]))
+    sides = {}
+    for component in sorted(components, key=lambda c: -c.area):
+        offset = loop - component.at
+        angle = np.arctan2(offset[:, 1], offset[:, 0])
+        turns = np.rint(np.sum(np.remainder(np.diff(angle) + np.pi, 2 * np.pi) - np.pi) / (2 * np.pi))
+        if turns:
+            sides[component.name] = "right" if turns > 0 else "left"
+    return sides
+
+
+def _points(values: npt.ArrayLike, *, least: int) -> Array:
+    points = np.asarray(values, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < least or not np.isfinite(points).all():
+        raise ParameterError(f"a path of the base is (K, 2) with K ≥ {least}, finite; got shape {points.shape}")
+    return points

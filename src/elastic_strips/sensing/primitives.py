@@ -1,0 +1,243 @@
+"""Sensing room, primitives: where beams meet boxes, spheres, cylinders, capsules and cones, by exact formulas.
+
+Each function of a shape takes K beams (origin, direction) in the frames of K shapes and their sizes (K, 3), and returns
+where they enter and where they leave [m along the beam]: the shapes are convex. A beam that misses enters at infinity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal as _coal
+import numpy as np
+import numpy.typing as npt
+
+from ..robot.space import Array, Indices
+from .rays import Nearest, Rays
+
+coal: Any = _coal  # compiled, without type stubs
+
+_TINY = 1e-14
+_BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE = range(5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Primitives:
+    """Shapes that formulas exist for, in the order of their kinds.
+
+    Attributes:
+        row: (P,) which of the geometries they were made of each is.
+        kind: (P,) ascending.
+        size: (P, 3) half lengths of a box; else radius, half length along z, 0 [m].
+        radius: (P,) of spheres about the shapes' origins that hold them [m].
+    """
+
+    row: Indices
+    kind: npt.NDArray[np.intp]
+    size: Array
+    radius: Array
+
+    @staticmethod
+    def of(geometries: Sequence[Any], padding: float = 0.0) -> Primitives:
+        """The primitives among Coal geometries, each thicker by ``padding`` [m]; of cones only unpadded ones."""
+        found = [(kind, k, size) for k, g in enumerate(geometries) for kind, size in _measured(g, padding)]
+        found.sort()
+        kind = np.array([f[0] for f in found], dtype=np.intp)
+        size = np.array([f[2] for f in found]).reshape(-1, 3)
+        radius = np.linalg.norm(size, axis=1)
+        radius[kind == _CAPSULE] = size[kind == _CAPSULE, :2].sum(axis=1)
+        return Primitives(np.array([f[1] for f in found], dtype=np.intp), kind, size, radius)
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def cast(
+        self, rotation: Array, translation: Array, rays: Rays, nearest: Nearest, *, reach: float, inside: float
+    ) -> bool:
+        """Look where rays meet these shapes.
+
+        Args:
+            rotation: (P, 3, 3) of the shapes' frames in the rays' frame.
+            translation: (P, 3) their origins [m].
+            rays: the beams.
+            nearest: takes what is nearer than what it has.
+            reach: how far the beams go [m]; what is further may be left out.
+            inside: distance [m] that a beam gets that begins inside a shape.
+
+        Returns:
+            Whether any beam came near any of them.
+        """
+        piece, ray = rays.near(translation, self.radius, reach)
+        if len(piece) == 0:
+            return False
+        bounds = np.searchsorted(self.kind[piece], np.arange(len(_SHAPES) + 1))
+        origins = rays.origin if len(rays.origin) > 1 else np.broadcast_to(rays.origin, rays.direction.shape)
+        for (interval, normal), begin, end in zip(_SHAPES, bounds[:-1], bounds[1:], strict=True):
+            if begin == end:
+                continue
+            p, r = piece[begin:end], ray[begin:end]
+            turn, size = rotation[p], self.size[p]
+            o = np.matmul((origins[r] - translation[p])[:, None, :], turn)[:, 0]
+            d = np.matmul(rays.direction[r][:, None, :], turn)[:, 0]
+            enter, leave = interval(o, d, size)
+            distance = np.where(enter < 0.0, inside, enter)
+            distance[~((leave >= 0.0) & (leave >= enter))] = np.inf
+            won = nearest.closer(r, distance)
+            if nearest.normal is not None and len(won):
+                local = normal(o[won] + distance[won, None] * d[won], size[won])
+                nearest.normal[r[won]] = np.matmul(turn[won], local[:, :, None])[..., 0]
+        return True
+
+
+def is_primitive(geometry: Any, padding: float = 0.0) -> bool:
+    """Whether a Coal geometry, made thicker by ``padding`` [m], has formulas here."""
+    return bool(_measured(geometry, padding))
+
+
+def _measured(geometry: Any, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
+    """Kind and size of a Coal geometry; empty where there are no formulas."""
+    if isinstance(geometry, coal.Box):
+        x, y, z = (float(h) + padding for h in geometry.halfSide)
+        return [(_BOX, (x, y, z))]
+    if isinstance(geometry, coal.Sphere):
+        return [(_SPHERE, (float(geometry.radius) + padding, 0.0, 0.0))]
+    for kind, form in ((_CYLINDER, coal.Cylinder), (_CAPSULE, coal.Capsule), (_CONE, coal.Cone)):
+        if isinstance(geometry, form):
+            r, h = float(geometry.radius), float(geometry.halfLength)
+            if kind == _CONE and padding > 0.0:
+                return []  # a thicker one would have another origin
+            return [(kind, (r + padding, h + (padding if kind == _CYLINDER else 0.0), 0.0))]
+    return []
+
+
+def _slab(o: Array, d: Array, half: Array) -> tuple[Array, Array]:
+    """Between the planes at ± half; arrays of any shape."""
+    inverse = 1.0 / np.where(np.abs(d) < _TINY, np.copysign(_TINY, d), d)
+    a, b = (-half - o) * inverse, (half - o) * inverse
+    return np.minimum(a, b), np.maximum(a, b)
+
+
+def _disc(o: Array, d: Array, radius: Array) -> tuple[Array, Array]:
+    """Within a radius of the origin, in two or three dimensions: o, d (K, n)."""
+    a, b = np.einsum("ij,ij->i", d, d), np.einsum("ij,ij->i", o, d)
+    along = a > _TINY
+    c = np.einsum("ij,ij->i", o, o) - radius * radius
+    a = np.where(along, a, 1.0)
+    foot = o - (b / a)[:, None] * d  # where the line is nearest; better than b² − a c, which cancels far away
+    depth = (radius * radius - np.einsum("ij,ij->i", foot, foot)) / a
+    hit = depth >= 0.0
+    root = np.sqrt(np.where(hit, depth, 0.0))
+    enter, leave = -b / a - root, -b / a + root
+    still = ~along
+    enter[~hit], leave[~hit] = np.inf, -np.inf
+    enter[still] = np.where(c[still] <= 0.0, -np.inf, np.inf)
+    leave[still] = np.where(c[still] <= 0.0, np.inf, -np.inf)
+    return enter, leave
+
+
+def _box(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
+    enter, leave = _slab(o, d, size)
+    return enter.max(axis=1), leave.min(axis=1)
+
+
+def _sphere(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
+    return _disc(o, d, size[:, 0])
+
+
+def _cylinder(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
+    enter, leave = _disc(o[:, :2], d[:, :2], size[:, 0])
+    low, high = _slab(o[:, 2], d[:, 2], size[:, 1])
+    return _both(enter, leave, low, high)
+
+
+def _capsule(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
+    enter, leave = _cylinder(o, d, size)
+    for sign in (-1.0, 1.0):
+        end = o.copy()
+        end[:, 2] -= sign * size[:, 1]
+        first, last = _disc(end, d, size[:, 0])
+        enter, leave = np.minimum(enter, first), np.maximum(leave, last)
+    return enter, leave
+
+
+def _cone(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
+    """ρ ≤ k w, where w is how far below the apex: the borders that a beam crosses, side (twice) and base."""
+    r, half = size[:, 0], size[:, 1]
+    k = r / (2.0 * half)
+    w, dw = half - o[:, 2], -d[:, 2]
+    a = d[:, 0] ** 2 + d[:, 1] ** 2 - (k * dw) ** 2
+    b = o[:, 0] * d[:, 0] + o[:, 1] * d[:, 1] - k * k * w * dw
+    c = o[:, 0] ** 2 + o[:, 1] ** 2 - (k * w) ** 2
+    straight = np.abs(a) < 1e-12  # parallel to the side
+    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+    real = (b * b - a * c >= 0.0) | straight
+    big = -(b + np.copysign(root, b))  # the root that does not cancel
+    t1 = big / np.where(straight, 1.0, a)
+    t2 = c / np.where(np.abs(big) < _TINY, _TINY, big)
+    t3 = (2.0 * half - w) / np.where(np.abs(dw) < _TINY, np.copysign(_TINY, dw), dw)
+    enter, leave = np.full(len(o), np.inf), np.full(len(o), -np.inf)
+    for t, side in ((t1, real & ~straight), (t2, real)):
+        at = w + t * dw
+        good = side & (at >= -1e-12) & (at <= 2.0 * half + 1e-12)
+        enter, leave = np.where(good, np.minimum(enter, t), enter), np.where(good, np.maximum(leave, t), leave)
+    rim = np.hypot(o[:, 0] + t3 * d[:, 0], o[:, 1] + t3 * d[:, 1]) <= r
+    return np.where(rim, np.minimum(enter, t3), enter), np.where(rim, np.maximum(leave, t3), leave)
+
+
+def _both(enter: Array, leave: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """What two intervals share; nothing is an interval that enters at infinity."""
+    enter, leave = np.maximum(enter, low), np.minimum(leave, high)
+    none = ~(enter <= leave)
+    enter[none], leave[none] = np.inf, -np.inf
+    return enter, leave
+
+
+def _unit(v: Array) -> Array:
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), _TINY)
+
+
+def _box_normal(p: Array, size: Array) -> Array:
+    axis = np.argmin(size - np.abs(p), axis=1)
+    out = np.zeros_like(p)
+    rows = np.arange(len(p))
+    out[rows, axis] = np.sign(p[rows, axis])
+    return out
+
+
+def _sphere_normal(p: Array, size: Array) -> Array:
+    return _unit(p)
+
+
+def _cylinder_normal(p: Array, size: Array) -> Array:
+    side = p * (1.0, 1.0, 0.0)
+    cap = size[:, 1] - np.abs(p[:, 2]) < size[:, 0] - np.hypot(p[:, 0], p[:, 1])
+    return _unit(np.where(cap[:, None], p * (0.0, 0.0, 1.0), side))
+
+
+def _capsule_normal(p: Array, size: Array) -> Array:
+    out = p.copy()
+    out[:, 2] -= np.clip(p[:, 2], -size[:, 1], size[:, 1])
+    return _unit(out)
+
+
+def _cone_normal(p: Array, size: Array) -> Array:
+    r, half = size[:, 0], size[:, 1]
+    rho = np.hypot(p[:, 0], p[:, 1])
+    slope = np.hypot(r, 2.0 * half)
+    to_side = (r * (half - p[:, 2]) / (2.0 * half) - rho) * 2.0 * half / slope
+    side = _unit(p * (1.0, 1.0, 0.0)) * (2.0 * half / slope)[:, None]
+    side[:, 2] = r / slope
+    base = (p[:, 2] + half < to_side)[:, None]
+    return np.where(base, np.array([0.0, 0.0, -1.0]), _unit(side))  # at the apex the side has no direction of its own
+
+
+_Interval = Callable[[Array, Array, Array], tuple[Array, Array]]
+_SHAPES: tuple[tuple[_Interval, Callable[[Array, Array], Array]], ...] = (
+    (_box, _box_normal),
+    (_sphere, _sphere_normal),
+    (_cylinder, _cylinder_normal),
+    (_capsule, _capsule_normal),
+    (_cone, _cone_normal),
+)

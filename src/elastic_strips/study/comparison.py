@@ -1,0 +1,115 @@
+"""Study room, comparison: every method on every case, on the same machine and the same sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from ..bench.pool import cached, spread
+from ..errors import ElasticStripsError
+from ..methods import BASE_METHODS
+from ..robot import RobotModel, load_robot
+from ..robot.space import Array
+from ..scenarios import STRIP, drive_scenario, get_scenario
+from ..sensing import SensorConfig
+
+STRIP_SENSED = "strip-sensed"
+METHODS = (*BASE_METHODS, STRIP_SENSED, STRIP)
+"""Names of what is compared; ``strip-sensed`` sees what the base methods see, ``strip`` knows the obstacles."""
+CASES = ("case-1", "case-2", "case-3", "case-4", "case-5", "case-6", "bottleneck", "dead-end")
+_LIMIT = 90.0  # [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One method on one case."""
+
+    case: str
+    method: str
+    seed: int = 0
+    time_limit: float = _LIMIT
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What came of a trial.
+
+    Attributes:
+        case, method, seed: what was tried.
+        reached: whether the robot is at the goal in truth: a base within 0.15 m, a strip within 0.05 m.
+        contacts: obstacles that were touched, none of them twice.
+        clearance: least distance to an obstacle [m].
+        path: length of the base's way [m]; time: [s].
+        turning: sum of all turns of the base [rad].
+        roughness: root mean square of the base's yaw acceleration [rad/s²]; what is smooth has little of it.
+        reason: how it ended.
+    """
+
+    case: str
+    method: str
+    seed: int
+    reached: bool
+    contacts: tuple[str, ...]
+    clearance: float
+    path: float
+    time: float
+    turning: float
+    roughness: float
+    reason: str
+
+
+def compare(
+    cases: Sequence[str] = CASES,
+    methods: Sequence[str] = METHODS,
+    *,
+    seeds: Sequence[int] = (0,),
+    processes: int | None = None,
+    step: Callable[[str], object] = lambda note: None,
+) -> tuple[Row, ...]:
+    """Try every method on every case, in the order of cases and methods."""
+    trials = [Trial(case, method, seed) for case in cases for method in methods for seed in seeds]
+    rows: dict[Trial, Row] = {}
+    for found in spread(_attempt, trials, processes):
+        row = Row(**found)
+        rows[Trial(row.case, row.method, row.seed)] = row
+        step(f"{row.case}, {row.method}")
+    return tuple(rows[trial] for trial in trials)
+
+
+def attempt(trial: Trial) -> Row:
+    """Drive a case by a method."""
+    robot: RobotModel = cached("silvermate", lambda: load_robot("silvermate"))
+    scenario = get_scenario(trial.case, seed=trial.seed)
+    try:
+        sensors = None if trial.method == STRIP else SensorConfig()
+        outcome = drive_scenario(
+            scenario, method=STRIP if trial.method == STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
+            sensors=sensors, time_limit=trial.time_limit,
+        )  # fmt: skip
+    except ElasticStripsError as error:
+        nothing = float("nan")
+        return Row(trial.case, trial.method, trial.seed, False, (), nothing, 0.0, 0.0, 0.0, nothing, str(error))
+    record, reason, verdict = outcome.result.record, outcome.result.reason, outcome.verdict
+    rows = record.control
+    turning, roughness = _turns(rows.time, rows.chart[:, 2])
+    touched = tuple(dict.fromkeys(contact.obstacle for contact in verdict.contacts))
+    return Row(
+        trial.case, trial.method, trial.seed, bool(verdict.reached), touched, float(verdict.min_clearance_m),
+        verdict.path_m, verdict.time_s, turning, roughness, reason,
+    )  # fmt: skip
+
+
+def _attempt(trial: Trial) -> dict[str, object]:
+    return asdict(attempt(trial))
+
+
+def _turns(time: Array, yaw: Array) -> tuple[float, float]:
+    """Sum of all turns [rad], and root mean square of the yaw acceleration [rad/s²] over tenths of a second."""
+    yaw = np.unwrap(yaw)
+    at = np.arange(time[0], time[-1], 0.1)
+    if len(at) < 3:
+        return 0.0, 0.0
+    rate = np.diff(np.interp(at, time, yaw)) / 0.1
+    return float(np.abs(np.diff(yaw)).sum()), float(np.sqrt(np.mean((np.diff(rate) / 0.1) ** 2)))

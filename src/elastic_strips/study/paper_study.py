@@ -1,0 +1,252 @@
+"""Study room, paper study: tables and figures of the paper from runs of today, and what it says beside them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..control.sequencing import MissingExtraError
+from ..errors import InputError
+from ..scenarios import drive_scenario, get_scenario
+from ..scenarios.paper_cases import TABLE_1, TABLE_2
+from .comparison import CASES, METHODS, Row, compare
+from .document import Document
+from .parameter_map import Cell, parameter_map
+from .reactive import Outcome, ReactiveRun, paper_reactively
+
+_FIGURES = dict(zip(TABLE_2, range(5, 12), strict=True))
+SAYS = {
+    "case-1": "The way changes slowly before obstacle 2, which is sensed about (−1500, −1500); the target is reached.",
+    "case-2": "The same; the target is reached along the previous way.",
+    "case-3": "It cannot pass: the interval is less than the safe distance.",
+    "case-4": "With a safe distance of 800 mm it passes between the two easily.",
+    "case-5": "It cannot pass between them either, but avoids both and arrives.",
+    "case-6": "Among scattered obstacles the target is reached.",
+    "case-7": "The whole robot: the manipulator's position changes while the mobile avoids.",
+}
+"""What the text of the paper says of its figures, in our words."""
+EXPECTED = {name: Outcome.BLOCKED if name == "case-3" else Outcome.REACHED for name in TABLE_2}
+_DPI = 70
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaperStudy:
+    """What the study found.
+
+    Attributes:
+        runs: case → run with preset ``paper``.
+        rows: of the comparison; cells: of the parameter map.
+        files: what was written.
+    """
+
+    runs: dict[str, ReactiveRun]
+    rows: tuple[Row, ...]
+    cells: tuple[Cell, ...]
+    files: tuple[Path, ...]
+
+    @property
+    def as_the_paper_says(self) -> bool:
+        """Whether every case ended as the paper says."""
+        return all(run.outcome is EXPECTED[case] for case, run in self.runs.items())
+
+
+def paper_study(
+    folder: str | Path,
+    *,
+    cases: Sequence[str] = tuple(TABLE_2),
+    compared: Sequence[str] = CASES,
+    methods: Sequence[str] = METHODS,
+    mapped: str = "case-4",
+    processes: int | None = None,
+    step: Callable[[str], object] = lambda note: None,
+) -> PaperStudy:
+    """Run the study and write it as ``paper.md`` and ``paper.html`` with its pictures.
+
+    Args:
+        folder: where to; made if it is not there.
+        cases: of Figs. 5 to 11.
+        compared, methods: of the comparison; none where empty.
+        mapped: the case of the parameter map; none where empty.
+        processes: how many; one for each core where None.
+        step: called after every run with what it was.
+
+    Raises:
+        InputError: the folder cannot be written to.
+        MissingExtraError: matplotlib (extra ``study``) is not installed.
+    """
+    try:
+        import matplotlib
+
+        matplotlib.use("Agg")
+    except ImportError as error:
+        raise MissingExtraError("the study needs matplotlib: pip install 'elastic-strips[study]'") from error
+    out = Path(folder)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write the study to {out}: {error.strerror}") from error
+    document, files = Document("The paper's simulations, run again"), list[Path]()
+    _tables(document)
+    runs = _figures(document, out, cases, files, step)
+    rows = compare(compared, methods, processes=processes, step=step) if compared and methods else ()
+    if rows:
+        _comparison(document, rows)
+    cells = parameter_map(mapped, processes=processes, step=step) if mapped else ()
+    if cells:
+        _map(document, out, mapped, cells, files)
+    for name, text in (("paper.md", document.markdown()), ("paper.html", document.page())):
+        (out / name).write_text(text, encoding="utf-8")
+        files.append(out / name)
+    return PaperStudy(runs, rows, cells, tuple(files))
+
+
+def _tables(document: Document) -> None:
+    document.text(
+        "Made by `elastic-strips study paper`. Preset `paper` is Eqs. 2 to 9 as printed, driven reactively: at each "
+        "sampling time the obstacles within the safe distance become known, the postures ahead are deformed, and the "
+        "robot moves to the next one. Preset `default` is driven in the closed loop, on wheels. Where the obstacles "
+        "stand is our choice (docs/paper-map.md): the paper's figures are not at hand, only its text."
+    )
+    document.heading("Table 1: parameter values")
+    document.table(
+        ["", "value"],
+        [
+            ["initial position [mm]", "−3000, −3000"],
+            ["target position [mm]", "6000, 6000"],
+            ["direction of the initial robot", "π/6"],
+            *([name, value] for name, value in TABLE_1.items()),
+        ],
+    )
+    document.heading("Table 2: conditions")
+    document.table(
+        ["case", "transfer tilt [rad]", "safe distance [mm]", "between two obstacles [mm]"],
+        [
+            [name, f"π/{math.pi / tilt:.0f}", f"{1e3 * safe:.0f}", "–" if gap is None else f"{1e3 * gap:.0f}"]
+            for name, (tilt, safe, gap) in TABLE_2.items()
+        ],
+    )
+
+
+def _figures(
+    document: Document, out: Path, cases: Sequence[str], files: list[Path], step: Callable[[str], object]
+) -> dict[str, ReactiveRun]:
+    from matplotlib import pyplot as plt
+
+    from .figures import draw_drive, draw_reactive
+
+    runs: dict[str, ReactiveRun] = {}
+    document.heading("Figs. 5 to 11")
+    summary = []
+    for case in cases:
+        scenario = get_scenario(case)
+        run = runs[case] = paper_reactively(scenario)
+        step(f"{case}, preset paper")
+        drive = drive_scenario(scenario)
+        step(f"{case}, preset default")
+        figure, (left, right) = plt.subplots(1, 2, figsize=(13.0, 6.4), layout="constrained")
+        draw_reactive(left, run)
+        left.set_title(f"{case}, preset paper: {run.outcome.value}", fontsize=9)
+        record = drive.result.record
+        draw_drive(right, drive.robot, scenario.scene, run.line, record.control.chart, arm=case == "case-7")
+        driven = "reached" if drive.reached else "not reached"
+        right.set_title(f"{case}, preset default: {driven} in {drive.verdict.time_s:.1f} s", fontsize=9)
+        name = f"fig-{_FIGURES[case]:02d}-{case}.png"
+        figure.savefig(out / name, dpi=_DPI)
+        plt.close(figure)
+        files.append(out / name)
+        document.heading(f"Fig. {_FIGURES[case]}: {case}", 3)
+        document.text(f"The paper: {SAYS[case]}")
+        document.text(_told(run))
+        document.picture(name, f"Fig. {_FIGURES[case]}: {case}; preset paper (left) and default (right)")
+        summary.append(
+            [
+                case, run.outcome.value, _mm(run.clearance), _mm(run.length),
+                driven, _mm(drive.verdict.min_clearance_m), _mm(drive.verdict.path_m), f"{drive.verdict.time_s:.1f}",
+            ]
+        )  # fmt: skip
+    document.heading("All cases", 3)
+    document.table(
+        ["case", "paper", "clearance [mm]", "way [mm]", "default", "clearance [mm]", "way [mm]", "time [s]"], summary
+    )
+    return runs
+
+
+def _told(run: ReactiveRun) -> str:
+    sensed = "; ".join(
+        f"{s.name} is sensed from ({1e3 * s.robot[0]:.0f}, {1e3 * s.robot[1]:.0f})" for s in run.seen[:2]
+    )
+    turned = float(np.abs(run.chart[:, :2] - _nearest_on(run.line, run.chart[:, :2])).max())
+    return (
+        f"Here: {run.outcome.value}, {run.reason}. {sensed}. It leaves the original line by up to "
+        f"{1e3 * turned:.0f} mm, and comes no nearer to an obstacle than {_mm(run.clearance)} mm."
+    )
+
+
+def _nearest_on(line: np.ndarray, points: np.ndarray) -> np.ndarray:
+    a, b = line[0], line[-1]
+    along = np.clip((points - a) @ (b - a) / float((b - a) @ (b - a)), 0.0, 1.0)
+    return a + along[:, None] * (b - a)
+
+
+def _comparison(document: Document, rows: Sequence[Row]) -> None:
+    document.heading("Methods compared")
+    document.text(
+        "The same base on the same machine; the base methods and strip-sensed see what the simulated laser, sonars and "
+        "infrared sensors read, strip knows the obstacles. Least clearance is of the whole robot, arm included, to "
+        "which the base methods pay no attention. Roughness is the root mean square of the yaw acceleration."
+    )
+    document.table(
+        ["case", "method", "reached", "touched", "clearance [mm]", "way [mm]", "time [s]", "turning [rad]",
+         "roughness [rad/s²]", "ended"],
+        [
+            [
+                r.case, r.method, "yes" if r.reached else "no", ", ".join(r.contacts) or "–", _mm(r.clearance),
+                _mm(r.path), f"{r.time:.1f}", f"{r.turning:.1f}", f"{r.roughness:.2f}", r.reason[:90],
+            ]
+            for r in rows
+        ],
+    )  # fmt: skip
+
+
+def _map(document: Document, out: Path, case: str, cells: Sequence[Cell], files: list[Path]) -> None:
+    from matplotlib import pyplot as plt
+    from matplotlib.colors import ListedColormap
+
+    k_r, k_c, safe = (sorted({getattr(c, name) for c in cells}) for name in ("k_r", "k_c", "safe"))
+    kinds = list(Outcome)
+    colors = ListedColormap(["#4c956c", "#f2c14e", "#b3261e", "#888888"])
+    figure, axes = plt.subplots(1, len(safe), figsize=(2.6 * len(safe) + 1.2, 3.4), layout="constrained", squeeze=False)
+    for axis, distance in zip(axes[0], safe, strict=True):
+        grid = np.array(
+            [[next(kinds.index(c.outcome) for c in cells if (c.k_r, c.k_c, c.safe) == (r, k, distance)) for k in k_c]
+             for r in k_r]
+        )  # fmt: skip
+        axis.imshow(grid, cmap=colors, vmin=-0.5, vmax=3.5, origin="lower", aspect="auto")
+        axis.set_xticks(range(len(k_c)), [f"{k:g}" for k in k_c], fontsize=7)
+        axis.set_yticks(range(len(k_r)), [f"{r:g}" for r in k_r], fontsize=7)
+        axis.set_title(f"safe distance {1e3 * distance:.0f} mm", fontsize=8)
+        axis.set_xlabel("k_c", fontsize=8)
+    axes[0][0].set_ylabel("k_r", fontsize=8)
+    for kind, color in zip(kinds, colors.colors, strict=True):
+        axes[0][-1].plot([], [], "s", color=color, label=kind.value)
+    axes[0][-1].legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    name = f"parameter-map-{case}.png"
+    figure.savefig(out / name, dpi=_DPI)
+    plt.close(figure)
+    files.append(out / name)
+    document.heading("Parameters decided properly")
+    counts = {kind.value: sum(c.outcome is kind for c in cells) for kind in kinds}
+    told = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+    document.text(
+        f"{case} with every combination of {len(k_r)} values of k_r, {len(k_c)} of k_c and {len(safe)} safe distances: "
+        f"{told}."
+    )
+    document.picture(name, f"Outcome of {case} by k_r, k_c and safe distance")
+
+
+def _mm(metres: float) -> str:
+    return "–" if not math.isfinite(metres) else f"{1e3 * metres:.0f}"

@@ -1,0 +1,99 @@
+"""Tasks become steps: who reaches from where it stands does not drive, and what cannot be reached is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import link_distances
+
+from elastic_strips.control import DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, ReachHand
+from elastic_strips.errors import ParameterError, RobotError
+from elastic_strips.scene import Box, Scene
+
+TABLE = Box((0.8, 1.2, 0.05), at=(3.0, 0.0, 0.7), name="table")
+CRATE = Box((0.4, 0.4, 1.0), at=(1.5, 0.3, 0.5), name="crate")
+SCENE = Scene([TABLE, CRATE])
+
+
+@pytest.fixture
+def layer(silvermate):
+    return DeliberativeLayer(silvermate, seed=1)
+
+
+def placement(robot, q, frame="hand_frame"):
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    return pin.updateFramePlacement(robot.model, data, robot.model.getFrameId(frame))
+
+
+def test_driving_keeps_the_arm(layer, silvermate):
+    here = silvermate.home(joints={"arm_1_joint": 0.4})
+    (step,) = layer.divide(DriveTo(3.0, 2.0, 1.0), here, SCENE).steps
+    assert step.part is Part.NAVIGATION
+    np.testing.assert_allclose(silvermate.space.to_chart(step.q)[:3], (3.0, 2.0, 1.0))
+    np.testing.assert_array_equal(step.q[4:], here[4:])
+
+
+def test_what_is_near_is_reached_from_here(layer, silvermate):
+    here, target = silvermate.home(), (0.3, -0.1, 0.9)
+    (step,) = layer.divide(ReachHand(target), here, SCENE).steps
+    assert step.part is Part.MANIPULATION
+    np.testing.assert_array_equal(step.q[:4], here[:4])
+    np.testing.assert_allclose(placement(silvermate, step.q).translation, target, atol=2e-3)
+
+
+def test_what_is_far_is_driven_to_first(layer, silvermate):
+    target = (2.9, 0.1, 0.85)
+    drive, reach = layer.divide(ReachHand(target), silvermate.home(), SCENE).steps
+    assert (drive.part, reach.part) == (Part.NAVIGATION, Part.MANIPULATION)
+    np.testing.assert_allclose(drive.q[:4], reach.q[:4], atol=1e-12)
+    np.testing.assert_array_equal(drive.q[4:], silvermate.home()[4:])
+    np.testing.assert_allclose(placement(silvermate, reach.q).translation, target, atol=2e-3)
+    for step in (drive, reach):
+        assert link_distances(silvermate, SCENE, step.q).min() > 0.0
+
+
+def test_both_at_once_is_one_goal(layer, silvermate):
+    task = DriveAndReach(DriveTo(2.2, 0.0, 0.0), ReachHand((2.7, -0.1, 0.9), (0.0, 0.0, 0.0, 1.0)))
+    (step,) = layer.divide(task, silvermate.home(), SCENE).steps
+    assert step.part is Part.WHOLE_BODY
+    there = placement(silvermate, step.q)
+    np.testing.assert_allclose(there.translation, (2.7, -0.1, 0.9), atol=2e-3)
+    assert np.linalg.norm(pin.log3(there.rotation)) < 1e-2
+    np.testing.assert_allclose(silvermate.space.to_chart(step.q)[:3], (2.2, 0.0, 0.0))
+
+
+def test_what_cannot_be_reached_is_said(layer, silvermate):
+    deliberation = layer.divide(ReachHand((2.9, 0.0, 2.9)), silvermate.home(), SCENE)
+    assert deliberation.steps == ()
+    assert "misses it by" in deliberation.reason
+    inside = layer.divide(ReachHand((3.0, 0.0, 0.7)), silvermate.home(), SCENE)
+    assert inside.steps == ()
+    assert "touch" in inside.reason or "misses" in inside.reason
+
+
+def test_slopes_are_those_of_the_residuals(silvermate, rng):
+    reach = Reach(silvermate, rng)
+    frame, turn, space = (
+        silvermate.model.getFrameId("hand_frame"),
+        pin.rpy.rpyToMatrix(0.3, -0.4, 1.0),
+        silvermate.space,
+    )
+    row = np.clip(rng.normal(size=space.nv), space.lower, space.upper)
+    slopes, h = reach._slopes(row, frame, turn), 1e-6
+    for k in range(space.nv):
+        step = h * np.eye(space.nv)[k]
+        up, down = (reach._off(row + s * step, frame, np.zeros(3), turn) for s in (1.0, -1.0))
+        np.testing.assert_allclose(slopes[:, k], (up - down) / (2.0 * h), atol=1e-6)
+
+
+def test_wrong_tasks_are_refused(layer, silvermate):
+    with pytest.raises(ParameterError, match="DriveTo"):
+        DriveTo(0.0, np.nan, 0.0)
+    with pytest.raises(ParameterError, match="position"):
+        ReachHand((0.0, 1.0))
+    with pytest.raises(ParameterError, match="unit length"):
+        ReachHand((0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 2.0))
+    with pytest.raises(RobotError, match="hand_fram"):
+        layer.divide(ReachHand((0.3, 0.0, 0.9), frame="hand_fram"), silvermate.home(), SCENE)
