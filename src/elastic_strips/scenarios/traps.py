@@ -41,10 +41,11 @@ def dead_end(seed: int = 0) -> Scenario:
         seed: not used; nothing here is random.
     """
     back = 3.2
+    middle = back - 0.5 * (_THICK + _DEPTH)
     side = 0.5 * (_WIDTH + _THICK)
     walls: list[Obstacle] = [_wall("back", x=back, y=0.0, across=_WIDTH + 2.0 * _THICK)]
     for name, sign in (("left", 1.0), ("right", -1.0)):
-        at = (back - 0.5 * _DEPTH, sign * side, 0.5 * _HEIGHT)
+        at = (middle, sign * side, 0.5 * _HEIGHT)
         walls.append(Box((_DEPTH, _THICK, _HEIGHT), at=at, name=name))
     return Scenario(
         name=DEAD_END,

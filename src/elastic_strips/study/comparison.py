@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ..bench.pool import cached, spread
-from ..errors import ElasticStripsError
+from ..errors import ElasticStripsError, ParameterError, nearest_name
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..robot.space import Array
@@ -40,7 +40,7 @@ class Row:
         case, method, seed: what was tried.
         reached: whether the robot is at the goal in truth: a base within 0.15 m, a strip within 0.05 m.
         contacts: obstacles that were touched, none of them twice.
-        clearance: least distance to an obstacle [m].
+        clearance: least distance of the whole robot to an obstacle [m]; ∞ without any, NaN where it did not start.
         path: length of the base's way [m]; time: [s].
         turning: sum of all turns of the base [rad].
         roughness: root mean square of the base's yaw acceleration [rad/s²]; what is smooth has little of it.
@@ -68,7 +68,21 @@ def compare(
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
 ) -> tuple[Row, ...]:
-    """Try every method on every case, in the order of cases and methods."""
+    """Try every method on every case, in the order of cases and methods.
+
+    Args:
+        cases: names of scenarios; methods: of :data:`METHODS`.
+        seeds: of the scenarios and the noise.
+        processes: how many; one for each core where None.
+        step: called after every trial with what it was.
+
+    Raises:
+        ScenarioError: an unknown case.
+        ParameterError: an unknown method.
+    """
+    for case in cases:
+        get_scenario(case)
+    check_methods(methods)
     trials = [Trial(case, method, seed) for case in cases for method in methods for seed in seeds]
     rows: dict[Trial, Row] = {}
     for found in spread(_attempt, trials, processes):
@@ -79,7 +93,13 @@ def compare(
 
 
 def attempt(trial: Trial) -> Row:
-    """Drive a case by a method."""
+    """Drive a case by a method; a robot that cannot even start has not reached its goal.
+
+    Raises:
+        ScenarioError: an unknown case.
+        ParameterError: an unknown method.
+    """
+    check_methods([trial.method])
     robot: RobotModel = cached("silvermate", lambda: load_robot("silvermate"))
     scenario = get_scenario(trial.case, seed=trial.seed)
     try:
@@ -99,6 +119,17 @@ def attempt(trial: Trial) -> Row:
         trial.case, trial.method, trial.seed, bool(verdict.reached), touched, float(verdict.min_clearance_m),
         verdict.path_m, verdict.time_s, turning, roughness, reason,
     )  # fmt: skip
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Refuse what is no method.
+
+    Raises:
+        ParameterError: an unknown method.
+    """
+    for method in methods:
+        if method not in METHODS:
+            raise ParameterError(f"method {method!r} is unknown{nearest_name(method, METHODS)}")
 
 
 def _attempt(trial: Trial) -> dict[str, object]:
