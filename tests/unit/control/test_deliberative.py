@@ -92,7 +92,7 @@ def test_wrong_tasks_are_refused(layer, silvermate):
     with pytest.raises(ParameterError, match="DriveTo"):
         DriveTo(0.0, np.nan, 0.0)
     with pytest.raises(ParameterError, match="position"):
-        ReachHand((0.0, 1.0))
+        ReachHand((0.0, 1.0))  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="unit length"):
         ReachHand((0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 2.0))
     with pytest.raises(RobotError, match="hand_fram"):
