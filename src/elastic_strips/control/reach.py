@@ -143,7 +143,7 @@ class Reach:
             return np.vstack((self._slopes(row, frame, turn)[:, first:], np.diag(pull)))
 
         x = np.clip(begin[first:], low, high)
-        found = least_squares(residuals, x, jac=slopes, bounds=(low, high), max_nfev=60, xtol=1e-9, ftol=1e-9)
+        found = least_squares(residuals, x, jac=slopes, bounds=(low, high), max_nfev=60, xtol=1e-9, ftol=1e-9)  # type: ignore[arg-type]
         return np.concatenate((begin[:first], found.x))
 
     def _off(self, row: Array, frame: int, target: Array, turn: Array | None) -> Array:
