@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,7 +19,7 @@ class TickStatistics:
         misses: ticks that took longer than they had.
     """
 
-    seconds: list[float] = field(default_factory=list)
+    seconds: array[float] = field(default_factory=lambda: array("d"))
     misses: int = 0
 
     def add(self, seconds: float, budget: float) -> None:
@@ -28,7 +29,7 @@ class TickStatistics:
 
     def percentiles(self) -> dict[str, float]:
         """p50, p95 and p99 [ms]; NaN without ticks."""
-        values = 1e3 * np.array(self.seconds or [np.nan])
+        values = 1e3 * np.array(self.seconds if len(self.seconds) else [np.nan])
         return {f"p{p}": float(np.percentile(values, p)) for p in (50, 95, 99)}
 
 

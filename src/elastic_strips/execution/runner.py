@@ -35,6 +35,7 @@ _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 """A machine that can do exactly what its limits say; motions are planned with less (``DriveParams.ease_*``)."""
 
+_KEPT = 500  # events that are kept where nothing is recorded: such a run may last for days
 Watch = Callable[["Runner"], object]
 
 
@@ -58,7 +59,8 @@ class Runner:
         seed: of the first plan, of the plant and of what is sensed.
         watch: called after every planning tick, with this runner; what it raises is logged and goes no further.
         realtime: whether to wait for the wall clock.
-        record: whether to write down every step; without it a result has a record of the last step only.
+        record: whether to write down every step; without it a result has a record of the last step only, and the newest
+            few hundred events.
         metadata: plain JSON values to keep with the record.
 
     Raises:
@@ -118,7 +120,8 @@ class Runner:
         self.estimator.reset(first, 0.0)
         self.estimate = first
         self.tracker = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
-        self.supervisor = Supervisor(standstill(robot, self.limits, first, 0.0, self.params.control_dt))
+        resting = standstill(robot, self.limits, first, 0.0, self.params.control_dt)
+        self.supervisor = Supervisor(resting, keep=None if record else _KEPT)
         last = robot.space.to_chart(goals[-1])
         self._new_recorder = lambda: Recorder(robot, self.world, goal=last, metadata=metadata or {})
         self.recorder, self._recording, self._step = self._new_recorder(), record, 0

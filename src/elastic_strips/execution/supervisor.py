@@ -33,6 +33,7 @@ class Supervisor:
     Args:
         resting: a motion at rest to begin with.
         tolerance: largest jump of position [m or rad] and velocity from the held motion to a new one.
+        keep: at least so many events and stops are kept, the newest; all where None.
 
     Attributes:
         held: the motion that is executed.
@@ -42,13 +43,14 @@ class Supervisor:
         at_goal: whether the held motion ends at the goal.
     """
 
-    def __init__(self, resting: Trajectory, *, tolerance: float = 2e-3) -> None:
+    def __init__(self, resting: Trajectory, *, tolerance: float = 2e-3, keep: int | None = None) -> None:
         self.held = resting
         self._until = [resting]  # what is executed until the held motion begins; the last of them is that one
         self.tolerance = tolerance
         self.state, self.reason = RunState.STOPPED, "not started"
         self.events: list[Event] = []
         self.stops: list[tuple[float, str]] = []
+        self._keep = keep
         self._refusal = self._pause = ""
         self.at_goal = False
 
@@ -70,6 +72,10 @@ class Supervisor:
                     return
                 break
         self.events.append(Event(time, kind, text))
+        if self._keep is not None:
+            for old in (self.events, self.stops):
+                if len(old) > 2 * self._keep:
+                    del old[: -self._keep]
         _log.info("%.3f s: %s: %s", time, kind, text)
 
     def offer(self, motion: Trajectory, certificate: Certificate, now: float, *, at_goal: bool = False) -> bool:

@@ -116,3 +116,12 @@ def test_repeated_events_are_written_once(supervisor):
     supervisor.log(0.3, "fault", "another")
     supervisor.log(0.4, "fault", "stale scene")
     assert [e.time for e in supervisor.events] == [0.0, 0.3, 0.4]
+
+
+def test_a_long_run_keeps_the_newest_events_only(silvermate, limits):
+    start = silvermate.space.to_chart(silvermate.home())
+    supervisor = Supervisor(standstill(silvermate, limits, start, 0.0, 0.01), keep=10)
+    for k in range(95):
+        supervisor.log(0.1 * k, "refused", f"motion {k}")
+    assert 10 <= len(supervisor.events) <= 20
+    assert [event.reason for event in supervisor.events][-10:] == [f"motion {k}" for k in range(85, 95)]
