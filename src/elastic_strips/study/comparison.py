@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from ..bench.pool import cached, spread
+from ..control.base_runner import PATIENCE
 from ..errors import ElasticStripsError, ParameterError, nearest_name
+from ..execution import Runner, RunState
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..robot.space import Array
@@ -102,11 +105,13 @@ def attempt(trial: Trial) -> Row:
     check_methods([trial.method])
     robot: RobotModel = cached("silvermate", lambda: load_robot("silvermate"))
     scenario = get_scenario(trial.case, seed=trial.seed)
+    options: dict[str, Any] = {"sensors": None if trial.method == STRIP else SensorConfig()}
+    if trial.method in (STRIP, STRIP_SENSED):
+        options["watch"] = _Patience()
     try:
-        sensors = None if trial.method == STRIP else SensorConfig()
         outcome = drive_scenario(
             scenario, method=STRIP if trial.method == STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
-            sensors=sensors, time_limit=trial.time_limit,
+            time_limit=trial.time_limit, **options,
         )  # fmt: skip
     except ElasticStripsError as error:
         nothing = float("nan")
@@ -119,6 +124,21 @@ def attempt(trial: Trial) -> Row:
         trial.case, trial.method, trial.seed, bool(verdict.reached), touched, float(verdict.min_clearance_m),
         verdict.path_m, verdict.time_s, turning, roughness, reason,
     )  # fmt: skip
+
+
+class _Patience:
+    """Workspace: ends the drive of a robot that has stood for as long as a base method may be blocked."""
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def __call__(self, runner: Runner) -> None:
+        if runner.supervisor.state is not RunState.STOPPED:
+            self._since = None
+        elif self._since is None:
+            self._since = runner.time
+        elif runner.time - self._since > PATIENCE:
+            runner.stop()
 
 
 def check_methods(methods: Sequence[str]) -> None:
