@@ -20,7 +20,7 @@ from ..scenarios.paper_cases import TABLE_1, TABLE_2
 from .comparison import CASES, METHODS, Row, check_methods, compare
 from .document import Document
 from .parameter_map import Cell, parameter_map
-from .reactive import Outcome, ReactiveRun, paper_reactively
+from .reactive import LONGEST_STEP, Outcome, ReactiveRun, paper_reactively
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -129,8 +129,8 @@ def _tables(document: Document) -> None:
     document.text(
         "Made by `elastic-strips study paper`. Preset `paper` is Eqs. 2 to 9 as printed, driven reactively: at each "
         "sampling time the obstacles within the safe distance of P_m (of any control point in case 7) become known, "
-        "the postures ahead are deformed, and the robot moves to the next one, by 0.4 m at most. Preset `default` is driven in the "
-        "closed loop, on wheels. Where the obstacles stand is our choice (docs/paper-map.md): the paper's figures are "
+        f"the postures ahead are deformed, and the robot moves to the next one, by {LONGEST_STEP:g} m at most. Preset "
+        "`default` is driven in the closed loop, on wheels. Where the obstacles stand is our choice (docs/paper-map.md): the paper's figures are "
         "not at hand, only its text."
     )
     document.heading("Table 1: parameter values")
