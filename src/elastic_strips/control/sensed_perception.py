@@ -20,6 +20,9 @@ from .bumper import Bumper
 
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """What tracks of a laser at 20 Hz are taken to be wrong by at most; tests compare it with what they are wrong by."""
+LASER_EASE = 0.6
+"""Share of its speeds that a robot drives with that sees by a laser alone: what comes out from behind something is
+known to move only some tenths of a second later, and the robot has to stand by the time it is there."""
 _LOW = 0.3
 """A piece that reaches lower than this [m] is where a laser of a base looks."""
 _STEP = 0.01  # [s] between looks while the robot stands at its start
