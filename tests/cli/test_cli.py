@@ -48,7 +48,7 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     for word in ("run", "view", "bench", "list", "0 certified", "2 wrong input", "3 blocked", "130"):
         assert word in text
-    for command in ("run", "view", "list", "bench", "bench plan", "bench replan", "bench tick"):
+    for command in ("run", "view", "list", "bench", "bench plan", "bench replan", "bench tick", "study", "study paper"):
         assert call(*command.split(), "-h") == 0
         assert f"Usage: elastic-strips {command}" in capsys.readouterr().out
     assert call("--version") == 0

@@ -44,6 +44,8 @@ TABLE: dict[tuple[str, str], Row] = {
     ("corridor", "default"): Row(_SETTLED),
     ("clutter", "default"): Row(_SETTLED),
     ("closing-side", "default"): Row(_SETTLED),
+    ("bottleneck", "default"): Row(_SETTLED),
+    ("dead-end", "default"): Row(_SETTLED),
     ("moving-corridor", "default"): Row(_SETTLED),
     ("courteous-corridor", "default"): Row(_SETTLED),
     ("case-1", "paper"): Row(_SETTLED, "between"),
@@ -71,7 +73,7 @@ def run() -> Run:
 
 def test_the_table_covers_the_registry() -> None:
     """A new scenario needs its row; those that are not the paper's have none for the paper's preset."""
-    others = "corridor", "moving-corridor", "courteous-corridor", "clutter", "closing-side"
+    others = "corridor", "moving-corridor", "courteous-corridor", "clutter", "closing-side", "bottleneck", "dead-end"
     without = {(name, "paper") for name in others}
     assert set(TABLE) == {(n, p) for n in scenario_names() for p in PRESETS} - without
 

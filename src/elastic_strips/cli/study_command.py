@@ -25,5 +25,5 @@ def paper(out: str, processes: int | None, quick: bool) -> int:
         found = paper_study(out, processes=processes, step=bar.step, **options)
     for case, run in found.runs.items():
         click.echo(f"{case:8} {run.outcome.value:10} {run.reason}")
-    click.echo(f"report   {found.files[-2]}")
+    click.echo(f"report   {found.report}")
     return 0 if found.as_the_paper_says else 3

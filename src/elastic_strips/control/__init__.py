@@ -8,7 +8,7 @@ from .deliberative import Deliberation, DeliberativeLayer, Part, Step
 from .director import Director
 from .hybrid import HybridControl, HybridResult
 from .reach import Reach, Reached
-from .sensed_perception import LASER_ASSUMPTIONS, SensedPerception
+from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensedPerception
 from .sequencing import Facts, MissingExtraError, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskState, TaskWatch
 from .tasks import DriveAndReach, DriveTo, ReachHand, Task
@@ -32,6 +32,7 @@ __all__ = [
     "Director",
     "SensedPerception",
     "LASER_ASSUMPTIONS",
+    "LASER_EASE",
     "BaseRunner",
     "Bumper",
     "TaskWatch",

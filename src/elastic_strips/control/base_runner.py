@@ -32,6 +32,8 @@ from ..scene import Scene, World
 from ..sensing import SensorConfig, SensorSuite
 from .bumper import Bumper
 
+PATIENCE = 15.0
+"""A method that has been blocked for so long [s] is given up."""
 _KEPT = 200  # estimates that are kept, so that a reading finds the pose that it was taken at
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
@@ -79,7 +81,7 @@ class BaseRunner:
         base: BaseLimits | None = None,
         plant: Plant | None = None,
         seed: int = 0,
-        patience: float = 15.0,
+        patience: float = PATIENCE,
         watch: Callable[[BaseRunner], object] | None = None,
         realtime: bool = False,
         metadata: dict[str, object] | None = None,

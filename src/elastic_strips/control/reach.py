@@ -64,7 +64,10 @@ class Reach:
         return self._search(scene, task, [chart, *self._postures(chart, self.starts - 1)], chart, base=False)
 
     def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> Reached:
-        """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first."""
+        """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first.
+
+        With the joints as ``q`` has them, the base must have room where it ends: it drives there first.
+        """
         chart = self.robot.space.to_chart(self.robot.check_q(q))
         if not self.robot.space.planar:
             return self.with_arm(scene, q, task)
@@ -111,13 +114,18 @@ class Reach:
                                    f"{distance:.3f} m and {angle:.2f} rad")  # fmt: skip
                 continue
             q = self._q(row)
-            if valid(q):
+            if valid(q) and (not base or valid(self._driven(near, row))):
                 return Reached(q, distance, angle, f"{task}: within {1e3 * distance:.1f} mm")
             touching += 1
             best = Reached(
                 None, distance, angle, f"{task}: all {touching} configurations that reach it touch something"
             )
         return best
+
+    def _driven(self, near: Array, row: Array) -> Array:
+        """(nq,) the base of ``row``, the joints of ``near``."""
+        b = self.robot.space.base_nv
+        return self._q(np.concatenate((row[:b], near[b:])))
 
     def _solve(self, begin: Array, near: Array, frame: int, target: Array, turn: Array | None, *, base: bool) -> Array:
         space = self.robot.space
@@ -135,7 +143,7 @@ class Reach:
             return np.vstack((self._slopes(row, frame, turn)[:, first:], np.diag(pull)))
 
         x = np.clip(begin[first:], low, high)
-        found = least_squares(residuals, x, jac=slopes, bounds=(low, high), max_nfev=60, xtol=1e-9, ftol=1e-9)
+        found = least_squares(residuals, x, jac=slopes, bounds=(low, high), max_nfev=60, xtol=1e-9, ftol=1e-9)  # type: ignore[arg-type]
         return np.concatenate((begin[:first], found.x))
 
     def _off(self, row: Array, frame: int, target: Array, turn: Array | None) -> Array:

@@ -10,14 +10,23 @@ import numpy.typing as npt
 from ..execution import PerceptionParams
 from ..execution.params import ObstacleAssumptions
 from ..execution.perception import PerceptionError
-from ..robot import RobotModel
+from ..proximity import BodySet
+from ..robot import Kinematics, RobotModel
+from ..robot.geometry import support_points
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..sensing import SceneEstimator, SceneEstimatorParams, SensorConfig, SensorSuite
+from .bumper import Bumper
 
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """What tracks of a laser at 20 Hz are taken to be wrong by at most; tests compare it with what they are wrong by."""
+LASER_EASE = 0.6
+"""Share of its speeds that a robot drives with that sees by a laser alone: what comes out from behind something is
+known to move only some tenths of a second later, and the robot has to stand by the time it is there."""
+_LOW = 0.3
+"""A piece that reaches lower than this [m] is where a laser of a base looks."""
 _STEP = 0.01  # [s] between looks while the robot stands at its start
+_FEEL = 0.05  # [s] between questions to the bumper
 _KEPT = 200  # estimates that are kept, so that a reading finds the pose that it was taken at
 
 
@@ -31,9 +40,11 @@ class SensedPerception:
         world: that the sensors see.
         start: configuration (nq,).
         sensors: what they are like.
-        params: of the scene.
+        params: of the scene; defaults with the robot's `body_radius` where None.
         seed: of the sensors' noise.
         look: how long the robot looks about first [s].
+        bumper: whether the robot feels what it touches; while it does, it stands, and no reading counts: what runs
+            into a standing robot covers its laser.
 
     Attributes:
         suite, estimator: the sensors, and what becomes of their readings.
@@ -53,8 +64,13 @@ class SensedPerception:
         params: SceneEstimatorParams | None = None,
         seed: int | np.random.Generator = 0,
         look: float = 1.5,
+        bumper: bool = True,
     ) -> None:
+        self._world, self._bumper = world, Bumper(robot) if bumper else None
+        self._looked, self._touched = -np.inf, ""
         self.suite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
+        if params is None:
+            params = SceneEstimatorParams(body_radius=body_radius(robot))
         self.estimator = SceneEstimator(params)
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params = PerceptionParams(delay=latency)
@@ -70,7 +86,12 @@ class SensedPerception:
     def observe(self, t: float, chart: Array, estimate: Array) -> None:
         """Take the readings that have come by the time ``t`` [s] into the scene."""
         self._past.append((t, np.array(estimate[:3])))
-        for reading in self.suite.observe(t, chart):
+        if self._bumper is not None and t - self._looked >= _FEEL - 1e-9:
+            self._looked, self._touched = t, self._bumper.touched(self._world.at(t), chart)
+        readings = self.suite.observe(t, chart)
+        if self._touched:  # what covers the sensors would stay in the map where they cannot see
+            return
+        for reading in readings:
             pose = min(self._past, key=lambda entry: abs(entry[0] - reading.time))[1]
             self.estimator.update(reading, pose)
 
@@ -78,8 +99,30 @@ class SensedPerception:
         """The newest scene.
 
         Raises:
-            PerceptionError: no reading has come yet.
+            PerceptionError: no reading has come yet, or the bumper is pressed.
         """
+        if self._touched:
+            raise PerceptionError("the bumper is pressed")
         if not self.estimator.times:
             raise PerceptionError(f"none of the sensors {', '.join(self.suite.names)} has read anything yet")
         return self.estimator.scene()
+
+
+def body_radius(robot: RobotModel) -> float:
+    """Radius of the largest disc about the base's origin that a piece of the robot, at home, covers from above [m]."""
+    bodies, space = BodySet.links(robot), robot.space
+    kin = Kinematics(robot.tree, 1)
+    row = space.to_chart(robot.home())
+    row[: space.base_nv] = 0.0
+    kin.update(row[None], jacobians=False)
+    index = np.arange(len(bodies), dtype=np.intp)
+    turn, move = bodies.placements(kin, np.zeros(len(bodies), dtype=np.intp), index)
+    angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    ways = np.stack((np.cos(angles), np.sin(angles)))
+    best = 0.0
+    for k, geometry in enumerate(bodies.geometries):
+        points, radius = support_points(geometry)
+        placed = points @ turn[k].T + move[k]
+        if placed[:, 2].min() - radius < _LOW:
+            best = max(best, float((placed[:, :2] @ ways).max(axis=0).min()) + radius)
+    return best

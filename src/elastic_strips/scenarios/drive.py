@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..control import LASER_ASSUMPTIONS, BaseRunner, SensedPerception
+from ..control import LASER_ASSUMPTIONS, LASER_EASE, BaseRunner, SensedPerception
 from ..deform import DeformParams
 from ..errors import ParameterError, nearest_name
 from ..execution import (
@@ -20,7 +20,6 @@ from ..execution import (
     Fault,
     KinematicPlant,
     MotionLimits,
-    ObstacleAssumptions,
     Plant,
     Runner,
     Verdict,
@@ -126,8 +125,9 @@ def make_runner(
     if params is None:
         values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
         deform = DeformParams.for_preset("default", **values)
-        assumptions = ObstacleAssumptions() if sensors is None else LASER_ASSUMPTIONS
-        params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None, assumptions=assumptions)
+        params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
+        if sensors is not None:
+            params = replace(params, assumptions=LASER_ASSUMPTIONS, ease_speed=LASER_EASE)
     if sensors is not None:
         options["perception"] = SensedPerception(
             problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed

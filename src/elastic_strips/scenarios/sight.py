@@ -8,8 +8,9 @@ import numpy as np
 
 from ..execution import Record, Verdict
 from ..robot import RobotModel
-from ..scene import World
-from ..sensing import LaserParams, LaserScan, SensorConfig, SensorSuite, seen_obstacles
+from ..robot.space import Array
+from ..scene import Scene, World
+from ..sensing import LaserParams, LaserScan, SensorConfig, SensorSuite, rays_of, seen_obstacles
 
 _LOOK_BACK = 1.0  # [s] before a contact
 _STEP = 0.1  # [s]
@@ -18,10 +19,12 @@ _STEP = 0.1  # [s]
 def unseen_contacts(
     record: Record, verdict: Verdict, robot: RobotModel, world: World, sensors: SensorConfig
 ) -> tuple[str, ...]:
-    """Obstacles that were touched without a ray of a laser having met them in the second before, noise aside.
+    """Obstacles that were touched without having been in view, noise aside.
 
-    What a planar scan cannot see (what hangs over its plane, lies below it, or comes from behind) is no failure of what
-    is made of the scan; it is to be told apart.
+    In view is what a ray of a laser met in at least half of the looks in the second before the contact; of what moves,
+    only the looks count in which its middle lay within the laser's field of view as well. What a planar scan cannot see
+    (what hangs over its plane, lies below it, or comes from behind) is no failure of what is made of the scan; it is to
+    be told apart.
 
     Args:
         record, verdict: of the run.
@@ -43,13 +46,22 @@ def unseen_contacts(
     for name in names:
         first = min(contact.time for contact in verdict.contacts if contact.obstacle == name)
         times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _STEP)
+        looks = []
         for t in times.tolist():
             chart = rows.chart[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]
             suite.reset(t)
-            scene = world.at(t)
             scans = [scan for scan in suite.observe(t, chart) if isinstance(scan, LaserScan)]
-            if any(v.hit for scan in scans for v in seen_obstacles(scene, scan, chart[:3]) if v.name == name):
-                break
-        else:
+            scene = world.at(t)
+            looks.append(name in scene and any(_in_view(scene, name, scan, chart[:3]) for scan in scans))
+        if sum(looks) < 0.5 * len(looks):
             unseen.append(name)
     return tuple(unseen)
+
+
+def _in_view(scene: Scene, name: str, scan: LaserScan, base_pose: Array) -> bool:
+    obstacle = scene.obstacle(name)
+    if obstacle.motion is not None:
+        _, _, inside = rays_of(scan, base_pose).locate(obstacle.pose[None, :2, 3])
+        if not inside[0]:
+            return False
+    return any(v.hit for v in seen_obstacles(Scene([obstacle], time=scene.time), scan, base_pose))

@@ -9,6 +9,7 @@ from .scenario import Scenario
 BOTTLENECK, DEAD_END = "bottleneck", "dead-end"
 DOOR = 0.75
 """Width of the bottleneck [m]; the Silvermate's base is 0.54 m wide."""
+_HALL = 12.0  # [m] of wall on either side of the door: nobody finds a way around it
 _DEPTH, _WIDTH = 1.2, 1.8  # [m] of the dead end, inside
 _HEIGHT, _THICK = 1.2, 0.2  # [m]
 
@@ -24,8 +25,8 @@ def bottleneck(seed: int = 0) -> Scenario:
         summary=f"a wall with a door of {DOOR:g} m, a little beside the line",
         scene=Scene(
             [
-                _wall("wall-left", x=3.0, y=0.3 + 0.5 * DOOR + 1.5, across=3.0),
-                _wall("wall-right", x=3.0, y=0.3 - 0.5 * DOOR - 1.5, across=3.0),
+                _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
+                _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _HALL), across=_HALL),
             ]
         ),
         start=PoseSpec(0.0, 0.0, 0.0),
@@ -41,10 +42,11 @@ def dead_end(seed: int = 0) -> Scenario:
         seed: not used; nothing here is random.
     """
     back = 3.2
+    middle = back - 0.5 * (_THICK + _DEPTH)
     side = 0.5 * (_WIDTH + _THICK)
     walls: list[Obstacle] = [_wall("back", x=back, y=0.0, across=_WIDTH + 2.0 * _THICK)]
     for name, sign in (("left", 1.0), ("right", -1.0)):
-        at = (back - 0.5 * _DEPTH, sign * side, 0.5 * _HEIGHT)
+        at = (middle, sign * side, 0.5 * _HEIGHT)
         walls.append(Box((_DEPTH, _THICK, _HEIGHT), at=at, name=name))
     return Scenario(
         name=DEAD_END,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from ..errors import ParameterError, nearest_name
 
 UNSEEN = ("free", "blocked")
-_MAY_BE_ZERO = ("padding", "pose_noise", "robot_radius", "sonar_range", "settle_delay")
+_MAY_BE_ZERO = ("padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay")
 _COUNTS = ("min_points", "confirm_hits", "lost_misses")
 
 
@@ -52,6 +52,8 @@ class SceneEstimatorParams:
         unseen: what cells are that have never been seen: ``"free"`` or ``"blocked"``.
         unseen_radius: of a disc about the base; with ``"blocked"``, unseen cells in it become obstacles.
         robot_radius: cells that close to the base count as seen and free: the robot stands there.
+        body_radius: cells that a disc of this radius about the base touches are free, whatever was seen there: it is
+            full of the robot. What came near and went away unseen would keep the robot from moving for ever.
         sonar_range: sonars are believed up to there; beyond, their arcs are too wide.
     """
 
@@ -88,6 +90,7 @@ class SceneEstimatorParams:
     unseen: str = "free"
     unseen_radius: float = 3.0
     robot_radius: float = 0.4
+    body_radius: float = 0.0
     sonar_range: float = 1.0
 
     def __post_init__(self) -> None:

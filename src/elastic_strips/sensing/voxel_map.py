@@ -111,6 +111,11 @@ class VoxelMap:
             i, j = self._disc(np.array([x, y]), p.robot_radius)
             fresh = ~self.seen[i, j]
             self._see(i[fresh], j[fresh])
+        if p.body_radius > 0.0:
+            i, j = self._disc(np.array([x, y]), p.body_radius + math.sqrt(0.5) * p.cell)
+            full = self.filled[i, j]
+            if full.any():
+                self._change(i[full], j[full], np.full(int(full.sum()), -p.floor), at_once=True)
         if p.unseen == "blocked" and (
             self._center is None or math.hypot(x - self._center[0], y - self._center[1]) > 0.25 * p.tile
         ):

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from ..bench.pool import cached, spread
-from ..errors import ElasticStripsError
+from ..control.base_runner import PATIENCE
+from ..errors import ElasticStripsError, ParameterError, nearest_name
+from ..execution import Runner, RunState
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..robot.space import Array
@@ -40,7 +43,7 @@ class Row:
         case, method, seed: what was tried.
         reached: whether the robot is at the goal in truth: a base within 0.15 m, a strip within 0.05 m.
         contacts: obstacles that were touched, none of them twice.
-        clearance: least distance to an obstacle [m].
+        clearance: least distance of the whole robot to an obstacle [m]; ∞ without any, NaN where it did not start.
         path: length of the base's way [m]; time: [s].
         turning: sum of all turns of the base [rad].
         roughness: root mean square of the base's yaw acceleration [rad/s²]; what is smooth has little of it.
@@ -68,7 +71,21 @@ def compare(
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
 ) -> tuple[Row, ...]:
-    """Try every method on every case, in the order of cases and methods."""
+    """Try every method on every case, in the order of cases and methods.
+
+    Args:
+        cases: names of scenarios; methods: of :data:`METHODS`.
+        seeds: of the scenarios and the noise.
+        processes: how many; one for each core where None.
+        step: called after every trial with what it was.
+
+    Raises:
+        ScenarioError: an unknown case.
+        ParameterError: an unknown method.
+    """
+    for case in cases:
+        get_scenario(case)
+    check_methods(methods)
     trials = [Trial(case, method, seed) for case in cases for method in methods for seed in seeds]
     rows: dict[Trial, Row] = {}
     for found in spread(_attempt, trials, processes):
@@ -79,14 +96,22 @@ def compare(
 
 
 def attempt(trial: Trial) -> Row:
-    """Drive a case by a method."""
+    """Drive a case by a method; a robot that cannot even start has not reached its goal.
+
+    Raises:
+        ScenarioError: an unknown case.
+        ParameterError: an unknown method.
+    """
+    check_methods([trial.method])
     robot: RobotModel = cached("silvermate", lambda: load_robot("silvermate"))
     scenario = get_scenario(trial.case, seed=trial.seed)
+    options: dict[str, Any] = {"sensors": None if trial.method == STRIP else SensorConfig()}
+    if trial.method in (STRIP, STRIP_SENSED):
+        options["watch"] = _Patience()
     try:
-        sensors = None if trial.method == STRIP else SensorConfig()
         outcome = drive_scenario(
             scenario, method=STRIP if trial.method == STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
-            sensors=sensors, time_limit=trial.time_limit,
+            time_limit=trial.time_limit, **options,
         )  # fmt: skip
     except ElasticStripsError as error:
         nothing = float("nan")
@@ -99,6 +124,32 @@ def attempt(trial: Trial) -> Row:
         trial.case, trial.method, trial.seed, bool(verdict.reached), touched, float(verdict.min_clearance_m),
         verdict.path_m, verdict.time_s, turning, roughness, reason,
     )  # fmt: skip
+
+
+class _Patience:
+    """Workspace: ends the drive of a robot that has stood for as long as a base method may be blocked."""
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def __call__(self, runner: Runner) -> None:
+        if runner.supervisor.state is not RunState.STOPPED:
+            self._since = None
+        elif self._since is None:
+            self._since = runner.time
+        elif runner.time - self._since > PATIENCE:
+            runner.stop()
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Refuse what is no method.
+
+    Raises:
+        ParameterError: an unknown method.
+    """
+    for method in methods:
+        if method not in METHODS:
+            raise ParameterError(f"method {method!r} is unknown{nearest_name(method, METHODS)}")
 
 
 def _attempt(trial: Trial) -> dict[str, object]:

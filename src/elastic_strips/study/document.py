@@ -29,7 +29,7 @@ class Document:
     _html: list[str] = field(default_factory=list)
 
     def heading(self, text: str, level: int = 2) -> None:
-        """A heading; level 1 is the title's."""
+        """A heading, from level 2 on; level 1 is the title's."""
         self._markdown.append(f"{'#' * level} {text}")
         self._html.append(f"<h{level}>{html.escape(text)}</h{level}>")
 
@@ -39,9 +39,9 @@ class Document:
         self._html.append(f"<p>{html.escape(text)}</p>")
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        """A table."""
-        lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-        lines += ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in rows]
+        """A table; every row has as many cells as the head."""
+        lines = ["| " + " | ".join(map(_cell, head)) + " |", "|" + "---|" * len(head)]
+        lines += ["| " + " | ".join(map(_cell, row)) + " |" for row in rows]
         self._markdown.append("\n".join(lines))
         cells = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)
         body = "".join("<tr>" + "".join(f"<td>{html.escape(str(c))}</td>" for c in row) + "</tr>" for row in rows)
@@ -62,3 +62,8 @@ class Document:
         title = html.escape(self.title)
         head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
         return "\n".join([head, f"<h1>{title}</h1>", *self._html, "</html>", ""])
+
+
+def _cell(content: object) -> str:
+    """What stands in a Markdown table: one line, without the sign that parts the cells."""
+    return " ".join(str(content).split()).replace("|", "\\|")

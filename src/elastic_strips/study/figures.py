@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from ..proximity import BodySet
 from ..robot import Kinematics, RobotModel
 from ..robot.geometry import support_points
-from ..robot.space import Array
+from ..robot.space import Array, Indices
 from ..scene import Obstacle, Scene
 from .reactive import ReactiveRun
 
@@ -48,7 +48,7 @@ class Outline:
         q = self._robot.space.from_chart(chart[None])[0]
         return np.asarray(self._robot.control_points(q))[1:, :2]
 
-    def _hull(self, chart: Array, bodies: Array) -> Array:
+    def _hull(self, chart: Array, bodies: Indices) -> Array:
         self._kin.update(chart[None], jacobians=False)
         turn, move = self._bodies.placements(self._kin, np.zeros(len(bodies), dtype=np.intp), bodies)
         clouds = [

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..control.sequencing import MissingExtraError
-from ..errors import InputError
+from ..errors import InputError, ScenarioError, nearest_name
+from ..io.files import check_writable, write_whole
+from ..robot.space import Array
 from ..scenarios import drive_scenario, get_scenario
 from ..scenarios.paper_cases import TABLE_1, TABLE_2
-from .comparison import CASES, METHODS, Row, compare
+from .comparison import CASES, METHODS, Row, check_methods, compare
 from .document import Document
 from .parameter_map import Cell, parameter_map
-from .reactive import Outcome, ReactiveRun, paper_reactively
+from .reactive import LONGEST_STEP, Outcome, ReactiveRun, paper_reactively
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _FIGURES = dict(zip(TABLE_2, range(5, 12), strict=True))
 SAYS = {
@@ -30,6 +37,7 @@ SAYS = {
 }
 """What the text of the paper says of its figures, in our words."""
 EXPECTED = {name: Outcome.BLOCKED if name == "case-3" else Outcome.REACHED for name in TABLE_2}
+_MARKDOWN, _PAGE = "paper.md", "paper.html"
 _DPI = 70
 
 
@@ -50,8 +58,13 @@ class PaperStudy:
 
     @property
     def as_the_paper_says(self) -> bool:
-        """Whether every case ended as the paper says."""
+        """Whether every case that was run ended as the paper says."""
         return all(run.outcome is EXPECTED[case] for case, run in self.runs.items())
+
+    @property
+    def report(self) -> Path:
+        """The report as Markdown."""
+        return next(file for file in self.files if file.name == _MARKDOWN)
 
 
 def paper_study(
@@ -76,19 +89,28 @@ def paper_study(
 
     Raises:
         InputError: the folder cannot be written to.
+        ScenarioError: an unknown case.
+        ParameterError: an unknown method.
         MissingExtraError: matplotlib (extra ``study``) is not installed.
     """
+    for case in cases:
+        if case not in TABLE_2:
+            raise ScenarioError(f"the paper has no case {case!r}{nearest_name(case, TABLE_2)}")
+    for case in (*compared, *((mapped,) if mapped else ())):
+        get_scenario(case)
+    check_methods(methods)
     try:
-        import matplotlib
-
-        matplotlib.use("Agg")
+        import matplotlib.figure  # noqa: F401 - before anything is run
     except ImportError as error:
         raise MissingExtraError("the study needs matplotlib: pip install 'elastic-strips[study]'") from error
     out = Path(folder)
     try:
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write the study to {out}: {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot write the study to {str(folder)!r:.80}: {why}") from None
+    for name in (_MARKDOWN, _PAGE):
+        check_writable(out / name)
     document, files = Document("The paper's simulations, run again"), list[Path]()
     _tables(document)
     runs = _figures(document, out, cases, files, step)
@@ -98,18 +120,18 @@ def paper_study(
     cells = parameter_map(mapped, processes=processes, step=step) if mapped else ()
     if cells:
         _map(document, out, mapped, cells, files)
-    for name, text in (("paper.md", document.markdown()), ("paper.html", document.page())):
-        (out / name).write_text(text, encoding="utf-8")
-        files.append(out / name)
+    for name, text in ((_MARKDOWN, document.markdown()), (_PAGE, document.page())):
+        files.append(write_whole(out / name, text.encode()))
     return PaperStudy(runs, rows, cells, tuple(files))
 
 
 def _tables(document: Document) -> None:
     document.text(
         "Made by `elastic-strips study paper`. Preset `paper` is Eqs. 2 to 9 as printed, driven reactively: at each "
-        "sampling time the obstacles within the safe distance become known, the postures ahead are deformed, and the "
-        "robot moves to the next one. Preset `default` is driven in the closed loop, on wheels. Where the obstacles "
-        "stand is our choice (docs/paper-map.md): the paper's figures are not at hand, only its text."
+        "sampling time the obstacles within the safe distance of P_m (of any control point in case 7) become known, "
+        f"the postures ahead are deformed, and the robot moves to the next one, by {LONGEST_STEP:g} m at most. Preset "
+        "`default` is driven in the closed loop, on wheels. Where the obstacles stand is our choice "
+        "(docs/paper-map.md): the paper's figures are not at hand, only its text."
     )
     document.heading("Table 1: parameter values")
     document.table(
@@ -134,7 +156,7 @@ def _tables(document: Document) -> None:
 def _figures(
     document: Document, out: Path, cases: Sequence[str], files: list[Path], step: Callable[[str], object]
 ) -> dict[str, ReactiveRun]:
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     from .figures import draw_drive, draw_reactive
 
@@ -147,7 +169,8 @@ def _figures(
         step(f"{case}, preset paper")
         drive = drive_scenario(scenario)
         step(f"{case}, preset default")
-        figure, (left, right) = plt.subplots(1, 2, figsize=(13.0, 6.4), layout="constrained")
+        figure = Figure(figsize=(13.0, 6.4), layout="constrained")
+        left, right = figure.subplots(1, 2)
         draw_reactive(left, run)
         left.set_title(f"{case}, preset paper: {run.outcome.value}", fontsize=9)
         record = drive.result.record
@@ -155,9 +178,7 @@ def _figures(
         driven = "reached" if drive.reached else "not reached"
         right.set_title(f"{case}, preset default: {driven} in {drive.verdict.time_s:.1f} s", fontsize=9)
         name = f"fig-{_FIGURES[case]:02d}-{case}.png"
-        figure.savefig(out / name, dpi=_DPI)
-        plt.close(figure)
-        files.append(out / name)
+        files.append(_save(figure, out / name))
         document.heading(f"Fig. {_FIGURES[case]}: {case}", 3)
         document.text(f"The paper: {SAYS[case]}")
         document.text(_told(run))
@@ -175,21 +196,26 @@ def _figures(
     return runs
 
 
+def _save(figure: Figure, file: Path) -> Path:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_DPI)
+    return write_whole(check_writable(file), stream.getvalue())
+
+
 def _told(run: ReactiveRun) -> str:
-    sensed = "; ".join(
-        f"{s.name} is sensed from ({1e3 * s.robot[0]:.0f}, {1e3 * s.robot[1]:.0f})" for s in run.seen[:2]
-    )
-    turned = float(np.abs(run.chart[:, :2] - _nearest_on(run.line, run.chart[:, :2])).max())
+    sensed = "; ".join(f"{s.name} is sensed from ({1e3 * s.robot[0]:.0f}, {1e3 * s.robot[1]:.0f})" for s in run.seen)
     return (
-        f"Here: {run.outcome.value}, {run.reason}. {sensed}. It leaves the original line by up to "
-        f"{1e3 * turned:.0f} mm, and comes no nearer to an obstacle than {_mm(run.clearance)} mm."
+        f"Here: {run.outcome.value}, {run.reason}. {sensed or 'Nothing is sensed'}. The mobile leaves the original "
+        f"line by up to {_mm(_aside(run.line, run.chart[:, :2]))} mm, and the robot comes no nearer to an obstacle "
+        f"than {_mm(run.clearance)} mm."
     )
 
 
-def _nearest_on(line: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _aside(line: Array, points: Array) -> float:
+    """Largest distance [m] of points (K, 2) from the straight line between the ends of a line (N, 2)."""
     a, b = line[0], line[-1]
     along = np.clip((points - a) @ (b - a) / float((b - a) @ (b - a)), 0.0, 1.0)
-    return a + along[:, None] * (b - a)
+    return float(np.hypot(*(points - (a + along[:, None] * (b - a))).T).max())
 
 
 def _comparison(document: Document, rows: Sequence[Row]) -> None:
@@ -205,7 +231,8 @@ def _comparison(document: Document, rows: Sequence[Row]) -> None:
         [
             [
                 r.case, r.method, "yes" if r.reached else "no", ", ".join(r.contacts) or "–", _mm(r.clearance),
-                _mm(r.path), f"{r.time:.1f}", f"{r.turning:.1f}", f"{r.roughness:.2f}", r.reason[:90],
+                _mm(r.path), f"{r.time:.1f}", f"{r.turning:.1f}",
+                f"{r.roughness:.2f}" if math.isfinite(r.roughness) else "–", r.reason[:90],
             ]
             for r in rows
         ],
@@ -213,31 +240,30 @@ def _comparison(document: Document, rows: Sequence[Row]) -> None:
 
 
 def _map(document: Document, out: Path, case: str, cells: Sequence[Cell], files: list[Path]) -> None:
-    from matplotlib import pyplot as plt
     from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
 
     k_r, k_c, safe = (sorted({getattr(c, name) for c in cells}) for name in ("k_r", "k_c", "safe"))
     kinds = list(Outcome)
-    colors = ListedColormap(["#4c956c", "#f2c14e", "#b3261e", "#888888"])
-    figure, axes = plt.subplots(1, len(safe), figsize=(2.6 * len(safe) + 1.2, 3.4), layout="constrained", squeeze=False)
+    colors = ["#4c956c", "#f2c14e", "#b3261e", "#888888"]
+    figure = Figure(figsize=(2.6 * len(safe) + 1.2, 3.4), layout="constrained")
+    axes = figure.subplots(1, len(safe), squeeze=False)
     for axis, distance in zip(axes[0], safe, strict=True):
         grid = np.array(
             [[next(kinds.index(c.outcome) for c in cells if (c.k_r, c.k_c, c.safe) == (r, k, distance)) for k in k_c]
              for r in k_r]
         )  # fmt: skip
-        axis.imshow(grid, cmap=colors, vmin=-0.5, vmax=3.5, origin="lower", aspect="auto")
+        axis.imshow(grid, cmap=ListedColormap(colors), vmin=-0.5, vmax=3.5, origin="lower", aspect="auto")
         axis.set_xticks(range(len(k_c)), [f"{k:g}" for k in k_c], fontsize=7)
         axis.set_yticks(range(len(k_r)), [f"{r:g}" for r in k_r], fontsize=7)
         axis.set_title(f"safe distance {1e3 * distance:.0f} mm", fontsize=8)
         axis.set_xlabel("k_c", fontsize=8)
     axes[0][0].set_ylabel("k_r", fontsize=8)
-    for kind, color in zip(kinds, colors.colors, strict=True):
+    for kind, color in zip(kinds, colors, strict=True):
         axes[0][-1].plot([], [], "s", color=color, label=kind.value)
     axes[0][-1].legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     name = f"parameter-map-{case}.png"
-    figure.savefig(out / name, dpi=_DPI)
-    plt.close(figure)
-    files.append(out / name)
+    files.append(_save(figure, out / name))
     document.heading("Parameters decided properly")
     counts = {kind.value: sum(c.outcome is kind for c in cells) for kind in kinds}
     told = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)

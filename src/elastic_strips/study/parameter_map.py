@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..bench.pool import cached, spread
 from ..robot import RobotModel
 from ..scenarios import get_scenario
@@ -28,7 +26,7 @@ class Cell:
     Attributes:
         case: which case; k_r, k_c: gains; safe: distance d_r [m].
         outcome, reason: how it ended.
-        clearance: least distance to an obstacle [m].
+        clearance: least distance to an obstacle [m]; capped at 1.
     """
 
     case: str
@@ -49,7 +47,21 @@ def parameter_map(
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
 ) -> tuple[Cell, ...]:
-    """Run a case with every combination; see :func:`paper_reactively`."""
+    """Run a case with every combination; see :func:`paper_reactively`.
+
+    Args:
+        case: name of a scenario.
+        k_r, k_c: gains; safe: safe distances [m].
+        processes: how many; one for each core where None.
+        step: called after every run with what it was.
+
+    Returns:
+        One cell a combination: by safe distance, then k_r, then k_c.
+
+    Raises:
+        ScenarioError: an unknown case.
+        ParameterError: a gain or a safe distance is outside its range.
+    """
     tasks = [(case, r, c, s) for s in safe for r in k_r for c in k_c]
     found: dict[tuple[float, float, float], Cell] = {}
     for result in spread(_cell, tasks, processes):
@@ -62,10 +74,9 @@ def parameter_map(
 def _cell(task: tuple[str, float, float, float]) -> dict[str, object]:
     case, k_r, k_c, safe = task
     scenario = get_scenario(case)
-    robot: RobotModel = cached("paper", lambda: scenario.load_robot(preset="paper"))
+    robot: RobotModel = cached(f"paper {case}", lambda: scenario.load_robot(preset="paper"))
     run = paper_reactively(scenario, robot=robot, overrides={"k_r": k_r, "k_c": k_c, "influence": safe})
-    clearance = run.clearance if np.isfinite(run.clearance) else 0.0
     return {
         "case": case, "k_r": k_r, "k_c": k_c, "safe": safe, "outcome": run.outcome.value, "reason": run.reason,
-        "clearance": clearance,
+        "clearance": run.clearance,
     }  # fmt: skip

@@ -54,6 +54,16 @@ def test_what_is_far_is_driven_to_first(layer, silvermate):
         assert link_distances(silvermate, SCENE, step.q).min() > 0.0
 
 
+def test_the_arm_has_room_where_the_base_drives_to(silvermate):
+    """The base drives with the arm as it is: there, too, nothing may be touched."""
+    scene = Scene([Box((0.5, 0.8, 0.05), at=(4.6, 0.0, 0.6), name="shelf")])
+    for seed in range(4):
+        steps = DeliberativeLayer(silvermate, seed=seed).divide(ReachHand((4.5, 0.1, 0.85)), silvermate.home(), scene)
+        for step in steps.steps:
+            assert link_distances(silvermate, scene, step.q).min() > 0.0
+        assert len(steps.steps) == 2
+
+
 def test_both_at_once_is_one_goal(layer, silvermate):
     task = DriveAndReach(DriveTo(2.2, 0.0, 0.0), ReachHand((2.7, -0.1, 0.9), (0.0, 0.0, 0.0, 1.0)))
     (step,) = layer.divide(task, silvermate.home(), SCENE).steps
@@ -92,7 +102,7 @@ def test_wrong_tasks_are_refused(layer, silvermate):
     with pytest.raises(ParameterError, match="DriveTo"):
         DriveTo(0.0, np.nan, 0.0)
     with pytest.raises(ParameterError, match="position"):
-        ReachHand((0.0, 1.0))
+        ReachHand((0.0, 1.0))  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="unit length"):
         ReachHand((0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 2.0))
     with pytest.raises(RobotError, match="hand_fram"):

@@ -18,8 +18,10 @@ def test_a_hand_reaches_what_is_far(silvermate):
     result = control.run(time_limit=60.0)
     assert result.done, result.reason
     assert [order for _, order, _ in result.orders][-1] is Order.DONE
+    assert result.drive is not None
+    assert control.sequencing is not None
     record = result.drive.record
-    assert judge(record, silvermate, control.runner.world).collisions == ()
+    assert judge(record, silvermate).collisions == ()
     q = silvermate.space.from_chart(record.control.chart[-1:])[0]
     data = silvermate.model.createData()
     pin.forwardKinematics(silvermate.model, data, q)
@@ -40,6 +42,7 @@ def test_a_way_that_closes_is_planned_anew(silvermate):
     assert Order.ASK in orders
     assert orders.index(Order.ASK) < len(orders) - 1
     assert any("gate" in reason for _, order, reason in result.orders if order is Order.ASK)
+    assert result.drive is not None
     assert result.drive.replans >= 1
 
 
@@ -49,6 +52,7 @@ def test_a_hopeless_task_is_given_up(silvermate):
     control = HybridControl(
         silvermate, Scene([queue]), silvermate.home(), DriveTo(4.0, 0.0, 0.0), params=params, seed=1
     )
+    assert control.sequencing is not None
     control.sequencing._attempts = 2
     result = control.run(time_limit=30.0)
     assert not result.done

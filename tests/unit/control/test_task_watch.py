@@ -79,6 +79,7 @@ def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
     worst = {}
     for gain in (1e-6, 3.0):
         deformer = Deformer(silvermate, task=kept_as_at(silvermate, start, "hand_frame", gain=gain))
+        assert deformer.task is not None
         watch = TaskWatch(deformer.task, patience=1000)
         strip = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
         for k in range(60):
@@ -87,6 +88,7 @@ def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
             strip = result.strip
             watch.update(0.05 * k, result)
         assert result.certified
+        assert result.task_errors is not None
         worst[gain] = float(result.task_errors.max())
     assert worst[1e-6] > 0.1
     assert worst[3.0] < 0.03

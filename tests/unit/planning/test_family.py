@@ -217,3 +217,32 @@ def test_wrong_input_is_named(silvermate) -> None:
 def test_parameters_are_checked(options, message) -> None:
     with pytest.raises(ParameterError, match=message):
         FamilyParams(**options)
+
+
+def test_without_deciding_the_current_strip_stays(silvermate) -> None:
+    """Whoever follows it cannot leave it where it is: a broken one stays the current one, and says so."""
+    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2, plan_every=0))
+    first = family.plan(HALL, silvermate.home())
+    closed = HALL.with_obstacle(Box((1.0, 1.2, 1.4), at=(3.0, 0.8, 0.7), name="block"))
+    report = family.step(closed, decide=False)
+    assert report.current == first.current
+    assert not report.certified
+    assert len(family) == 2
+
+
+def test_a_strip_that_was_given_up_is_left(silvermate) -> None:
+    """Nothing in the scene speaks against it; whoever follows it knows why."""
+    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2, plan_every=0))
+    first = family.plan(HALL, silvermate.home())
+    assert first.best is not None
+    here = silvermate.home(x=0.4)
+    report = family.leave(HALL, here, "somebody comes")
+    check(report, HALL)
+    assert report.events == ("switched from left of box to right of it: somebody comes",)
+    assert report.best is not None
+    np.testing.assert_allclose(report.best.strip.q[0], here, atol=1e-9)
+    assert len(family) == 1
+    nothing = family.leave(HALL, here, "somebody else")
+    assert nothing.best is None
+    assert nothing.events == ("no alternative left: somebody else",)
+    assert len(family) == 0

@@ -1,0 +1,63 @@
+"""``elastic-strips study``: what it prints and writes, and its exit codes."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+import elastic_strips.study
+from elastic_strips.cli import main
+from elastic_strips.study import Outcome, PaperStudy, paper_reactively, paper_study
+
+
+def _call(*arguments: object) -> int:
+    """Exit code of a command line in this process."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_a_quick_study(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line a case, then the report, which has neither comparison nor map."""
+    monkeypatch.setattr(elastic_strips.study, "paper_study", partial(paper_study, cases=["case-2"]))
+    assert _call("study", "paper", "--quick", "--out", tmp_path / "out") == 0
+    printed = capsys.readouterr()
+    first, last = printed.out.splitlines()
+    assert first.split()[:2] == ["case-2", "reached"]
+    assert last.split() == ["report", str(tmp_path / "out" / "paper.md")]
+    assert printed.err == ""
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"fig-06-case-2.png", "paper.html", "paper.md"}
+    report = (tmp_path / "out" / "paper.md").read_text(encoding="utf-8")
+    assert "Methods compared" not in report
+    assert "Parameters decided" not in report
+
+
+def test_what_the_options_ask_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Another end than the paper's is exit code 3; all is compared and mapped unless it is to be quick."""
+    asked: list[dict[str, object]] = []
+    run = paper_reactively(elastic_strips.get_scenario("case-4"))
+    assert run.outcome is Outcome.REACHED
+
+    def study(folder: str, **options: object) -> PaperStudy:
+        asked.append(options)
+        return PaperStudy({"case-3": run}, (), (), (tmp_path / "paper.md",))
+
+    monkeypatch.setattr(elastic_strips.study, "paper_study", study)
+    assert _call("study", "paper", "--processes", "2") == 3
+    assert _call("study", "paper", "--quick") == 3
+    assert asked[0]["processes"] == 2
+    assert not {"compared", "mapped"} & set(asked[0])
+    assert asked[1]["processes"] is None
+    assert (asked[1]["compared"], asked[1]["mapped"]) == ((), "")
+
+
+def test_a_folder_that_cannot_be_is_wrong_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line that says so, before anything is run."""
+    (tmp_path / "file").write_text("")
+    assert _call("study", "paper", "--quick", "--out", tmp_path / "file") == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: cannot write the study to")
+    assert error.count("\n") == 1

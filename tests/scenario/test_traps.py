@@ -1,0 +1,104 @@
+"""bottleneck and dead-end: their measures, and that what looks only at what is near gets stuck in them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+import pytest
+import result_check
+
+from elastic_strips import RobotModel, Scene, get_scenario
+from elastic_strips.io import obstacle_documents
+from elastic_strips.planning import straight_line
+from elastic_strips.scenarios.traps import DOOR
+from elastic_strips.scene import checks
+from elastic_strips.study import Trial, attempt
+
+Array = npt.NDArray[np.float64]
+TRAPS = ("bottleneck", "dead-end")
+
+
+def _lowest(robot: RobotModel, scene: Scene, configurations: Array) -> dict[str, float]:
+    """Obstacle → smallest distance [m] of the whole robot over the configurations, by Pinocchio and Coal alone."""
+    model = robot.collision_model.clone()
+    model.removeAllCollisionPairs()
+    links = len(model.geometryObjects)
+    for k, entry in enumerate(obstacle_documents(scene)):
+        x, y, z, *quat = entry["pose"]
+        pose = pin.SE3(checks.rotation_of(np.array(quat)), np.array([x, y, z]))
+        model.addGeometryObject(pin.GeometryObject(entry["name"], 0, 0, pose, result_check.shape(entry)))
+        for link in range(links):
+            model.addCollisionPair(pin.CollisionPair(link, links + k))
+    data, geometry = robot.model.createData(), model.createData()
+    lowest = np.full(len(scene), np.inf)
+    for q in configurations:
+        pin.computeDistances(robot.model, data, model, geometry, q)
+        d = np.array([r.min_distance for r in geometry.distanceResults])
+        lowest = np.minimum(lowest, d.reshape(len(scene), links).min(axis=1))
+    return dict(zip(scene.names, lowest.tolist(), strict=True))
+
+
+def _box(scene: Scene, name: str) -> tuple[Array, Array]:
+    """Lowest and highest corner (3,) [m] of a box that is not turned."""
+    [part] = scene.obstacle(name).parts
+    middle = scene.obstacle(name).pose[:3, 3]
+    return middle - part.half_extents, middle + part.half_extents
+
+
+@pytest.mark.parametrize("name", TRAPS)
+def test_both_ends_are_free_and_the_straight_way_is_not(name: str, silvermate: RobotModel) -> None:
+    """By 0.3 m and more at the ends."""
+    problem = get_scenario(name)
+    start, goal = problem.ends(silvermate)
+    assert min(_lowest(silvermate, problem.scene, np.array([start, goal])).values()) > 0.3
+    line = silvermate.space.from_chart(straight_line(silvermate, start, goal, spacing=0.05))
+    met = {wall for wall, d in _lowest(silvermate, problem.scene, line).items() if d < 0.0}
+    assert met == {"bottleneck": {"wall-right"}, "dead-end": {"back"}}[name]
+
+
+def test_the_door_is_as_wide_as_it_says(silvermate: RobotModel) -> None:
+    """0.75 m, its middle 0.3 m beside the line; the robot fits through with its base in that middle."""
+    problem = get_scenario("bottleneck")
+    assert f"{DOOR:g} m" in problem.summary
+    right, left = _box(problem.scene, "wall-right")[1][1], _box(problem.scene, "wall-left")[0][1]
+    assert left - right == pytest.approx(DOOR)
+    assert 0.5 * (left + right) == pytest.approx(0.3)
+    chart = np.tile(silvermate.space.to_chart(silvermate.home_q), (61, 1))
+    chart[:, 0], chart[:, 1] = np.linspace(0.0, 6.0, 61), 0.3
+    assert min(_lowest(silvermate, problem.scene, silvermate.space.from_chart(chart)).values()) > 0.03
+
+
+def test_the_dead_end_is_as_deep_and_wide_as_it_says() -> None:
+    """1.2 m by 1.8 m inside, about the line, open towards the start, and without a slit at its corners."""
+    problem = get_scenario("dead-end")
+    assert "1.2 m deep and 1.8 m wide" in problem.summary
+    back, left, right = (_box(problem.scene, name) for name in ("back", "left", "right"))
+    assert left[0][1] - right[1][1] == pytest.approx(1.8)
+    assert left[0][1] + right[1][1] == pytest.approx(0.0)
+    for side in (left, right):
+        assert back[0][0] - side[0][0] == pytest.approx(1.2)
+        assert side[1][0] >= back[0][0] - 1e-9
+    assert back[0][1] <= right[0][1] + 1e-9
+    assert back[1][1] >= left[1][1] - 1e-9
+    assert problem.start.x < left[0][0] < back[1][0] < problem.goal.x
+
+
+@pytest.mark.parametrize("name", TRAPS)
+def test_a_seed_changes_nothing(name: str) -> None:
+    """Nothing here is random."""
+    a, b = get_scenario(name, seed=0), get_scenario(name, seed=7)
+    assert obstacle_documents(a.scene) == obstacle_documents(b.scene)
+    assert (a.seed, b.seed) == (0, 7)
+
+
+@pytest.mark.parametrize("name", TRAPS)
+def test_the_potential_field_gets_stuck_and_the_strip_does_not(name: str) -> None:
+    """Without a contact, short of the walls; the strip, which is planned, arrives."""
+    stuck = attempt(Trial(name, "apf", time_limit=10.0))
+    assert not stuck.reached
+    assert stuck.contacts == ()
+    assert stuck.path < 3.5
+    free = attempt(Trial(name, "strip"))
+    assert free.reached
+    assert free.contacts == ()

@@ -1,0 +1,67 @@
+"""Sensed perception: a scene of what the sensors see, nothing of what touches the robot, and no ghosts in its body."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_strips.control.sensed_perception import SensedPerception, body_radius
+from elastic_strips.execution.perception import PerceptionError
+from elastic_strips.robot import load_robot
+from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World
+from elastic_strips.sensing import SensorConfig
+
+LASER = SensorConfig().only("laser")
+PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")
+
+
+def stand(perception: SensedPerception, chart: np.ndarray, begin: float, end: float) -> None:
+    for t in np.arange(begin, end, 0.01).tolist():
+        perception.observe(t, chart, chart)
+
+
+def test_what_stands_is_known_from_the_start(silvermate):
+    perception = SensedPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER)
+    known = perception.known()
+    assert len(known)
+    assert "pillar" not in known, "a sensor knows no names"
+    near = min(np.hypot(*(o.pose[:2, 3] + p.center[:2] - (1.5, 0.3))) for o in known for p in o.parts)
+    assert near < 0.3
+    assert perception.params.delay == pytest.approx(0.03 + 1 / 20)
+
+
+def test_a_blind_robot_says_so(silvermate):
+    perception = SensedPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, look=0.0)
+    with pytest.raises(PerceptionError, match="laser"):
+        perception.sense(0.0)
+
+
+def test_it_stands_while_it_feels_something(silvermate):
+    """A post comes into the robot from the side, and goes: nothing of it stays in the scene."""
+    way = Keyframes([0, 1, 2, 3, 9], [[0, -2, 0.7], [0, -0.3, 0.7], [0, -0.3, 0.7], [0, -6, 0.7], [0, -6, 0.7]])
+    post = Cylinder(0.15, 1.4, at=(0.0, -2.0, 0.7), name="post", motion=way)
+    perception = SensedPerception(silvermate, World(Scene([post])), silvermate.home(), sensors=LASER)
+    chart = silvermate.space.to_chart(silvermate.home())
+    stand(perception, chart, 0.0, 1.5)
+    with pytest.raises(PerceptionError, match="bumper is pressed"):
+        perception.sense(1.5)
+    stand(perception, chart, 1.5, 4.0)
+    scene = perception.sense(4.0)
+    close = [o.name for o in scene for p in o.parts if np.hypot(*(o.pose[:2, 3] + p.center[:2])) < 0.5]
+    assert close == []
+
+
+def test_the_body_is_free_of_what_was_seen_there(silvermate):
+    perception = SensedPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, bumper=False)
+    chart = silvermate.space.to_chart(silvermate.home())
+    assert perception.estimator.map.occupied(np.array([[1.3, 0.3]])).all()
+    chart[:2] = 1.3, 0.3  # the robot is now where the pillar's face was seen
+    stand(perception, chart, 0.0, 0.2)
+    angle = np.linspace(0.0, 2.0 * np.pi, 24)
+    body = chart[:2] + 0.26 * np.column_stack((np.cos(angle), np.sin(angle)))
+    assert not perception.estimator.map.occupied(body).any()
+
+
+@pytest.mark.parametrize("name, least, most", [("silvermate", 0.269, 0.271), ("jackal-box", 0.214, 0.216)])
+def test_the_body_radius_is_the_largest_disc_within(name, least, most):
+    assert least < body_radius(load_robot(name)) < most
