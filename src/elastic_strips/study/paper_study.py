@@ -108,7 +108,7 @@ def paper_study(
         out.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot write the study to {str(folder)!r:.80}: {why}") from None
+        raise InputError(f"cannot write the study to {str(folder)!r:.500}: {why}") from None
     for name in (_MARKDOWN, _PAGE):
         check_writable(out / name)
     document, files = Document("The paper's simulations, run again"), list[Path]()
