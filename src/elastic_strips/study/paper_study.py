@@ -17,6 +17,7 @@ from ..io.files import check_writable, write_whole
 from ..robot.space import Array
 from ..scenarios import drive_scenario, get_scenario
 from ..scenarios.paper_cases import TABLE_1, TABLE_2
+from ..scenarios.traps import BOTTLENECK, DEAD_END
 from .comparison import CASES, METHODS, Row, check_methods, compare
 from .document import Document
 from .parameter_map import Cell, parameter_map
@@ -237,6 +238,20 @@ def _comparison(document: Document, rows: Sequence[Row]) -> None:
             for r in rows
         ],
     )  # fmt: skip
+    traps = [case for case in (BOTTLENECK, DEAD_END) if any(r.case == case for r in rows)]
+    if traps:
+        told = "; ".join(f"{case}: {_who(rows, case)}" for case in traps)
+        document.text(
+            "The paper says of the methods before the strip that they do not get out of bottlenecks; a dead end is a local "
+            f"minimum besides. Of those that were tried here: {told}."
+        )
+
+
+def _who(rows: Sequence[Row], case: str) -> str:
+    """``"a and b reach the goal, c does not"``."""
+    there = [r.method for r in rows if r.case == case and r.reached]
+    not_there = [r.method for r in rows if r.case == case and not r.reached]
+    return f"the goal is reached by {', '.join(there) or 'none'}, and not by {', '.join(not_there) or 'none'}"
 
 
 def _map(document: Document, out: Path, case: str, cells: Sequence[Cell], files: list[Path]) -> None:
