@@ -242,8 +242,8 @@ def _comparison(document: Document, rows: Sequence[Row]) -> None:
     if traps:
         told = "; ".join(f"{case}: {_who(rows, case)}" for case in traps)
         document.text(
-            "The paper says of the methods before the strip that they do not get out of bottlenecks; a dead end is a local "
-            f"minimum besides. Of those that were tried here: {told}."
+            "The paper says of the methods before the strip that they do not get out of bottlenecks; a dead end is a "
+            f"local minimum besides. Of those that were tried here: {told}."
         )
 
 
