@@ -14,6 +14,7 @@ from ..errors import ParameterError, nearest_name
 from ..execution import (
     DRIVE_STRIP,
     MACHINE,
+    Contact,
     DriveParams,
     DriveResult,
     EvasionParams,
@@ -56,7 +57,8 @@ class DriveOutcome:
         method: what steered, of `DRIVE_METHODS`.
         sensors: names of the simulated sensors that the robot drove by; empty where it knew the scene.
         physical_contacts: what a physical plant saw the robot touch, wheels and casters on the floor aside.
-        unseen: obstacles of contacts that no sensor had seen in the second before.
+        unseen: obstacles of contacts before which they were not in a laser's view.
+        seen_collisions: contacts at speed with what was in view, or known; see `sight.unseen_contacts`.
     """
 
     scenario: Scenario
@@ -70,6 +72,7 @@ class DriveOutcome:
     sensors: tuple[str, ...] = ()
     physical_contacts: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
+    seen_collisions: int = 0
 
     @property
     def tracking_error(self) -> float | None:
@@ -78,11 +81,6 @@ class DriveOutcome:
         rows = self.result.record.control
         error = float(Displacement(self.robot)(rows.chart, rows.reference).max())
         return error if np.isfinite(error) else None
-
-    @property
-    def seen_collisions(self) -> int:
-        """Contacts at speed with what the sensors had seen; all of them where the robot knew the scene."""
-        return sum(contact.obstacle not in self.unseen for contact in self.verdict.collisions)
 
     @property
     def reached(self) -> bool:
@@ -215,12 +213,14 @@ def conclude(
         if isinstance(runner.perception, SensedPerception):
             suite = runner.perception.suite
     touched = tuple(str(event) for event in getattr(runner.plant, "contact_events", ()))
-    unseen = ()
+    unseen: tuple[Contact, ...] = ()
     if suite is not None:
         unseen = unseen_contacts(result.record, verdict, runner.robot, runner.world, suite.config)
     return DriveOutcome(
         scenario, runner.robot, plant, seed, result, verdict, separation, method=method, physical_contacts=touched,
-        sensors=() if suite is None else suite.names, unseen=unseen,
+        sensors=() if suite is None else suite.names,
+        unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
+        seen_collisions=sum(contact not in unseen for contact in verdict.collisions),
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..execution import Record, Verdict
+from ..execution import Contact, Record, Verdict
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
@@ -18,8 +18,8 @@ _STEP = 0.1  # [s]
 
 def unseen_contacts(
     record: Record, verdict: Verdict, robot: RobotModel, world: World, sensors: SensorConfig
-) -> tuple[str, ...]:
-    """Obstacles that were touched without having been in view, noise aside.
+) -> tuple[Contact, ...]:
+    """The contacts with what had not been in view, noise aside.
 
     In view is what a ray of a laser met in at least half of the looks in the second before the contact; of what moves,
     only the looks count in which its middle lay within the laser's field of view as well. What a planar scan cannot see
@@ -37,14 +37,13 @@ def unseen_contacts(
         for sensor in sensors.sensors
         if isinstance(sensor, LaserParams)
     )
-    names = dict.fromkeys(contact.obstacle for contact in verdict.contacts)
-    if not names or not lasers:
-        return tuple(names)
+    if not verdict.contacts or not lasers:
+        return verdict.contacts
     suite = SensorSuite(robot, world, SensorConfig(sensors=lasers, self_padding=sensors.self_padding))
     rows = record.control
     unseen = []
-    for name in names:
-        first = min(contact.time for contact in verdict.contacts if contact.obstacle == name)
+    for contact in verdict.contacts:
+        name, first = contact.obstacle, contact.time
         times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _STEP)
         looks = []
         for t in times.tolist():
@@ -54,7 +53,7 @@ def unseen_contacts(
             scene = world.at(t)
             looks.append(name in scene and any(_in_view(scene, name, scan, chart[:3]) for scan in scans))
         if sum(looks) < 0.5 * len(looks):
-            unseen.append(name)
+            unseen.append(contact)
     return tuple(unseen)
 
 
