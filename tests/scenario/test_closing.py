@@ -3,32 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
-import result_check
+from coal_distances import coal_distances
 
-from elastic_strips import RobotModel, Scene, Strip, get_scenario
+from elastic_strips import RobotModel, get_scenario
 from elastic_strips.deform import Deformer
-from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import FamilyParams, StripFamily
-from elastic_strips.scene import checks
-
-
-def _depth(robot: RobotModel, scene: Scene, strip: Strip) -> float:
-    """Smallest distance [m] of the interpolated strip to the obstacles, by Pinocchio and Coal alone."""
-    model = robot.collision_model.clone()
-    links = len(model.geometryObjects)
-    for entry in obstacle_documents(scene):
-        x, y, z, *quat = entry["pose"]
-        pose = pin.SE3(checks.rotation_of(np.array(quat)), np.array([x, y, z]))
-        index = model.addGeometryObject(pin.GeometryObject(entry["name"], 0, 0, pose, result_check.shape(entry)))
-        for link in range(links):
-            model.addCollisionPair(pin.CollisionPair(link, index))
-    data, geometry = robot.model.createData(), model.createData()
-    lowest = np.inf
-    for q in strip.sample(0.05):
-        pin.computeDistances(robot.model, data, model, geometry, q)
-        lowest = min(lowest, min(r.min_distance for r in geometry.distanceResults))
-    return lowest
 
 
 def test_the_family_changes_sides(silvermate: RobotModel) -> None:
@@ -47,7 +26,7 @@ def test_the_family_changes_sides(silvermate: RobotModel) -> None:
         assert best is not None
         if tick % 20 == 0 or report.events:
             assert Deformer(silvermate).certify(best.strip, scene).certified
-            assert _depth(silvermate, scene, best.strip) > 0.0
+            assert coal_distances(silvermate, scene, best.strip.sample(0.05)).min() > 0.0
         switches += [(tick, e) for e in report.events if e.startswith("switched")]
         y = np.interp(3.0, best.strip.q[:, 0], best.strip.q[:, 1])
         sides.append("left" if y > -0.15 else "right")

@@ -3,37 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import pytest
-import result_check
+from coal_distances import coal_distances
 
-from elastic_strips import RobotModel, Scene, get_scenario
+from elastic_strips import RobotModel, get_scenario
 from elastic_strips.bench import bench_plan
 from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import check_ends, plan_report, straight_line
 from elastic_strips.scenarios.clutter import _guide, clutter_scene
-from elastic_strips.scene import checks
-
-
-def _lowest(robot: RobotModel, scene: Scene, configurations: np.ndarray) -> np.ndarray:
-    """(obstacles,) smallest distances of the whole robot over the configurations, by Pinocchio and Coal alone."""
-    model = robot.collision_model.clone()
-    model.removeAllCollisionPairs()
-    links = len(model.geometryObjects)
-    for k, entry in enumerate(obstacle_documents(scene)):
-        x, y, z, *quat = entry["pose"]
-        pose = pin.SE3(checks.rotation_of(np.array(quat)), np.array([x, y, z]))
-        model.addGeometryObject(pin.GeometryObject(entry["name"], 0, 0, pose, result_check.shape(entry)))
-        for link in range(links):
-            model.addCollisionPair(pin.CollisionPair(link, links + k))
-    data, geometry = robot.model.createData(), model.createData()
-    lowest = np.full(len(scene), np.inf)
-    for q in configurations:
-        pin.computeDistances(robot.model, data, model, geometry, q)
-        d = np.array([r.min_distance for r in geometry.distanceResults])
-        lowest = np.minimum(lowest, d.reshape(len(scene), links).min(axis=1))
-    return lowest
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -50,7 +28,8 @@ def test_a_room_is_what_the_generator_promises(seed: int, silvermate: RobotModel
     boards = [o.pose[2, 3] for o in scene if o.name.split("-")[0] in ("table", "shelf") and "post" not in o.name]
     assert min(boards) < 0.87 < 0.9 < max(boards)
     line = straight_line(silvermate, start, goal, spacing=0.05)
-    lowest = dict(zip(scene.names, _lowest(silvermate, scene, silvermate.space.from_chart(line)), strict=True))
+    along = coal_distances(silvermate, scene, silvermate.space.from_chart(line)).min(axis=(0, 1))
+    lowest = dict(zip(scene.names, along, strict=True))
     assert min(lowest.values()) < 0.0
     assert all(lowest[name] > 0.05 for name in scene.names if name.startswith("beam"))
     hand = silvermate.control_points(goal)[-1]
@@ -91,5 +70,5 @@ def test_rooms_are_planned(silvermate: RobotModel) -> None:
     start, goal = problem.ends(silvermate)
     report = plan_report(silvermate, problem.scene, start, goal, grid=True)
     assert Deformer(silvermate).certify(report.strip, problem.scene).certified
-    assert _lowest(silvermate, problem.scene, report.strip.sample(0.05)).min() > 0.005 - 1e-5
+    assert coal_distances(silvermate, problem.scene, report.strip.sample(0.05)).min() > 0.005 - 1e-5
     np.testing.assert_allclose(report.strip.q[[0, -1]], [start, goal], atol=1e-12)

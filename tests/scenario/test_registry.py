@@ -10,13 +10,13 @@ import numpy.typing as npt
 import pinocchio as pin
 import pytest
 import result_check
+from coal_distances import coal_distances
 
-from elastic_strips import RobotModel, Scene, get_scenario, run_scenario, scenario_names
+from elastic_strips import RobotModel, get_scenario, run_scenario, scenario_names
 from elastic_strips.deform import PRESETS, DeformStatus
 from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import straight_line
 from elastic_strips.scenarios import RunResult, result_document
-from elastic_strips.scene import checks
 
 Array = npt.NDArray[np.float64]
 Run = Callable[..., RunResult]
@@ -144,26 +144,6 @@ def test_the_transfer_tilt_shows(run: Run) -> None:
     assert np.abs(turned).max() > 0.02
 
 
-def _distances(robot: RobotModel, scene: Scene, configurations: Array) -> Array:
-    """(K, links, obstacles) distances by Coal at Pinocchio's placements."""
-    model = robot.collision_model.clone()
-    model.removeAllCollisionPairs()
-    links = len(model.geometryObjects)
-    for entry in obstacle_documents(scene):
-        x, y, z, *quat = entry["pose"]
-        pose = pin.SE3(checks.rotation_of(np.array(quat)), np.array([x, y, z]))
-        model.addGeometryObject(pin.GeometryObject(entry["name"], 0, 0, pose, result_check.shape(entry)))
-    for link in range(links):
-        for k in range(len(scene)):
-            model.addCollisionPair(pin.CollisionPair(link, links + k))
-    data, geometry = robot.model.createData(), model.createData()
-    out = []
-    for q in configurations:
-        pin.computeDistances(robot.model, data, model, geometry, q)
-        out.append([r.min_distance for r in geometry.distanceResults])
-    return np.array(out).reshape(len(configurations), links, len(scene))
-
-
 def _straight(robot: RobotModel, name: str, spacing: float, seed: int = 0) -> Array:
     problem = get_scenario(name, seed=seed)
     return robot.space.from_chart(straight_line(robot, *problem.ends(robot), spacing=spacing))
@@ -172,7 +152,7 @@ def _straight(robot: RobotModel, name: str, spacing: float, seed: int = 0) -> Ar
 def test_the_straight_line_of_case_7_hits_the_shelf_with_the_arm_alone(silvermate: RobotModel) -> None:
     """The base passes the shelf, links of the arm do not, and the two round obstacles are missed."""
     scene = get_scenario("case-7").scene
-    d = _distances(silvermate, scene, _straight(silvermate, "case-7", 0.02)).min(axis=0)
+    d = coal_distances(silvermate, scene, _straight(silvermate, "case-7", 0.02)).min(axis=0)
     shelf = scene.names.index("shelf")
     arm = np.array([piece.joint > 1 for piece in silvermate.geometries])
     assert d[arm, shelf].min() < 0.0
@@ -191,9 +171,9 @@ def test_a_corridor_is_what_the_generator_promises(seed: int, silvermate: RobotM
     assert obstacle_documents(get_scenario("corridor", seed=seed + 1).scene) != obstacle_documents(scene)
     for robot in (silvermate, tiago):
         start, goal = problem.ends(robot)
-        ends = _distances(robot, scene, np.array([start, goal]))
+        ends = coal_distances(robot, scene, np.array([start, goal]))
         assert ends.min() >= INFLUENCE, (robot.name, scene.names[int(ends.min(axis=(0, 1)).argmin())])
-        sweep = _distances(robot, scene, _straight(robot, "corridor", 0.08, seed))
+        sweep = coal_distances(robot, scene, _straight(robot, "corridor", 0.08, seed))
         assert (sweep.min(axis=(0, 1)) < 0.0).sum() >= 3, robot.name
 
 

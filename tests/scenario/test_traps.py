@@ -4,39 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 import pytest
-import result_check
+from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, Scene, get_scenario
 from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import straight_line
 from elastic_strips.scenarios.traps import DOOR
-from elastic_strips.scene import checks
 from elastic_strips.study import Trial, attempt
 
 Array = npt.NDArray[np.float64]
 TRAPS = ("bottleneck", "dead-end")
-
-
-def _lowest(robot: RobotModel, scene: Scene, configurations: Array) -> dict[str, float]:
-    """Obstacle → smallest distance [m] of the whole robot over the configurations, by Pinocchio and Coal alone."""
-    model = robot.collision_model.clone()
-    model.removeAllCollisionPairs()
-    links = len(model.geometryObjects)
-    for k, entry in enumerate(obstacle_documents(scene)):
-        x, y, z, *quat = entry["pose"]
-        pose = pin.SE3(checks.rotation_of(np.array(quat)), np.array([x, y, z]))
-        model.addGeometryObject(pin.GeometryObject(entry["name"], 0, 0, pose, result_check.shape(entry)))
-        for link in range(links):
-            model.addCollisionPair(pin.CollisionPair(link, links + k))
-    data, geometry = robot.model.createData(), model.createData()
-    lowest = np.full(len(scene), np.inf)
-    for q in configurations:
-        pin.computeDistances(robot.model, data, model, geometry, q)
-        d = np.array([r.min_distance for r in geometry.distanceResults])
-        lowest = np.minimum(lowest, d.reshape(len(scene), links).min(axis=1))
-    return dict(zip(scene.names, lowest.tolist(), strict=True))
 
 
 def _box(scene: Scene, name: str) -> tuple[Array, Array]:
@@ -51,9 +29,10 @@ def test_both_ends_are_free_and_the_straight_way_is_not(name: str, silvermate: R
     """By 0.3 m and more at the ends."""
     problem = get_scenario(name)
     start, goal = problem.ends(silvermate)
-    assert min(_lowest(silvermate, problem.scene, np.array([start, goal])).values()) > 0.3
+    assert coal_distances(silvermate, problem.scene, np.array([start, goal])).min() > 0.3
     line = silvermate.space.from_chart(straight_line(silvermate, start, goal, spacing=0.05))
-    met = {wall for wall, d in _lowest(silvermate, problem.scene, line).items() if d < 0.0}
+    lowest = coal_distances(silvermate, problem.scene, line).min(axis=(0, 1))
+    met = {wall for wall, d in zip(problem.scene.names, lowest, strict=True) if d < 0.0}
     assert met == {"bottleneck": {"wall-right"}, "dead-end": {"back"}}[name]
 
 
@@ -66,7 +45,7 @@ def test_the_door_is_as_wide_as_it_says(silvermate: RobotModel) -> None:
     assert 0.5 * (left + right) == pytest.approx(0.3)
     chart = np.tile(silvermate.space.to_chart(silvermate.home_q), (61, 1))
     chart[:, 0], chart[:, 1] = np.linspace(0.0, 6.0, 61), 0.3
-    assert min(_lowest(silvermate, problem.scene, silvermate.space.from_chart(chart)).values()) > 0.03
+    assert coal_distances(silvermate, problem.scene, silvermate.space.from_chart(chart)).min() > 0.03
 
 
 def test_the_dead_end_is_as_deep_and_wide_as_it_says() -> None:

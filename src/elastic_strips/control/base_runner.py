@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from time import perf_counter, sleep
 
@@ -27,14 +26,13 @@ from ..execution.result import TickStatistics
 from ..execution.tracking import Command
 from ..methods import BaseCommand, BaseLimits, make_base_method
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..scene import Scene, World
 from ..sensing import SensorConfig, SensorSuite
 from .bumper import Bumper
+from .pose_history import PoseHistory
 
 PATIENCE = 15.0
 """A method that has been blocked for so long [s] is given up."""
-_KEPT = 200  # estimates that are kept, so that a reading finds the pose that it was taken at
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
 
@@ -111,7 +109,8 @@ class BaseRunner:
         self.statistics = TickStatistics()
         self.state, self.reason = RunState.STOPPED, "not started"
         self.stops: list[tuple[float, str]] = []
-        self._past: deque[tuple[float, Array]] = deque([(0.0, first[:3].copy())], _KEPT)
+        self._past = PoseHistory()
+        self._past.add(0.0, first)
         self._stop = ""
 
     @property
@@ -167,29 +166,20 @@ class BaseRunner:
     def _sense(self, t: float) -> None:
         """Hand the readings that have come to the method, each with the pose that it was taken at."""
         for reading in self.sensors.observe(t, self.plant.chart):
-            pose = min(self._past, key=lambda entry: abs(entry[0] - reading.time))[1]
-            self.method.update(reading, pose)
+            self.method.update(reading, self._past.at(reading.time))
 
     def _tick(self, t: float) -> None:
         began = perf_counter()
         self.command = (
             BaseCommand(0.0, 0.0, "moving", self._stop)
             if self._stop
-            else self.method.command(t, self.estimate[:3], self._velocity(), self.goal[:3])
+            else self.method.command(t, self.estimate[:3], self._past.velocity(_TWIST_OVER), self.goal[:3])
         )
         seconds = perf_counter() - began
         self.statistics.add(seconds, self.params.latency * self.params.control_dt)
         self.recorder.planning(t, tick_ms=1e3 * seconds, status=self.command.status, reason=self.command.reason)
         if self.watch is not None:
             self.watch(self)
-
-    def _velocity(self) -> Array:
-        """(2,) speed and yaw rate over the last few steps."""
-        (t0, a), (t1, b) = self._past[max(-_TWIST_OVER, -len(self._past))], self._past[-1]
-        if t1 <= t0:
-            return np.zeros(2)
-        forward = np.array([np.cos(b[2]), np.sin(b[2])]) @ (b[:2] - a[:2])
-        return np.array([forward, np.remainder(b[2] - a[2] + np.pi, 2.0 * np.pi) - np.pi]) / (t1 - t0)
 
     def _control(self, t: float) -> None:
         drive = self.limits.to_drive(np.array([self.command.v, 0.0, self.command.omega]))
@@ -201,7 +191,7 @@ class BaseRunner:
         )  # fmt: skip
         self.bystanders.step(t, self.plant.chart, self.plant.v)
         self.estimate = self.estimator.update(self.plant.step(command, self.params.control_dt))
-        self._past.append((t + self.params.control_dt, self.estimate[:3].copy()))
+        self._past.add(t + self.params.control_dt, self.estimate)
 
     def _enter(self, t: float, state: RunState, reason: str) -> None:
         if state is not self.state:

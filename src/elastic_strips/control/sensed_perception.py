@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import numpy.typing as npt
 
 from ..execution import PerceptionParams
 from ..execution.params import ObstacleAssumptions
 from ..execution.perception import PerceptionError
-from ..proximity import BodySet
-from ..robot import Kinematics, RobotModel
-from ..robot.geometry import support_points
+from ..execution.silhouette import Silhouette
+from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..sensing import SceneEstimator, SceneEstimatorParams, SensorConfig, SensorSuite
 from .bumper import Bumper
+from .pose_history import PoseHistory
 
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """What tracks of a laser at 20 Hz are taken to be wrong by at most; tests compare it with what they are wrong by."""
@@ -27,7 +25,6 @@ _LOW = 0.3
 """A piece that reaches lower than this [m] is where a laser of a base looks."""
 _STEP = 0.01  # [s] between looks while the robot stands at its start
 _FEEL = 0.05  # [s] between questions to the bumper
-_KEPT = 200  # estimates that are kept, so that a reading finds the pose that it was taken at
 
 
 class SensedPerception:
@@ -75,7 +72,7 @@ class SensedPerception:
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params = PerceptionParams(delay=latency)
         chart = robot.space.to_chart(robot.check_q(start, what="start"))
-        self._past: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
+        self._past = PoseHistory()
         for k in range(round(look / _STEP)):
             self.observe(-look + k * _STEP, chart, chart)
 
@@ -85,15 +82,14 @@ class SensedPerception:
 
     def observe(self, t: float, chart: Array, estimate: Array) -> None:
         """Take the readings that have come by the time ``t`` [s] into the scene."""
-        self._past.append((t, np.array(estimate[:3])))
+        self._past.add(t, estimate)
         if self._bumper is not None and t - self._looked >= _FEEL - 1e-9:
             self._looked, self._touched = t, self._bumper.touched(self._world.at(t), chart)
         readings = self.suite.observe(t, chart)
         if self._touched:  # what covers the sensors would stay in the map where they cannot see
             return
         for reading in readings:
-            pose = min(self._past, key=lambda entry: abs(entry[0] - reading.time))[1]
-            self.estimator.update(reading, pose)
+            self.estimator.update(reading, self._past.at(reading.time))
 
     def sense(self, t: float) -> Scene:
         """The newest scene.
@@ -109,20 +105,7 @@ class SensedPerception:
 
 
 def body_radius(robot: RobotModel) -> float:
-    """Radius of the largest disc about the base's origin that a piece of the robot, at home, covers from above [m]."""
-    bodies, space = BodySet.links(robot), robot.space
-    kin = Kinematics(robot.tree, 1)
-    row = space.to_chart(robot.home())
-    row[: space.base_nv] = 0.0
-    kin.update(row[None], jacobians=False)
-    index = np.arange(len(bodies), dtype=np.intp)
-    turn, move = bodies.placements(kin, np.zeros(len(bodies), dtype=np.intp), index)
-    angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
-    ways = np.stack((np.cos(angles), np.sin(angles)))
-    best = 0.0
-    for k, geometry in enumerate(bodies.geometries):
-        points, radius = support_points(geometry)
-        placed = points @ turn[k].T + move[k]
-        if placed[:, 2].min() - radius < _LOW:
-            best = max(best, float((placed[:, :2] @ ways).max(axis=0).min()) + radius)
-    return best
+    """Radius of the largest disc about the base's origin that the robot fills where a laser of its base looks [m]."""
+    silhouette = Silhouette(robot)
+    silhouette.update(robot.space.to_chart(robot.home()))
+    return silhouette.disc_below(_LOW)

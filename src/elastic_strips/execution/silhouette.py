@@ -24,6 +24,7 @@ class Silhouette:
         self._kin = Kinematics(robot.tree, 1)
         self._base = robot.space.base_nv
         self._posture: Array | None = None
+        self._placed: list[Array] = []
         self.middle = self.half = np.zeros((0, 2))
         self.low = self.high = np.zeros(0)
 
@@ -38,9 +39,9 @@ class Silhouette:
         index = np.arange(count, dtype=np.intp)
         turn, move = self._bodies.placements(self._kin, np.zeros(count, dtype=np.intp), index)
         boxes = np.empty((count, 2, 3))
-        for g, (points, radius) in enumerate(self._points):
-            placed = points @ turn[g].T + move[g]
-            boxes[g] = placed.min(axis=0) - radius, placed.max(axis=0) + radius
+        self._placed = [points @ turn[g].T + move[g] for g, (points, _) in enumerate(self._points)]
+        for g, (_, radius) in enumerate(self._points):
+            boxes[g] = self._placed[g].min(axis=0) - radius, self._placed[g].max(axis=0) + radius
         inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2) & (boxes[:, None, 1] <= boxes[None, :, 1]).all(2)
         inside &= ~np.eye(count, dtype=bool)
         boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
@@ -57,6 +58,16 @@ class Silhouette:
         """That of the bodies between two heights [m]."""
         at = (self.low <= high) & (self.high >= low)
         return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
+
+    def disc_below(self, height: float) -> float:
+        """Radius [m] of the largest disc about the base that a body which reaches below ``height`` [m] covers."""
+        angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+        ways = np.stack((np.cos(angles), np.sin(angles)))
+        best = 0.0
+        for placed, (_, radius) in zip(self._placed, self._points, strict=True):
+            if placed[:, 2].min() - radius < height:
+                best = max(best, float((placed[:, :2] @ ways).max(axis=0).min()) + radius)
+        return best
 
 
 def beyond_box(x: Array, y: Array, a: Array | float, b: Array | float) -> Array:
