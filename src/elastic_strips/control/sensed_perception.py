@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from ..execution import PerceptionParams
 from ..execution.params import ObstacleAssumptions
-from ..execution.perception import PerceptionError
+from ..execution.perception import ContactError, PerceptionError
 from ..execution.silhouette import Silhouette
 from ..robot import RobotModel
 from ..robot.space import Array
@@ -95,10 +95,11 @@ class SensedPerception:
         """The newest scene.
 
         Raises:
-            PerceptionError: no reading has come yet, or the bumper is pressed.
+            ContactError: the bumper is pressed.
+            PerceptionError: no reading has come yet.
         """
         if self._touched:
-            raise PerceptionError("the bumper is pressed")
+            raise ContactError("the bumper is pressed")
         if not self.estimator.times:
             raise PerceptionError(f"none of the sensors {', '.join(self.suite.names)} has read anything yet")
         return self.estimator.scene()

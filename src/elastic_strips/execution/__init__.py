@@ -7,7 +7,7 @@ from .judge import judge
 from .limits import MotionLimits
 from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions
 from .path import DrivePath, RetimingError
-from .perception import Perception, PerceptionError, PerceptionParams
+from .perception import ContactError, Perception, PerceptionError, PerceptionParams
 from .pilot import Pilot
 from .plant import KinematicPlant, Plant, PlantParams
 from .prediction import predict
@@ -50,6 +50,7 @@ __all__ = [
     "ObstacleAssumptions",
     "Perception",
     "PerceptionError",
+    "ContactError",
     "PerceptionParams",
     "Pilot",
     "Plant",

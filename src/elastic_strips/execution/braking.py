@@ -29,9 +29,9 @@ def brake(trajectory: Trajectory, t: float, *, limits: MotionLimits | None = Non
     """
     rest = trajectory.tail(t)
     limits = trajectory.limits if limits is None else limits
-    if t >= trajectory.end_time:
-        return rest
     first = max(int(np.searchsorted(trajectory.time, t, side="right")) - 1, 0)
+    if t > trajectory.end_time - dt or not trajectory.v[first:].any():
+        return rest
     time = trajectory.time[first:]
     y = np.zeros((len(time), limits.drive_dim + len(limits.joint_speed)))
     np.cumsum(limits.to_coordinates(trajectory.steps[first:]), axis=0, out=y[1:])

@@ -108,7 +108,8 @@ class Evasion:
         if proposal.accepted:
             rows = self._followed(proposal, start, arrival)
         else:
-            rows = np.array([held.at(start.time + t).chart for t in self.time])
+            motion = proposal.motion if proposal.emergency and proposal.motion is not None else held
+            rows = np.array([motion.at(start.time + t).chart for t in self.time])
         plain = self.prospect(rows)
         threatened = plain.risk > self.params.calm
         broken = proposal.report.certificate.broken
@@ -122,7 +123,7 @@ class Evasion:
             if certificate.certified:
                 return replace(
                     proposal, motion=motion, certificate=certificate, accepted=True, kept=False, at_goal=False,
-                    reason="", evasive=True,
+                    reason="", evasive=True, emergency=False,
                 )  # fmt: skip
         return proposal
 

@@ -18,6 +18,10 @@ class PerceptionError(SceneError):
     """No usable scene came; the message says why."""
 
 
+class ContactError(PerceptionError):
+    """The robot feels that it touches something: it has to stop at once."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerceptionParams:
     """Noise of the sensed scene: within the assumptions by construction.

@@ -52,6 +52,7 @@ class Pilot:
         self.report: DeformReport | None = None
         self._last: Proposal | None = None
         self._sensed: tuple[Scene, Forecast] | None = None  # what the last motion was certified against
+        self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # the same, kept while nothing new is certified
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._astray = False
@@ -65,7 +66,7 @@ class Pilot:
         """Forget all that is kept from tick to tick, the strip aside; for after an exception."""
         self.deformer.reset()
         self.certifier.reset()
-        self._last = self._sensed = None
+        self._last = self._sensed = self._proof = None
 
     def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify what is left of a motion once more, against a newer scene."""
@@ -120,13 +121,26 @@ class Pilot:
         possible = predict(scene, params.assumptions)
         self._give_way(now, scene, start, lap)
         assert self.report is not None
-        proposal = self.onward.motion(start, held, scene, possible, self.report, timings, lap, astray=self._astray)
+        proposal = self.onward.motion(
+            start, held, scene, possible, self.report, timings, lap,
+            astray=self._astray, surprised=self._surprised(held, scene),
+        )  # fmt: skip
         if self.evasion is not None:
             proposal = self.evasion.improved(proposal, start, held, scene, possible, self.certifier, self.arrival)
             lap("evasion")
         self._astray = proposal.evasive or (self._astray and not proposal.accepted)
         self._sensed = (scene, possible) if proposal.accepted else None
+        if proposal.emergency:
+            self._proof = None
+        elif proposal.accepted and proposal.motion is not None:
+            self._proof = proposal.motion, scene, possible
         return proposal
+
+    def _surprised(self, held: Trajectory, scene: Scene) -> bool:
+        """Whether a scene is not what the held motion's certificate allowed for, or nobody knows what that was."""
+        if self._proof is None or self._proof[0] is not held:
+            return True
+        return not as_expected(scene, *self._proof[1:], self.params.assumptions)
 
     def _give_way(self, now: float, scene: Scene, start: ReferenceState, lap: Callable[[str], None]) -> None:
         """One tick of the strip from where the robot will be; more of them where it has just lost its certificate."""

@@ -54,6 +54,8 @@ def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: Ob
         return False
     moving = set(forecast.obstacles.tolist())
     for k, (now, then) in enumerate(zip(scene, before, strict=True)):
+        if now.solid is not then.solid:
+            return False
         if k not in moving and (now.motion is not None or not np.array_equal(now.pose, then.pose)):
             return False
     apart = np.zeros(len(forecast))

@@ -23,6 +23,8 @@ class Proposal:
         speed: fraction of full speed that the motion was planned for.
         timings: seconds by phase.
         evasive: whether the motion leaves the strip, to get out of the way of what moves.
+        emergency: whether the motion, which needs no certificate, brakes on the way of the held one: the scene is not
+            what that one's certificate allowed for, and it is no longer certified.
     """
 
     motion: Trajectory | None
@@ -35,3 +37,4 @@ class Proposal:
     speed: float
     timings: dict[str, float] = field(default_factory=dict)
     evasive: bool = False
+    emergency: bool = False

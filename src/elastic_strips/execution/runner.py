@@ -19,7 +19,7 @@ from .estimation import Estimator
 from .faults import Fault, FaultPlan
 from .limits import MotionLimits
 from .params import DriveParams
-from .perception import Perceiver, Perception, PerceptionParams
+from .perception import ContactError, Perceiver, Perception, PerceptionParams
 from .pilot import Pilot
 from .plant import KinematicPlant, Plant, PlantParams
 from .proposal import Proposal
@@ -251,7 +251,12 @@ class Runner:
         self.proposal = None
         if self.faults.active("planning_exception", t):
             raise RuntimeError("planning exception put in on purpose")
-        scene = self.perception.sense(t)
+        try:
+            scene = self.perception.sense(t)
+        except ContactError as error:
+            supervisor.log(t, "fault", str(error))
+            self._brake(f"{type(error).__name__}: {error}", t)
+            return
         age = t - scene.time
         if age > params.max_scene_age:
             supervisor.keep(f"stale scene: {age:.2f} s old, at most {params.max_scene_age:g} s", t)
@@ -278,7 +283,9 @@ class Runner:
             supervisor.log(t, "replanning", due)
         if waiting and not proposal.evasive:
             return
-        if self.replanner.halted and not proposal.evasive:
+        if proposal.emergency:
+            self._waiting.append((t + late, proposal))
+        elif self.replanner.halted and not proposal.evasive:
             supervisor.keep(f"the strip is broken: {proposal.report.certificate.broken}", t)
         elif proposal.accepted:
             self._waiting.append((t + late, proposal))
@@ -296,7 +303,17 @@ class Runner:
                 continue
             if proposal.motion.start_time < t - 1e-9:
                 self.supervisor.log(t, "fault", "late tick")
-            self.supervisor.offer(proposal.motion, proposal.certificate, t, at_goal=proposal.at_goal)
+            if proposal.emergency:
+                self.supervisor.brake(proposal.motion, proposal.reason, t)
+            else:
+                self.supervisor.offer(proposal.motion, proposal.certificate, t, at_goal=proposal.at_goal)
+
+    def _brake(self, reason: str, t: float) -> None:
+        """Stop as soon as the machine can, on the way that is driven."""
+        self._waiting.clear()
+        held = self.supervisor.held
+        stop = self.pilot.onward.hard.brake(held, t + self.params.latency * self.params.control_dt)
+        self.supervisor.brake(stop, reason, t)
 
     def _rest_of_goal(self, t: float, scene: Scene) -> bool:
         """Whether the held motion ends at the goal and is still certified: then nothing better can be planned."""

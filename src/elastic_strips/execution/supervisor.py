@@ -15,6 +15,8 @@ from .trajectory import ReferenceState, Trajectory
 
 _log = logging.getLogger(__name__)
 _NOTHING_NEWER = "no newer motion came"
+_SOONER = 0.01
+"""A motion that comes to rest less than this [s] earlier is not worth taking."""
 
 
 def standstill(robot: RobotModel, limits: MotionLimits, chart: Array, time: float, dt: float) -> Trajectory:
@@ -28,7 +30,8 @@ class Supervisor:
     """Owner of the motion that is executed.
 
     It always holds one that ends at rest. A new one takes its place only with a certificate, in time, and where it
-    goes on from where the held one is then. Whatever else fails, the held one is driven to its end.
+    goes on from where the held one is then; or where it is the held one, braked. Whatever else fails, the held one is
+    driven to its end.
 
     Args:
         resting: a motion at rest to begin with.
@@ -87,22 +90,45 @@ class Supervisor:
             now: [s].
             at_goal: whether its end is the goal.
         """
-        reason = self._fault(motion, certificate, now)
+        reason = self._fault(motion, now)
+        if not certificate.certified:
+            reason = f"the new motion is not certified: {certificate.broken}"
         if reason:
             self.keep(reason, now)
             return False
-        self.held, self.at_goal = motion, at_goal
-        self._until = [*self._until[self._executed(now) :], motion]
+        self._take(motion, now)
+        self.at_goal = at_goal
         self._refusal = self._pause = ""
         self._enter(RunState.MOVING, "certified motion", now)
         return True
 
-    def _fault(self, motion: Trajectory, certificate: Certificate, now: float) -> str:
-        """Why a motion cannot be taken; empty where it can."""
+    def brake(self, motion: Trajectory, reason: str, now: float) -> bool:
+        """Take a motion that comes to rest earlier on the way of the held one, which is certified no longer.
+
+        It needs no certificate: whatever comes, to stand early on the way that is driven anyway is the safer thing.
+
+        Args:
+            motion: the held one, braked from a time after ``now`` on.
+            reason: why.
+            now: [s].
+        """
+        if self._fault(motion, now) or motion.end_time > self.held.end_time - _SOONER:
+            self.keep(reason, now)
+            return False
+        self._take(motion, now)
+        self.at_goal, self._refusal = False, reason
+        self.log(now, "braked", reason)
+        self._enter(RunState.SLOWING, reason, now)
+        return True
+
+    def _take(self, motion: Trajectory, now: float) -> None:
+        self.held = motion
+        self._until = [*self._until[self._executed(now) :], motion]
+
+    def _fault(self, motion: Trajectory, now: float) -> str:
+        """Why nobody could drive a motion after the held one; empty where it can be driven."""
         if not motion.at_rest_at_end:
             return "the new motion does not end at rest"
-        if not certificate.certified:
-            return f"the new motion is not certified: {certificate.broken}"
         if motion.start_time < now - 1e-9:
             return f"late tick: the new motion was to begin {now - motion.start_time:.3f} s ago"
         state = self.held.at(motion.start_time)

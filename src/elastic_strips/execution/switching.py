@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import suppress
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from .params import DriveParams
 from .proposal import Proposal
 from .replanning import Replanner
 
+_log = logging.getLogger(__name__)
 _SLOW = 0.3
 """What is slower than this [m/s] counts, where it is, as closing a way; what is faster has soon passed."""
 _TIMEOUT = 2.0
@@ -73,7 +75,10 @@ class SwitchingReplanner(Replanner):
         """See :meth:`Replanner.watch`; in every fifth tick the family has one of its own."""
         self._ticks += 1
         if self.family is not None and self._ticks % _EVERY == 0 and not self.pending:
-            self.family.step(slow(scene), proposal.report.strip.q[0], decide=False)
+            try:
+                self.family.step(slow(scene), proposal.report.strip.q[0], decide=False)
+            except ElasticStripsError as error:  # no reason to lose what was proposed
+                _log.warning("the other ways were not deformed: %s", error)
         due = super().watch(t, proposal, scene, at_rest=at_rest)
         if due:
             self._why = due

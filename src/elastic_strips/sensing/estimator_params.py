@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from ..errors import ParameterError, nearest_name
 
 UNSEEN = ("free", "blocked")
-_MAY_BE_ZERO = ("padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay")
+_MAY_BE_ZERO = ("wary_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay")
 _COUNTS = ("min_points", "confirm_hits", "lost_misses")
 
 
@@ -41,6 +41,8 @@ class SceneEstimatorParams:
         lost_misses: scans in a row that see through a track until it is lost.
         coast_time: how long a track that is hidden is foreseen.
         rest_time: a mover that has not moved significantly for so long goes back into the map.
+        wary_time: for so long after that it may set off again: until then the scene has it as a thing of
+            unknown motion as well; wary_speed: at most so fast, until it is seen to move [m/s].
         shape_change: a mover keeps its shape until its radius has changed by more.
         cell: edge of the map's cells; tile: edge of the tiles that the map's obstacles consist of.
         hit, miss: log-odds that a scan adds to cells that it hits, and takes from those it sees through.
@@ -77,6 +79,8 @@ class SceneEstimatorParams:
     lost_misses: int = 4
     coast_time: float = 2.0
     rest_time: float = 2.0
+    wary_time: float = 10.0
+    wary_speed: float = 0.2
     shape_change: float = 0.04
     cell: float = 0.05
     tile: float = 1.0

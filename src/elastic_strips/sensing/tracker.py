@@ -57,8 +57,8 @@ class Tracker:
 
     @property
     def movers(self) -> tuple[TrackedObstacle, ...]:
-        """What moves, by age."""
-        return tuple(t.tracked(self.params) for t in self._tracks if t.moving)
+        """What moves, or has moved and may set off again, by age."""
+        return tuple(t.tracked(self.params) for t in self._tracks if t.moving or t.wary(self.params))
 
     def predict(self, time: float) -> None:
         """Take all tracks to ``time`` [s]."""
@@ -124,9 +124,10 @@ class Tracker:
             if significant:
                 track.moved = track.time
             elif track.time - track.moved > params.rest_time:
-                track.moving, track.votes = False, 0
+                track.moving, track.votes, track.rested = False, 0, track.time
             return
-        track.votes = track.votes + 1 if significant and self._displaced(track, cluster, rays, sensor) else 0
+        wary = track.wary(params)  # it is known to be a thing that moves
+        track.votes = track.votes + 1 if significant and (wary or self._displaced(track, cluster, rays, sensor)) else 0
         if track.votes >= _VOTES:
             track.moving, track.moved = True, track.time
             moved.extend(points for _, points in track.points)

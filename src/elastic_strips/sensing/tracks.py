@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 
 from ..robot.space import Array
-from ..scene import Cylinder, Obstacle, Twist
+from ..scene import Cylinder, Obstacle, Twist, Unknown
 from .cluster_shapes import OTHER, ROUND, Footprint
 from .clusters import Cluster
 from .estimator_params import SceneEstimatorParams
@@ -34,7 +34,8 @@ class TrackedObstacle:
 
     Attributes:
         name: of the track and of the obstacle, ``"track-3"``; it stays with the thing.
-        obstacle: with its pose and `Twist` at `time`; its solid is the same object as long as its size is.
+        obstacle: with its pose and `Twist` at `time`, or `Unknown` where it stands and may set off again; its solid is
+            the same object as long as its size is.
         time: of the estimate [s].
         position: (2,) of the cylinder's axis [m].
         velocity: (2,) [m/s].
@@ -81,6 +82,7 @@ class Track:
         "pp",
         "pv",
         "radius",
+        "rested",
         "seen",
         "solid",
         "solid_radius",
@@ -97,7 +99,8 @@ class Track:
         self.pp, self.pv, self.vv = _noise(cluster, shape, params, shape.radius), 0.0, (0.5 * params.max_speed) ** 2
         self.fitted = self.radius = shape.radius
         self.hits, self.misses, self.votes = 1, 0, 0
-        self.state, self.moving, self.moved = TrackState.TENTATIVE, False, -math.inf
+        self.state, self.moving = TrackState.TENTATIVE, False
+        self.moved = self.rested = -math.inf  # when it last moved, and when it came to rest
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
         self.solid: Cylinder | None = None
         self.solid_radius = 0.0
@@ -166,6 +169,10 @@ class Track:
         """Whether it is faster than what stands, and than its uncertainty."""
         return self.speed >= max(params.min_speed, params.significance * math.sqrt(self.vv))
 
+    def wary(self, params: SceneEstimatorParams) -> bool:
+        """Whether it has moved, stands, and may set off again."""
+        return not self.moving and self.time - self.rested <= params.wary_time
+
     def past_points(self, time: float) -> Array:
         """The newest points that are not younger than ``time`` [s]; empty where there are none."""
         for t, points in reversed(self.points):
@@ -184,7 +191,7 @@ class Track:
         pose.flags.writeable = False
         position, velocity = self.p.copy(), self.v.copy()
         position.flags.writeable = velocity.flags.writeable = False
-        motion = Twist(np.array([velocity[0], velocity[1], 0.0]))
+        motion = Twist(np.array([velocity[0], velocity[1], 0.0])) if self.moving else Unknown(params.wary_speed)
         return TrackedObstacle(
             name=self.name,
             obstacle=self.solid.at(self.time).sensed(pose, motion),

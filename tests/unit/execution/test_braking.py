@@ -8,6 +8,7 @@ from drivable import arcs, limits_of, most_used
 
 from elastic_strips.execution.braking import brake
 from elastic_strips.execution.retiming import Retimer
+from elastic_strips.execution.supervisor import standstill
 from elastic_strips.execution.trajectory import Trajectory
 
 
@@ -79,3 +80,22 @@ def test_nothing_left_to_brake(silvermate):
     late = brake(way, way.end_time - 0.05)
     assert late.at_rest_at_end
     assert late.end_time <= way.end_time + 1e-9
+
+
+def test_who_stands_or_is_about_to_has_nothing_to_brake(silvermate):
+    """At any time, also just beside a sample; a stop that is braked again is what is left of it."""
+    retimer = Retimer(silvermate, dt=0.02)
+    nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (6, 1))
+    still = standstill(silvermate, retimer.limits, nodes[0], 1.0, 0.01)
+    for t in (0.0, 1.0, 1.005, 1.01, 5.0):
+        stop = retimer.brake(still, t)
+        assert stop.at_rest_at_end
+        np.testing.assert_array_equal(stop.chart[-1], nodes[0])
+    nodes[:, 0] = 0.2 * np.arange(6)
+    way = retimer.horizon(nodes, start_time=0.1)
+    stop = retimer.brake(way, 0.9)
+    for motion in (way, stop):
+        for t in np.concatenate([motion.time - 1e-9, motion.time, motion.time + 1e-9]).tolist():
+            again = retimer.brake(motion, t)
+            assert again.at_rest_at_end
+            assert again.end_time <= max(motion.end_time, t + 0.02) + 1e-9

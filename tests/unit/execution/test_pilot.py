@@ -10,6 +10,7 @@ from elastic_strips.execution.supervisor import standstill
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, Unknown
 from elastic_strips.strip import Strip
+from elastic_strips.tunnel import BrokenSegment, Certificate
 
 PILLAR = Cylinder(0.2, 1.4, at=(2.6, -0.9, 0.7), name="pillar")
 WALKER = Cylinder(0.25, 1.7, at=(2.0, -4.5, 0.85), name="walker", motion=Twist((0.0, 0.5, 0.0)))
@@ -118,3 +119,42 @@ def test_after_a_reset_nothing_is_taken_for_known(silvermate):
     ride.pilot.reset()
     assert ride.tick().accepted
     assert ride.deformed == [True, True]  # else the second would go on with what the first had certified
+
+
+def test_it_brakes_at_once_where_the_held_motion_is_refuted(silvermate):
+    """Somebody nobody knew of steps into the way: to drive the held motion to its end would take longer."""
+    ride = Ride(silvermate, Scene([PILLAR]))
+    for _ in range(16):
+        ride.tick()
+    held = ride.held
+    at = ride.time + 0.02
+    robot = held.at(at).chart[0]
+    comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
+    now = Scene([PILLAR, comer.sensed(comer.pose, comer.motion)], time=ride.time)
+    proposal = ride.tick(now)
+    assert not proposal.accepted
+    assert proposal.emergency
+    assert "the held motion is no longer certified" in proposal.reason
+    assert proposal.motion.start_time == pytest.approx(at)
+    assert proposal.motion.end_time < held.end_time - 0.05
+    np.testing.assert_allclose(proposal.motion.chart[0], held.at(at).chart, atol=1e-9)
+    ride.held = proposal.motion
+    again = ride.tick(now)  # it brakes as hard as it can already
+    assert not again.emergency or again.motion.end_time > ride.held.end_time - 0.03
+
+
+def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silvermate, monkeypatch):
+    """A newer certificate may ask for more than the held motion's did: without a surprise that one is still a proof."""
+    ride = Ride(silvermate, Scene([PILLAR, WALKER]))
+    for _ in range(8):
+        ride.tick()
+    broken = BrokenSegment(0, "palm", "walker", -0.01, "obstacle", True)
+    refused = Certificate(0.025, np.zeros(1, dtype=bool), np.zeros(1, dtype=np.int8), broken, 0)
+    monkeypatch.setattr(ride.pilot.certifier, "certify", lambda *_: refused)
+    ride.tick()  # goes on without a look
+    proposal = ride.tick()
+    assert not proposal.accepted
+    assert not proposal.emergency
+    assert "not certified" in proposal.reason
+    refuted = ride.tick(moved(ride.scene.at(ride.time), "walker", (0.0, 0.3, 0.0)))
+    assert refuted.emergency

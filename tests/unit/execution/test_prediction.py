@@ -166,5 +166,7 @@ def test_what_keeps_to_the_assumptions_is_as_expected():
             away = pose.copy()
             away[0, 3] += 0.06
             assert not as_expected(two.moved("a", away), one, predict(one, ASSUMED), ASSUMED)
+            grown = Scene([two.obstacle("a"), Box((0.4, 0.3, 1.0), at=(5.0, 0.0, 0.5), name="b")], time=two.time)
+            assert not as_expected(grown, one, predict(one, ASSUMED), ASSUMED)
     assert all(verdicts)
     assert len(verdicts) > 100

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
-from elastic_strips.execution import FAULTS, DriveParams, Fault, MotionLimits, PerceptionParams, Runner, RunState, judge
+from elastic_strips.execution import (
+    FAULTS,
+    ContactError,
+    DriveParams,
+    Fault,
+    MotionLimits,
+    PerceptionError,
+    PerceptionParams,
+    Runner,
+    RunState,
+    judge,
+)
 from elastic_strips.execution.judge import REST_SPEED
 from elastic_strips.execution.tracking_bound import Displacement
 from elastic_strips.planning import straight_line
@@ -164,3 +175,33 @@ def test_a_delayed_scene_is_driven_on_more_carefully(silvermate):
         _, result, verdict = drive(silvermate, [*CLUTTER, WALKER], perception=PerceptionParams(delay=delay))
         assert result.state is RunState.REACHED
         assert not verdict.collisions
+
+
+class Feeling:
+    """A perceiver that knows all, and fails from a time on."""
+
+    def __init__(self, scene: Scene, error: Exception, since: float) -> None:
+        self.params, self._scene, self._error, self._since = PerceptionParams(), scene, error, since
+
+    def known(self) -> Scene:
+        return self._scene
+
+    def observe(self, t: float, chart: np.ndarray, estimate: np.ndarray) -> None:
+        pass
+
+    def sense(self, t: float) -> Scene:
+        if t >= self._since:
+            raise self._error
+        return Scene(self._scene, time=t)
+
+
+def test_who_feels_a_contact_stops_sooner_than_who_is_blind(silvermate):
+    ends_at = {}
+    for error in (PerceptionError("nothing came"), ContactError("the bumper is pressed")):
+        _, result, _ = drive(silvermate, CLUTTER, 6.0, perception=Feeling(Scene(CLUTTER), error, 2.0))
+        assert result.state is RunState.STOPPED
+        assert str(error) in result.reason
+        ends_at[type(error)] = result.stops[-1][0]
+        rows = result.record.control
+        assert np.abs(rows.v[rows.time > ends_at[type(error)] + 0.2]).max() < REST_SPEED
+    assert ends_at[ContactError] < ends_at[PerceptionError] - 0.1

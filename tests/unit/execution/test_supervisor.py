@@ -110,6 +110,29 @@ def test_a_new_motion_ends_the_slowing(supervisor, motion):
     assert supervisor.update(0.4) is RunState.MOVING
 
 
+def test_the_held_motion_braked_takes_its_place_without_a_certificate(supervisor, motion, silvermate, limits):
+    supervisor.offer(motion, GOOD, 0.05, at_goal=True)
+    supervisor.update(0.8)
+    stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
+    assert supervisor.brake(stop, "somebody came", 0.8)
+    assert supervisor.update(0.8) is RunState.SLOWING
+    assert stop.end_time < motion.end_time - 0.2
+    assert supervisor.update(stop.end_time) is RunState.STOPPED  # not at the goal that the held motion led to
+    assert supervisor.stops == [(stop.end_time, "somebody came")]
+    assert supervisor.reference(stop.end_time).chart[0] < motion.chart[-1, 0] - 0.05
+
+
+def test_what_does_not_stop_sooner_or_is_beside_the_held_motion_is_no_brake(supervisor, motion, silvermate, limits):
+    supervisor.offer(motion, GOOD, 0.05)
+    stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
+    aside = stop.chart.copy()
+    aside[:, 1] += 0.01
+    for refused in (motion.tail(0.82), replace(stop, chart=aside), stop.shifted(-0.1)):
+        assert not supervisor.brake(refused, "somebody came", 0.8)
+        assert supervisor.held is motion
+    assert supervisor.update(0.81) is RunState.SLOWING
+
+
 def test_repeated_events_are_written_once(supervisor):
     for t in (0.0, 0.1, 0.2):
         supervisor.log(t, "fault", "stale scene")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.deform import Deformer
+from elastic_strips.errors import ConfigurationError
 from elastic_strips.execution import DriveParams, Runner, RunState, judge
 from elastic_strips.execution import replanning as replanning_room
 from elastic_strips.execution.switching import SwitchingReplanner, slow
@@ -84,3 +85,16 @@ def test_a_drive_changes_sides(silvermate):
     assert judge(result.record, silvermate, world, runner.limits).collisions == ()
     reasons = [event.reason for event in result.events if event.kind == "replanned"]
     assert any(reason.startswith("switched from left of box to right of it") for reason in reasons), reasons
+
+
+def test_a_family_that_fails_costs_no_proposal(replanner, silvermate, monkeypatch, caplog):
+    runner = Runner(silvermate, World(HALL), silvermate.home(), silvermate.home(x=6.0), replanner=replanner)
+
+    def fails(*_, **__):
+        raise ConfigurationError("nobody can be there")
+
+    monkeypatch.setattr(replanner.family, "step", fails)
+    result = runner.run(time_limit=2.0)
+    assert "nobody can be there" in caplog.text
+    assert not [e for e in result.events if e.kind == "fault"]
+    assert result.record.control.chart[-1, 0] > 0.5

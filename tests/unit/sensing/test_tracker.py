@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from ray_caster import box_segments, scan
 
-from elastic_strips.scene import Twist
+from elastic_strips.scene import Twist, Unknown
 from elastic_strips.sensing import SceneEstimator, SceneEstimatorParams
 
 ROOM = box_segments(4, 0, 12, 8) + box_segments(5, 2, 1.0, 0.6, 0.3) + box_segments(2, -2.5, 0.5, 0.5)
@@ -117,6 +117,33 @@ def test_a_mover_that_stops_goes_back_into_the_map_and_leaves_nothing_behind():
     assert not estimator.movers
     assert estimator.map.occupied(np.array([[2.26, 0.8]])).all()
     assert not estimator.map.occupied(np.array([[2.26, y] for y in (-1.0, -0.5, 0.0, 0.3)])).any()
+
+
+def test_who_has_come_to_rest_may_set_off_again_for_a_while():
+    """It brakes at 0.5 m/s², stands from 2 s on, and sets off at 7 s: somebody who is known to move."""
+
+    def y(t: float) -> float:
+        s = min(t, 2.0)
+        return -1.0 + s - 0.25 * s * s + 0.2 * max(t - 7.0, 0.0) ** 2
+
+    def at(t):
+        return [(2.5, y(t), 0.25)]
+
+    estimator = SceneEstimator(SceneEstimatorParams(wary_time=8.0))
+    found, names = {}, set()
+    for t, movers in drive(estimator, 9.0, at):
+        found[round(t, 1)] = movers
+        names |= {m.name for m in movers}
+    assert len(names) == 1
+    for t in (5.0, 6.0, 6.9):
+        (mover,) = found[t]
+        assert isinstance(mover.obstacle.motion, Unknown)
+        assert np.hypot(*(mover.position - (2.5, y(t)))) < 0.06
+    assert all(isinstance(found[t][0].obstacle.motion, Twist) for t in (2.0, 8.5, 9.0))
+    estimator = SceneEstimator(SceneEstimatorParams(wary_time=1.0))
+    late = [bool(movers) for t, movers in drive(estimator, 6.9, at) if t > 6.0]
+    assert not any(late)
+    assert estimator.map.occupied(np.array([[2.26, y(6.9)]])).all()
 
 
 def test_what_is_seen_through_is_lost_and_what_is_hidden_is_foreseen():
