@@ -1,4 +1,4 @@
-"""Execution room, runner: the closed loop: sense, give way, certify, track, drive; in simulated time."""
+"""Execution room, runner: the closed loop of planning, tracking and driving, in simulated time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from time import perf_counter, sleep
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ElasticStripsError
 from ..planning import PlanReport
 from ..robot import RobotModel
 from ..scene import Scene, World
@@ -19,8 +18,9 @@ from .estimation import Estimator
 from .faults import Fault, FaultPlan
 from .limits import MotionLimits
 from .params import DriveParams
-from .perception import ContactError, Perceiver, Perception, PerceptionParams
+from .perception import Perceiver, Perception, PerceptionParams
 from .pilot import Pilot
+from .planning_loop import PlanningLoop
 from .plant import KinematicPlant, Plant, PlantParams
 from .proposal import Proposal
 from .record import Record, RunState
@@ -125,10 +125,10 @@ class Runner:
         last = robot.space.to_chart(goals[-1])
         self._new_recorder = lambda: Recorder(robot, self.world, goal=last, metadata=metadata or {})
         self.recorder, self._recording, self._step = self._new_recorder(), record, 0
-        self.scene: Scene = self.perception.known()
-        self.proposal: Proposal | None = None
+        self.planning = PlanningLoop(
+            self.pilot, self.supervisor, self.perception, self.replanner, self.faults, self.goal_q
+        )
         self.statistics = TickStatistics()
-        self._waiting: list[tuple[float, Proposal]] = []
         self._stop = False
 
     @property
@@ -136,6 +136,16 @@ class Runner:
         """How near counts as reached."""
         params = self.params
         return Tolerance(position=params.goal_position, yaw=params.goal_angle, joints=params.goal_angle)
+
+    @property
+    def scene(self) -> Scene:
+        """The newest one that was sensed."""
+        return self.planning.scene
+
+    @property
+    def proposal(self) -> Proposal | None:
+        """What the last planning tick came to; None where it came to nothing."""
+        return self.planning.proposal
 
     def stop(self) -> None:
         """Ask the loop to end: the held motion is driven to its rest first."""
@@ -155,7 +165,7 @@ class Runner:
                     self._planning_tick(t)
                 elif supervisor.state in (RunState.MOVING, RunState.SLOWING):  # who stands, stands for another reason
                     supervisor.keep("asked to stop" if self._stop else f"time limit of {limit:g} s", t)
-            self._take_waiting(t)
+            self.planning.hand_over(t)
             state = supervisor.update(t)
             self._control(t, state)
             self._step += 1
@@ -173,7 +183,7 @@ class Runner:
 
     def retarget(self, goal: npt.ArrayLike) -> None:
         """At rest, take another goal (nq,) and plan a strip to it."""
-        self.goal_q = self.robot.check_q(goal, what="goal")
+        self.goal_q = self.planning.goal = self.robot.check_q(goal, what="goal")
         self.goal = self.robot.space.to_chart(self.goal_q)
         self.supervisor.restart("new goal", self.time)
         q = self.robot.space.from_chart(self.supervisor.reference(self.time).chart)
@@ -214,16 +224,7 @@ class Runner:
     def _planning_tick(self, t: float) -> None:
         params, supervisor = self.params, self.supervisor
         began = perf_counter()
-        try:
-            self._plan(t)
-        except ElasticStripsError as error:
-            supervisor.keep(f"{type(error).__name__}: {error}", t)
-            supervisor.log(t, "fault", str(error))
-        except Exception as error:  # whatever it is: the held motion is driven to its end
-            _log.exception("planning tick failed")
-            self.pilot.reset()
-            supervisor.keep(f"planning failed: {type(error).__name__}: {error}", t)
-            supervisor.log(t, "fault", f"planning exception: {type(error).__name__}: {error}")
+        self.planning.tick(t, self.estimate, self.estimator.lost_for)
         seconds = perf_counter() - began
         proposal = self.proposal
         self.statistics.add(seconds, params.latency * params.control_dt)
@@ -245,103 +246,6 @@ class Runner:
                 _log.exception("the watcher failed")
                 self.watch = None
                 supervisor.log(t, "fault", "viewer lost")
-
-    def _plan(self, t: float) -> None:
-        params, supervisor = self.params, self.supervisor
-        self.proposal = None
-        if self.faults.active("planning_exception", t):
-            raise RuntimeError("planning exception put in on purpose")
-        try:
-            scene = self.perception.sense(t)
-        except ContactError as error:
-            supervisor.log(t, "fault", str(error))
-            self._brake(f"{type(error).__name__}: {error}", t)
-            return
-        age = t - scene.time
-        if age > params.max_scene_age:
-            supervisor.keep(f"stale scene: {age:.2f} s old, at most {params.max_scene_age:g} s", t)
-            supervisor.log(t, "fault", "stale scene")
-            return
-        self.scene = scene
-        if self.estimator.lost_for > 0.1:
-            supervisor.keep("odometry lost", t)
-            return
-        waiting = self._replan(t)
-        if (waiting and self.pilot.evasion is None) or self._rest_of_goal(t, scene):
-            return
-        begin = t + params.latency * params.control_dt
-        at_rest = supervisor.at_rest(t)
-        if at_rest and self._settled_estimate(t):
-            rest = standstill(self.robot, self.limits, self.estimate.copy(), begin, params.control_dt)
-            supervisor.rebase(rest)
-        proposal = self.proposal = self.pilot.tick(t, scene, supervisor.held, begin)
-        late = 10.0 * params.latency * params.control_dt if self.faults.active("slow_tick", t) else 0.0
-        if late:
-            supervisor.log(t, "fault", f"late tick: it is ready only after {late:.2f} s")
-        due = "" if waiting else self.replanner.watch(t, proposal, self.scene, at_rest=at_rest)
-        if due:
-            supervisor.log(t, "replanning", due)
-        if waiting and not proposal.evasive:
-            return
-        if proposal.emergency:
-            self._waiting.append((t + late, proposal))
-        elif self.replanner.halted and not proposal.evasive:
-            supervisor.keep(f"the strip is broken: {proposal.report.certificate.broken}", t)
-        elif proposal.accepted:
-            self._waiting.append((t + late, proposal))
-        elif proposal.kept:
-            supervisor.confirm(t, proposal.reason)
-        else:
-            supervisor.keep(proposal.reason, t)
-
-    def _take_waiting(self, t: float) -> None:
-        """Offer what has been planned and is ready by now."""
-        ready = [p for due, p in self._waiting if due <= t + 1e-9]
-        self._waiting = [(due, p) for due, p in self._waiting if due > t + 1e-9]
-        for proposal in ready:
-            if proposal.motion is None or proposal.certificate is None:
-                continue
-            if proposal.motion.start_time < t - 1e-9:
-                self.supervisor.log(t, "fault", "late tick")
-            if proposal.emergency:
-                self.supervisor.brake(proposal.motion, proposal.reason, t)
-            else:
-                self.supervisor.offer(proposal.motion, proposal.certificate, t, at_goal=proposal.at_goal)
-
-    def _brake(self, reason: str, t: float) -> None:
-        """Stop as soon as the machine can, on the way that is driven."""
-        self._waiting.clear()
-        held = self.supervisor.held
-        stop = self.pilot.onward.hard.brake(held, t + self.params.latency * self.params.control_dt)
-        self.supervisor.brake(stop, reason, t)
-
-    def _rest_of_goal(self, t: float, scene: Scene) -> bool:
-        """Whether the held motion ends at the goal and is still certified: then nothing better can be planned."""
-        supervisor = self.supervisor
-        if not supervisor.at_goal or supervisor.at_rest(t):
-            return supervisor.at_goal
-        begin = t + self.params.latency * self.params.control_dt
-        certificate = self.pilot.certify(supervisor.held.tail(begin), scene)
-        if certificate.certified:
-            supervisor.confirm(t, "the motion ends at the goal")
-        return certificate.certified
-
-    def _settled_estimate(self, t: float) -> bool:
-        """Whether the robot has come to rest after the held motion's end."""
-        return t >= self.supervisor.held.end_time + self.params.settle_time
-
-    def _replan(self, t: float) -> bool:
-        """Plan anew where that is due; True while the robot stands for it."""
-        replanner = self.replanner
-        if not replanner.pending:
-            return False
-        if t >= replanner.due:
-            q = self.robot.space.from_chart(self.supervisor.reference(t).chart)
-            strip, reason = replanner.plan_anew(self.scene, q, self.goal_q)
-            self.supervisor.log(t, "replanned", reason)
-            if strip is not None:
-                self.pilot.take(strip)
-        return True
 
     def _result(self, seconds: float) -> DriveResult:
         supervisor = self.supervisor
