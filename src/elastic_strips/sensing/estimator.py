@@ -29,7 +29,7 @@ class EstimatorReport:
         time: of it [s].
         hits, nothing, no_answer: how many of its ranges met something, met nothing, and say nothing.
         clusters: how many things it fell into.
-        tracks, movers: how many things are followed, and how many of them move.
+        tracks, movers, suspects: how many things are followed, how many of them move, and how many may.
         started, lost: how many tracks began and ended.
         tiles: how many obstacles the map has; rebuilt: how many of them were made anew for the last scene.
     """
@@ -42,6 +42,7 @@ class EstimatorReport:
     clusters: int = 0
     tracks: int = 0
     movers: int = 0
+    suspects: int = 0
     started: int = 0
     lost: int = 0
     tiles: int = 0
@@ -75,6 +76,7 @@ class SceneEstimator:
         self._newest: dict[str, float] = {}
         self._scan_time = self._time = -math.inf
         self._movers: tuple[TrackedObstacle, ...] = ()
+        self._suspects: tuple[TrackedObstacle, ...] = ()
         self._static: tuple[Obstacle, ...] = ()
         self._scene: Scene | None = None
 
@@ -82,6 +84,11 @@ class SceneEstimator:
     def movers(self) -> tuple[TrackedObstacle, ...]:
         """What moves, at the time of the newest scan."""
         return self._movers
+
+    @property
+    def suspects(self) -> tuple[TrackedObstacle, ...]:
+        """What has moved and may set off again, or begins to; in the map too, and in scenes of `Unknown` motion."""
+        return self._suspects
 
     @property
     def times(self) -> dict[str, float]:
@@ -116,7 +123,7 @@ class SceneEstimator:
         if isinstance(reading, LaserScan):
             self._scan_time = max(self._scan_time, reading.time)
         self._time = self._scan_time if self._scan_time > -math.inf else max(self._time, reading.time)
-        self._movers = self.tracker.movers
+        self._movers, self._suspects = self.tracker.movers, self.tracker.suspects
         self._scene = None
         r = reading.ranges
         self.report = EstimatorReport(
@@ -126,6 +133,7 @@ class SceneEstimator:
             nothing=int(np.isposinf(r).sum()),
             no_answer=int(np.isnan(r).sum()),
             movers=len(self._movers),
+            suspects=len(self._suspects),
             tiles=len(self._static),
             rebuilt=self.map.rebuilt + self.near.rebuilt,
             **counts,
@@ -133,7 +141,9 @@ class SceneEstimator:
         return self.report
 
     def scene(self, t: float | None = None) -> Scene:
-        """The newest scene: what stands, and the movers with their velocities; its ``time`` is the newest scan's.
+        """The newest scene: what stands, the movers with their velocities, and the suspects.
+
+        Its ``time`` is the newest scan's.
 
         Readings of rings do not make a scene newer, for they say nothing of movers, unless there is no laser at all;
         whether all lasers are alive, `times` says.
@@ -152,7 +162,8 @@ class SceneEstimator:
             raise ParameterError(f"a scene at t={t!r} s is asked for, but scans up to {self._time:g} s are in it")
         if self._scene is None:
             self._static = self.map.obstacles() + self.near.obstacles()
-            self._scene = Scene([*self._static, *(m.obstacle for m in self._movers)], time=self._time)
+            tracked = (t.obstacle for t in (*self._movers, *self._suspects))
+            self._scene = Scene([*self._static, *tracked], time=self._time)
         return self._scene
 
     def _scan(self, scan: LaserScan, base_pose: Any) -> dict[str, int]:

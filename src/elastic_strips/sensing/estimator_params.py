@@ -8,7 +8,9 @@ from dataclasses import dataclass, fields
 from ..errors import ParameterError, nearest_name
 
 UNSEEN = ("free", "blocked")
-_MAY_BE_ZERO = ("wary_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay")
+_MAY_BE_ZERO = (
+    "wary_time", "stir_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay",
+)  # fmt: skip
 _COUNTS = ("min_points", "confirm_hits", "lost_misses")
 
 
@@ -43,6 +45,9 @@ class SceneEstimatorParams:
         rest_time: a mover that has not moved significantly for so long goes back into the map.
         wary_time: for so long after that it may set off again: until then the scene has it as a thing of
             unknown motion as well; wary_speed: at most so fast, until it is seen to move [m/s].
+        stir_time: what is where nothing was, or not any more where it was, is in the scene as a thing of unknown
+            motion too, before its velocity is known, and for so long after that was last seen;
+            stir_speed: at most so fast [m/s].
         shape_change: a mover keeps its shape until its radius has changed by more.
         cell: edge of the map's cells; tile: edge of the tiles that the map's obstacles consist of.
         hit, miss: log-odds that a scan adds to cells that it hits, and takes from those it sees through.
@@ -66,7 +71,7 @@ class SceneEstimatorParams:
     break_angle: float = 0.2
     min_points: int = 3
     max_round_radius: float = 0.5
-    max_mover_size: float = 1.0
+    max_mover_size: float = 1.2
     unseen_depth: float = 0.3
     wall_thickness: float = 0.1
     gate: float = 13.8
@@ -81,6 +86,8 @@ class SceneEstimatorParams:
     rest_time: float = 2.0
     wary_time: float = 10.0
     wary_speed: float = 0.2
+    stir_time: float = 0.2
+    stir_speed: float = 1.0
     shape_change: float = 0.04
     cell: float = 0.05
     tile: float = 1.0

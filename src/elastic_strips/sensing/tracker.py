@@ -23,6 +23,7 @@ _WAY = 0.3
 """A thing is looked for where it was this far [m] ago, or as long ago as ``look_back``."""
 _EVIDENCE = 0.2
 _VOTES = 2
+_STIRS = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +58,13 @@ class Tracker:
 
     @property
     def movers(self) -> tuple[TrackedObstacle, ...]:
-        """What moves, or has moved and may set off again, by age."""
-        return tuple(t.tracked(self.params) for t in self._tracks if t.moving or t.wary(self.params))
+        """What moves, by age."""
+        return tuple(t.tracked(self.params) for t in self._tracks if t.moving)
+
+    @property
+    def suspects(self) -> tuple[TrackedObstacle, ...]:
+        """What has moved and may set off again, or begins to: with bounds of their speeds, by age."""
+        return tuple(t.tracked(self.params) for t in self._tracks if t.wary(self.params) or t.stirring(self.params))
 
     def predict(self, time: float) -> None:
         """Take all tracks to ``time`` [s]."""
@@ -126,8 +132,12 @@ class Tracker:
             elif track.time - track.moved > params.rest_time:
                 track.moving, track.votes, track.rested = False, 0, track.time
             return
-        wary = track.wary(params)  # it is known to be a thing that moves
-        track.votes = track.votes + 1 if significant and (wary or self._displaced(track, cluster, rays, sensor)) else 0
+        displaced = self._displaced(track, cluster, rays, sensor)
+        track.stirs = track.stirs + 1 if displaced else 0
+        if track.stirs >= _STIRS:
+            track.stirred = track.time
+        # who is wary of it knows it to be a thing that moves
+        track.votes = track.votes + 1 if significant and (displaced or track.wary(params)) else 0
         if track.votes >= _VOTES:
             track.moving, track.moved = True, track.time
             moved.extend(points for _, points in track.points)

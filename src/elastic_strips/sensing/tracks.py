@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 
 from ..robot.space import Array
-from ..scene import Cylinder, Obstacle, Twist, Unknown
+from ..scene import Cylinder, Motion, Obstacle, Twist, Unknown
 from .cluster_shapes import OTHER, ROUND, Footprint
 from .clusters import Cluster
 from .estimator_params import SceneEstimatorParams
@@ -34,7 +34,7 @@ class TrackedObstacle:
 
     Attributes:
         name: of the track and of the obstacle, ``"track-3"``; it stays with the thing.
-        obstacle: with its pose and `Twist` at `time`, or `Unknown` where it stands and may set off again; its solid is
+        obstacle: with its pose and `Twist` at `time`, or `Unknown` where that is all that is known; its solid is
             the same object as long as its size is.
         time: of the estimate [s].
         position: (2,) of the cylinder's axis [m].
@@ -87,6 +87,8 @@ class Track:
         "solid",
         "solid_radius",
         "state",
+        "stirred",
+        "stirs",
         "time",
         "v",
         "votes",
@@ -101,6 +103,7 @@ class Track:
         self.hits, self.misses, self.votes = 1, 0, 0
         self.state, self.moving = TrackState.TENTATIVE, False
         self.moved = self.rested = -math.inf  # when it last moved, and when it came to rest
+        self.stirred, self.stirs = -math.inf, 0  # when scans last contradicted that it stands; how many in a row
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
         self.solid: Cylinder | None = None
         self.solid_radius = 0.0
@@ -173,6 +176,10 @@ class Track:
         """Whether it has moved, stands, and may set off again."""
         return not self.moving and self.time - self.rested <= params.wary_time
 
+    def stirring(self, params: SceneEstimatorParams) -> bool:
+        """Whether scans contradict that it stands, while its velocity is not known yet."""
+        return not self.moving and self.time - self.stirred <= params.stir_time
+
     def past_points(self, time: float) -> Array:
         """The newest points that are not younger than ``time`` [s]; empty where there are none."""
         for t, points in reversed(self.points):
@@ -191,7 +198,11 @@ class Track:
         pose.flags.writeable = False
         position, velocity = self.p.copy(), self.v.copy()
         position.flags.writeable = velocity.flags.writeable = False
-        motion = Twist(np.array([velocity[0], velocity[1], 0.0])) if self.moving else Unknown(params.wary_speed)
+        motion: Motion = Twist(np.array([velocity[0], velocity[1], 0.0]))
+        if self.stirring(params):
+            motion = Unknown(min(params.stir_speed, self.speed + 2.0 * math.sqrt(self.vv)))
+        elif not self.moving:
+            motion = Unknown(params.wary_speed)
         return TrackedObstacle(
             name=self.name,
             obstacle=self.solid.at(self.time).sensed(pose, motion),
