@@ -61,7 +61,7 @@ class Onward:
         lap: Callable[[str], None],
         *,
         astray: bool = False,
-        surprised: bool = False,
+        surprised: Callable[[], bool],
     ) -> Proposal:
         """The fastest motion along the strip of a report that is certified, or why there is none.
 
@@ -73,7 +73,7 @@ class Onward:
             report: of the strip's tick.
             timings: seconds by phase; ``lap(phase)`` adds to them.
             astray: whether the robot has left the strip, so that the held motion does not lead along it.
-            surprised: whether the scene is not what the held motion's certificate allowed for.
+            surprised: tells whether the scene is not what the held motion's certificate allowed for.
         """
         chart = report.strip.chart
         speed_now = fastest_drive(self.limits, start.v)
@@ -102,17 +102,17 @@ class Onward:
                 at_goal = self._ends_at(motion, chart[-1])
                 return Proposal(motion, certificate, True, False, at_goal, "", report, speed, timings)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
-        if start.v.any() and (surprised or not tried):
+        if start.v.any() and ((unforeseen := surprised()) or not tried):
             rest = held.tail(start.time)
             verdict = self.certifier.certify(rest, scene, possible)
             lap("motion certificate")
             if not verdict.certified:
                 motion, certificate = rest, verdict
                 reason = f"the held motion is no longer certified: {verdict.broken}"
-                if surprised:  # else what it was certified with is still a proof
+                if unforeseen:  # else what it was certified with is still a proof
                     motion = self.hard.brake(held, start.time)
                 return Proposal(
-                    motion, certificate, False, False, False, reason, report, speed, timings, emergency=surprised
+                    motion, certificate, False, False, False, reason, report, speed, timings, emergency=unforeseen
                 )
             if not tried:  # the robot has to stop here, and is doing so
                 return Proposal(rest, verdict, False, True, False, reason, report, speed, timings)

@@ -51,8 +51,7 @@ class Pilot:
         self.strip = strip
         self.report: DeformReport | None = None
         self._last: Proposal | None = None
-        self._sensed: tuple[Scene, Forecast] | None = None  # what the last motion was certified against
-        self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # the same, kept while nothing new is certified
+        self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # what was certified last, and against what
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._astray = False
@@ -66,7 +65,7 @@ class Pilot:
         """Forget all that is kept from tick to tick, the strip aside; for after an exception."""
         self.deformer.reset()
         self.certifier.reset()
-        self._last = self._sensed = self._proof = None
+        self._last = self._proof = None
 
     def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify what is left of a motion once more, against a newer scene."""
@@ -98,9 +97,7 @@ class Pilot:
             return None
         if not held.at(begin).v.any() and not last.accepted:
             return Proposal(None, None, False, False, False, last.reason, last.report, last.speed)
-        if last.motion is None or held is not last.motion or self._sensed is None:
-            return None
-        if not as_expected(scene, *self._sensed, self.params.assumptions):
+        if held is not last.motion or self._surprised(held, scene):
             return None
         return Proposal(held, last.certificate, False, True, False, "", last.report, last.speed)
 
@@ -123,13 +120,12 @@ class Pilot:
         assert self.report is not None
         proposal = self.onward.motion(
             start, held, scene, possible, self.report, timings, lap,
-            astray=self._astray, surprised=self._surprised(held, scene),
+            astray=self._astray, surprised=partial(self._surprised, held, scene),
         )  # fmt: skip
         if self.evasion is not None:
             proposal = self.evasion.improved(proposal, start, held, scene, possible, self.certifier, self.arrival)
             lap("evasion")
         self._astray = proposal.evasive or (self._astray and not proposal.accepted)
-        self._sensed = (scene, possible) if proposal.accepted else None
         if proposal.emergency:
             self._proof = None
         elif proposal.accepted and proposal.motion is not None:

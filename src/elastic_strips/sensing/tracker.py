@@ -23,7 +23,6 @@ _WAY = 0.3
 """A thing is looked for where it was this far [m] ago, or as long ago as ``look_back``."""
 _EVIDENCE = 0.2
 _VOTES = 2
-_STIRS = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,10 +132,9 @@ class Tracker:
                 track.moving, track.votes, track.rested = False, 0, track.time
             return
         displaced = self._displaced(track, cluster, rays, sensor)
-        track.stirs = track.stirs + 1 if displaced else 0
-        if track.stirs >= _STIRS:
+        if displaced:
             track.stirred = track.time
-        # who is wary of it knows it to be a thing that moves
+        # what has moved before needs no proof that it can
         track.votes = track.votes + 1 if significant and (displaced or track.wary(params)) else 0
         if track.votes >= _VOTES:
             track.moving, track.moved = True, track.time

@@ -88,7 +88,6 @@ class Track:
         "solid_radius",
         "state",
         "stirred",
-        "stirs",
         "time",
         "v",
         "votes",
@@ -102,8 +101,8 @@ class Track:
         self.fitted = self.radius = shape.radius
         self.hits, self.misses, self.votes = 1, 0, 0
         self.state, self.moving = TrackState.TENTATIVE, False
-        self.moved = self.rested = -math.inf  # when it last moved, and when it came to rest
-        self.stirred, self.stirs = -math.inf, 0  # when scans last contradicted that it stands; how many in a row
+        # when it last moved, when it came to rest, and when scans last contradicted that it stands
+        self.moved = self.rested = self.stirred = -math.inf
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
         self.solid: Cylinder | None = None
         self.solid_radius = 0.0
