@@ -131,6 +131,14 @@ def test_no_global_random_numbers():
         assert not any(name == "random" for _, name in imported(path)), path
 
 
+def test_nothing_is_negated_into_a_given_array():
+    """``np.negative(x, out=y)`` gives wrong values in NumPy 2.2 to 2.4 where x's stride is eight numbers."""
+    for path in SOURCES:
+        for node in walk(path):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.negative", "numpy.negative"):
+                assert not any(k.arg == "out" for k in node.keywords), f"{path}:{node.lineno}: write y[...] = -x"
+
+
 def test_no_assertions_guard_input():
     """``assert`` vanishes under ``python -O``: it may narrow a type, it may not check what users hand in."""
     allowed = re.compile(r"is not None|isinstance")

@@ -104,7 +104,7 @@ class Narrowphase:
                 witness[k] = nearest()
         if shift is not None:
             witness += shift
-        np.negative(direction, out=direction)
+        direction *= -1.0
         distance += self.bodies.skin
         return distance, direction, witness
 

@@ -94,6 +94,12 @@ def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
     Raises:
         RobotError: the shape has no convex description here.
     """
+    points, radius = _core_points(geometry)
+    return points, radius + float(geometry.getSweptSphereRadius())
+
+
+def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
+    """The same for a shape without its swept-sphere radius."""
     if isinstance(geometry, coal.Sphere):
         return np.zeros((1, 3)), float(geometry.radius)
     if isinstance(geometry, coal.Capsule):
@@ -110,7 +116,7 @@ def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
             return np.vstack((low, [[0, 0, h]])), 0.0
         return np.vstack((low, low + np.array([0, 0, 2 * h]))), 0.0
     if isinstance(geometry, coal.Ellipsoid):
-        return support_points(coal.Box(*(2 * np.asarray(geometry.radii))))
+        return _core_points(coal.Box(*(2 * np.asarray(geometry.radii))))
     if isinstance(geometry, coal.ConvexBase):
         return np.asarray(geometry.points()).reshape(-1, 3).copy(), 0.0
     if isinstance(geometry, coal.BVHModelBase):
@@ -202,6 +208,8 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_rati
             shape = convex_from_vertices(points, name=f"{obj.name} ({obj.meshPath})")
         elif isinstance(shape, coal.Ellipsoid):
             shape = coal.Box(*(2 * np.asarray(shape.radii)))
+        if shape is not obj.geometry:
+            shape.setSweptSphereRadius(obj.geometry.getSweptSphereRadius())
         shape.computeLocalAABB()
         pieces.append(_piece(obj.name, (link,), obj.parentJoint, shape, T))
     if not meshes:

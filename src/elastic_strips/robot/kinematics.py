@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from ..errors import RobotError
 from .space import Array, ConfigurationSpace
 
 
@@ -22,6 +23,13 @@ def _rotation_to_axis(axis: Array) -> Array:
     x = np.cross(helper, z)
     x /= np.linalg.norm(x)
     return np.column_stack((x, np.cross(z, x), z))
+
+
+def _turned(align: Array) -> Array:
+    """A rotation (3, 3) as a homogeneous matrix (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3] = align
+    return T
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +81,36 @@ class KinematicTree:
             to_parent = align[parents[i]].T
             offset[i, :3, :3] = to_parent @ placement.rotation @ align[i]
             offset[i, :3, 3] = to_parent @ placement.translation
-        return KinematicTree(space, parents, offset, align, prismatic, chart_index, support)
+        tree = KinematicTree(space, parents, offset, align, prismatic, chart_index, support)
+        tree._compare(model, data)
+        return tree
+
+    def _compare(self, model: pin.Model, data: pin.Data) -> None:
+        """Look once whether the twin computes what Pinocchio does, on this very machine and for arrays of this size.
+
+        All proofs rest on it, and NumPy has returned wrong values for single array sizes before.
+
+        Raises:
+            RobotError: it does not.
+        """
+        space = self.space
+        low, high = np.maximum(space.lower, -np.pi), np.minimum(space.upper, np.pi)
+        chart = np.random.default_rng(0).uniform(np.minimum(low, high), np.maximum(low, high), (4, space.nv))
+        kin = Kinematics(self, len(chart))
+        kin.update(chart)
+        for n, q in enumerate(space.from_chart(chart)):
+            pin.computeJointJacobians(model, data, q)
+            placed = [data.oMi[i].homogeneous[:3] @ _turned(self.align[i]) for i in range(1, model.njoints)]
+            off = max(
+                float(np.abs(kin.T[1:, n] - np.reshape(placed, (-1, 3, 4))).max(initial=0.0)),
+                float(np.abs(kin.J[n].T - np.reshape(data.J, (6, -1))).max(initial=0.0)),
+            )
+            size = 1.0 + float(np.abs(kin.T[:, n]).max())
+            if not off <= 1e-9 * size:
+                raise RobotError(
+                    f"the batched kinematics of {model.name!r} (nv {space.nv}) differ from Pinocchio's by {off:.3g}: "
+                    f"nothing could be certified. Is NumPy {np.__version__} at fault? Try another version."
+                )
 
     def to_aligned(self, joint: int, T_joint: Array) -> Array:
         """A placement (4, 4) given in Pinocchio's joint frame, expressed in the aligned frame."""
@@ -123,7 +160,7 @@ class Kinematics:
                 base = T[i, :n]
                 base[:, 0, 0] = base[:, 1, 1] = cos[:, 2]
                 base[:, 1, 0] = sin[:, 2]
-                np.negative(sin[:, 2], out=base[:, 0, 1])
+                base[:, 0, 1] = -sin[:, 2]
                 base[:, :2, 3] = chart[:, :2]
                 base[:, 2, 3] = 0.0
                 continue
@@ -149,7 +186,7 @@ class Kinematics:
             J[:n, 0, :2] = base[:, :2, 0]
             J[:n, 1, :2] = base[:, :2, 1]
             J[:n, 2, 0] = base[:, 1, 3]
-            np.negative(base[:, 0, 3], out=J[:n, 2, 1])
+            J[:n, 2, 1] = -base[:, 0, 3]
         single = np.flatnonzero(tree.chart_index >= 0)
         if len(single) == 0:
             return

@@ -184,7 +184,8 @@ class RobotModel:
             hand_frame: frame of the last default control point.
 
         Raises:
-            RobotError: an unknown joint or frame, or a base kind that the root joint cannot be.
+            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed
+                to the world beside a base that moves.
         """
         planar = model.njoints > 1 and model.joints[1].shortname() == "JointModelPlanar"
         kind = BaseKind.parse(base) if base is not None else (BaseKind.OMNI if planar else BaseKind.FIXED)
@@ -205,6 +206,8 @@ class RobotModel:
         pieces = tuple(link_geometries(reduced, collision))
         if not pieces:
             raise RobotError(f"robot {name or model.name!r} has no collision geometry, so nothing could be certified")
+        if planar:
+            _refuse_world_geometry(pieces)
         q_home = _reference_configuration(reduced, dict(home or {}))
         pairs = self_pairs(reduced, pieces, q_home, disabled_pairs)
         convex = pin.GeometryModel()
@@ -235,6 +238,17 @@ class RobotModel:
             locked=values,
             urdf_path=urdf_path,
             srdf_path=srdf_path,
+        )
+
+
+def _refuse_world_geometry(pieces: tuple[LinkGeometry, ...]) -> None:
+    """What does not move with a moving base is no link of the robot: the base's motion would not count against it."""
+    fixed = [p.name for p in pieces if p.joint == 0]
+    if fixed:
+        raise RobotError(
+            f"collision geometry fixed to the world (joint 0): {', '.join(map(repr, fixed[:10]))}"
+            f"{', …' if len(fixed) > 10 else ''}. The base moves, so this is no part of the robot: take it out of "
+            "collision_model and give it to the Scene as an obstacle"
         )
 
 

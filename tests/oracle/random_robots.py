@@ -1,0 +1,93 @@
+"""Random robots as URDF files: every planned kind of joint, branches, mimics, and shapes up to mirrored meshes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+SHAPES = ("box", "sphere", "cylinder", "mesh")
+
+
+def _text(values: npt.ArrayLike) -> str:
+    return " ".join(f"{v:.9g}" for v in np.asarray(values, dtype=float).ravel())
+
+
+def _origin(rng: np.random.Generator, far: float) -> str:
+    return f'<origin xyz="{_text(rng.uniform(-far, far, 3))}" rpy="{_text(rng.uniform(-np.pi, np.pi, 3))}"/>'
+
+
+def _wedge() -> trimesh.Trimesh:
+    """A body that is its own mirror image in no plane, so that a mirrored mesh is another body."""
+    corners = [[0.0, 0, 0], [1.0, 0, 0], [0, 0.8, 0], [0, 0, 0.6], [0.7, 0.4, 0.5]]
+    return trimesh.Trimesh(corners).convex_hull
+
+
+def _shape(rng: np.random.Generator, folder: Path, kinds: tuple[str, ...]) -> str:
+    size = rng.uniform(0.04, 0.2, 3)
+    kind = str(rng.choice(kinds))
+    if kind == "box":
+        return f'<box size="{_text(size)}"/>'
+    if kind == "sphere":
+        return f'<sphere radius="{size[0] / 2:.9g}"/>'
+    if kind == "mesh":
+        mesh = folder / "wedge.stl"
+        if not mesh.exists():
+            _wedge().export(mesh)
+        scale = rng.uniform(0.1, 0.3, 3) * rng.choice([-1.0, 1.0], 3)
+        return f'<mesh filename="{mesh.name}" scale="{_text(scale)}"/>'
+    return f'<{kind} radius="{size[0] / 3:.9g}" length="{2 * size[1]:.9g}"/>'
+
+
+def _limit(rng: np.random.Generator, kind: str) -> str:
+    if kind == "continuous":
+        return ""
+    low = rng.uniform(-2.5, 0.0) if kind == "revolute" else rng.uniform(-0.3, 0.0)
+    span = rng.uniform(0.3, 3.5) if kind == "revolute" else rng.uniform(0.05, 0.5)
+    return f'<limit lower="{low:.9g}" upper="{low + span:.9g}" velocity="1" effort="10"/>'
+
+
+def random_urdf(
+    rng: np.random.Generator, folder: Path, joints: int, *, shapes: tuple[str, ...] = SHAPES, name: str = "random"
+) -> Path:
+    """Write a robot with ``joints`` planned joints, besides fixed and mimicking ones; returns the URDF file.
+
+    Every third joint or so branches off further down the tree; axes are oblique; links have up to two shapes.
+    """
+    links = [f'<link name="link_0"><collision>{_origin(rng, 0.05)}<geometry>{_shape(rng, folder, shapes)}</geometry>'
+             "</collision></link>"]  # fmt: skip
+    text: list[str] = []
+    moving: list[str] = []
+    count = 0
+    parent = 0
+    while len(moving) < joints:
+        count += 1
+        kind = str(rng.choice(["revolute", "revolute", "continuous", "prismatic", "fixed", "mimic"]))
+        if kind == "mimic" and not moving:
+            kind = "revolute"
+        if count > 1 and rng.random() < 0.35:
+            parent = int(rng.integers(0, count))
+        bodies = "".join(
+            f"<collision>{_origin(rng, 0.08)}<geometry>{_shape(rng, folder, shapes)}</geometry></collision>"
+            for _ in range(int(rng.choice([0, 1, 1, 2])))
+        )
+        links.append(f'<link name="link_{count}">{bodies}</link>')
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        if rng.random() < 0.3:
+            axis = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+        made = "revolute" if kind == "mimic" else kind
+        mimic = f'<mimic joint="{moving[-1]}" multiplier="0.5" offset="0.1"/>' if kind == "mimic" else ""
+        limit = _limit(rng, made) if made != "fixed" else ""
+        text.append(
+            f'<joint name="joint_{count}" type="{made}"><parent link="link_{parent}"/><child link="link_{count}"/>'
+            f'{_origin(rng, 0.3)}<axis xyz="{_text(axis)}"/>{limit}{mimic}</joint>'
+        )
+        if kind not in ("fixed", "mimic"):
+            moving.append(f"joint_{count}")
+        parent = count
+    path = folder / f"{name}.urdf"
+    path.write_text(f'<robot name="{name}">\n' + "\n".join(links + text) + "\n</robot>\n")
+    return path
