@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,6 +59,7 @@ class Deformer:
         self.task = None if task is None else TaskForce(robot, task)
         self._paper = PaperStep(robot, params) if params.preset == "paper" else None
         self._certified = False
+        self._scene: Scene | None = None
         self._trust = 1.0
 
     def step(
@@ -92,14 +94,14 @@ class Deformer:
         work = self.workspace
         work.foresight = foresight
         asked = work.queries
-        hold = self._paper is None and work.holds(strip) and self._certified
+        known = work.holds(strip)
         work.load(strip, scene, to_move=True)
-        hold = hold and not work.obstacles.nearer_than(self.params.clearance)  # the scene has taken it already
+        hold = self._paper is None and self._to_hold(strip, scene, known)
         iterations = 0
         while True:
             began = self.clock.elapsed
             result = self._iterate(scene, hold)
-            hold = hold and result.certificate.certified
+            hold = self._paper is None and _proven(result)
             iterations += 1
             spent = self.clock.elapsed - began
             rest = result.moved < self.params.rest_step
@@ -163,7 +165,7 @@ class Deformer:
         self._check(strip)
         self.workspace.foresight = None
         self.workspace.load(strip, scene)
-        self._certified = False
+        self._certified, self._scene = False, None
         return self.workspace.certify(scene)
 
     def assess(
@@ -181,7 +183,7 @@ class Deformer:
 
     def reset(self) -> None:
         """Forget all that is kept from tick to tick; for after an exception."""
-        self._certified, self._trust = False, 1.0
+        self._certified, self._scene, self._trust = False, None, 1.0
         self.workspace.reset()
 
     @property
@@ -209,11 +211,20 @@ class Deformer:
     # the parts of a tick
 
     def _check(self, strip: Strip) -> None:
-        if strip.robot is not self.robot and strip.robot.model != self.robot.model:
+        if not self.robot.same_as(strip.robot):
             raise ConfigurationError(
                 f"the strip is of robot {strip.robot.name!r} (nq {strip.robot.nq}), the deformer of "
-                f"{self.robot.name!r} (nq {self.robot.nq})"
+                f"{self.robot.name!r} (nq {self.robot.nq}): they differ in joints, shapes or pairs of links"
             )
+
+    def _to_hold(self, strip: Strip, scene: Scene, known: bool) -> bool:
+        """Whether the strip has a certificate that must not be lost; ``known`` says that it is the last report's."""
+        work = self.workspace
+        if known and self._certified:
+            return not work.obstacles.nearer_than(self.params.clearance)  # else the scene has taken it already
+        if known and (scene is self._scene or work.foresight is not None):
+            return False
+        return float(strip.lateral_slip.max(initial=0.0)) <= SLIP_LIMIT and work.certify(scene).certified
 
     def _iterate(self, scene: Scene, hold: bool) -> TickResult:
         """One iteration; ``hold`` says that the current nodes came from a certified strip, which must not be lost."""
@@ -230,7 +241,7 @@ class Deformer:
         )
         moved = work.move(chart, scene)
         result = TickResult(work.certify(scene), slip, moved, energies, field)
-        if hold and not result.certificate.certified:
+        if hold and not _proven(result):
             return self._shorter(before, chart, scene, result)
         self._trust = min(1.0, 2.0 * self._trust)
         return result
@@ -270,11 +281,15 @@ class Deformer:
         self.clock.mark("maintenance")
         if edit is None:
             return result
-        chart, slip = edit.chart, result.slip
+        before, chart, slip = work.chart.copy(), edit.chart, result.slip
         if self._default.rolling:  # a node that went joins two arcs into one that must be drivable again
             chart, slip = project_rolling(space, chart)
         work.edit(edit, chart, scene)
-        return TickResult(work.certify(scene), slip, result.moved, result.energies, result.field)
+        edited = TickResult(work.certify(scene), slip, result.moved, result.energies, result.field)
+        if _proven(result) and not _proven(edited):  # the nodes that went were needed
+            work.restore(before, scene)
+            return replace(result, certificate=work.certify(scene))
+        return edited
 
     def _tunnel(self, scene: Scene) -> Tunnel:
         work, cap = self.workspace, self.params.influence
@@ -295,7 +310,7 @@ class Deformer:
         reach = self.workspace.obstacles.influence
         clearance = float(self.workspace.obstacles.clearance().min(initial=reach))
         strip = self.workspace.strip()
-        self._certified = result.certificate.certified and result.slip <= SLIP_LIMIT
+        self._certified, self._scene = _proven(result), scene
         self.clock.mark("report")
         return DeformReport(
             strip=strip,
@@ -316,3 +331,8 @@ class Deformer:
             heading_step=paper.heading_step if paper is not None else 0.0,
             task_errors=None if self.task is None else self.task.errors(self.workspace.kin),
         )
+
+
+def _proven(result: TickResult) -> bool:
+    """Whether what a tick came to could be driven: certified, and drivable by the wheels."""
+    return result.certificate.certified and result.slip <= SLIP_LIMIT

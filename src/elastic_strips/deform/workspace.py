@@ -114,6 +114,12 @@ class Workspace:
         self._distances(scene)
         return moved
 
+    def restore(self, chart: Array, scene: Scene) -> None:
+        """Go back to nodes (N, nv), however many there were; all is measured again."""
+        self._strip = None
+        self.kin.update(chart)
+        self._distances(scene)
+
     def edit(self, edit: Edit, chart: Array, scene: Scene) -> None:
         """Insert and remove nodes."""
         self._strip = None

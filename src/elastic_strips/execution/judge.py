@@ -100,6 +100,12 @@ def _checked(robot: RobotModel, time: Array, chart: Array, v: Array) -> tuple[Ar
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         if len(bad):
             raise RecordError(f"{name}[{bad[0]}] at {time[bad[0]]:g} s is not finite")
+    turns = np.flatnonzero(robot.space.half_turn(robot.space.difference(chart[:-1], chart[1:])))
+    if len(turns):
+        raise RecordError(
+            f"chart[{turns[0]}] at {time[turns[0]]:g} s and the next are half a turn apart, so which way the robot "
+            "turned is not known; record it more often"
+        )
     return time, chart, v
 
 

@@ -15,6 +15,8 @@ from ..errors import ParameterError
 from ..robot.space import Array, Indices, Mask
 from .window import Window
 
+_LONGEST = 1e6  # [s]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ahead:
@@ -50,7 +52,8 @@ class Forecast:
     """Constant velocities of some obstacles from a snapshot on, and bounds of how wrong they can be.
 
     At time t after the snapshot obstacle m is expected at its pose, moved by ``velocity[m]·t``; no point of it is
-    further from there than ``offset[m] + speed[m]·t + ½·acceleration[m]·t²``.
+    further from there than ``offset[m] + speed[m]·|t| + ½·acceleration[m]·t²``. The same bounds hold before it (t < 0):
+    a motion may have begun when the scene was still older.
 
     Attributes:
         obstacles: (M,) indices in the scene that it belongs to.
@@ -82,9 +85,9 @@ class Forecast:
         return len(self.obstacles)
 
     def ahead(self, times: Array) -> Ahead:
-        """The forecast at node times (N,) [s] after the snapshot."""
-        t = np.clip(times, 0.0, min(self.horizon, 1e6))[:, None]
-        growth = self.offset + self.speed * t + 0.5 * self.acceleration * t * t
+        """The forecast at node times (N,) [s] after the snapshot; negative ones are before it."""
+        t = np.clip(times, -_LONGEST, min(self.horizon, _LONGEST))[:, None]
+        growth = self.offset + self.speed * np.abs(t) + 0.5 * self.acceleration * t * t
         return Ahead(self.obstacles, self.velocity[None] * t[:, :, None], growth, times > self.horizon)
 
 

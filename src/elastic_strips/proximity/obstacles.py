@@ -113,6 +113,16 @@ class ObstacleProximity:
             columns = None
         elif len(moved_nodes):
             self._drift(kin, ends, moved_nodes)
+        self._take_over(kin, ends, ahead, columns, moved_nodes)
+
+    def _take_over(
+        self,
+        kin: Kinematics,
+        ends: Array,
+        ahead: Ahead | None,
+        columns: npt.NDArray[np.intp] | None,
+        moved_nodes: npt.NDArray[np.intp] | None,
+    ) -> None:
         self._foresee(ahead, columns)
         self._remember(kin, ends, moved_nodes)
         self.refine(kin)
@@ -165,20 +175,39 @@ class ObstacleProximity:
         self.margin[moved] = depth
         return True
 
-    def covered(self, kin: Kinematics) -> npt.NDArray[np.bool_]:
-        """(M,) whether the window holds all that is within the influence distance of configurations between nodes."""
-        assert self.window is not None
-        low, high = self._boxes(self.bodies.capsule_ends(kin))
-        return self.window.covered(low - self.influence, high + self.influence)
+    def look_between(self, kin: Kinematics, between: Kinematics, reach: Array) -> bool:
+        """See that the window holds all that is within ``reach`` (M,) [m] of configurations between the nodes.
 
-    def _rebuild(self, ends: Array, scene: Scene) -> None:
+        Args:
+            kin: kinematics of the nodes, as last given to :meth:`update`.
+            between: kinematics of the M configurations.
+
+        Returns:
+            Whether it had to be collected anew; then all bounds have been measured again.
+        """
+        window = self.window
+        assert window is not None
+        low, high = self._boxes(self.bodies.capsule_ends(between))
+        low, high = low - reach[:, None], high + reach[:, None]
+        new = ~window.covered(low, high)
+        if not new.any():
+            return False
+        ends = self.bodies.capsule_ends(kin)
+        self._rebuild(ends, window.scene, low[new], high[new])
+        self._take_over(kin, ends, self.movers.ahead, None, None)
+        return True
+
+    def _rebuild(self, ends: Array, scene: Scene, *more: Array) -> None:
+        """Collect the window about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high."""
         n, g = ends.shape[:2]
         body_low, body_high = self._boxes(ends)
         low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
+        if more:
+            low, high = np.vstack((low, more[0])), np.vstack((high, more[1]))
         self.window = Window.build(scene, low, high, self.slack, always=self.movers.always)
         self.narrow.retain(self.window.parts)
-        inner = np.minimum(body_low - self.window.cover_low, self.window.cover_high - body_high)
+        inner = np.minimum(body_low - self.window.cover_low[:n], self.window.cover_high[:n] - body_high)
         self.margin, self._cover = inner.min(axis=1), np.arange(n)
         p = len(self.window)
         self.bound = np.full((n, g, p), -_FAR)

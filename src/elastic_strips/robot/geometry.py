@@ -95,7 +95,9 @@ def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
         RobotError: the shape has no convex description here.
     """
     points, radius = _core_points(geometry)
-    return points, radius + float(geometry.getSweptSphereRadius())
+    if isinstance(geometry, coal.ShapeBase):
+        radius += float(geometry.getSweptSphereRadius())
+    return points, radius
 
 
 def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
@@ -208,7 +210,6 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_rati
             shape = convex_from_vertices(points, name=f"{obj.name} ({obj.meshPath})")
         elif isinstance(shape, coal.Ellipsoid):
             shape = coal.Box(*(2 * np.asarray(shape.radii)))
-        if shape is not obj.geometry:
             shape.setSweptSphereRadius(obj.geometry.getSweptSphereRadius())
         shape.computeLocalAABB()
         pieces.append(_piece(obj.name, (link,), obj.parentJoint, shape, T))

@@ -72,6 +72,21 @@ class RobotModel:
     def control_point_names(self) -> tuple[str, ...]:
         return self.control_point_set.names
 
+    def same_as(self, other: RobotModel) -> bool:
+        """Whether the other moves alike and has the same shape, so that a proof for one holds for the other."""
+        if self is other:
+            return True
+        return (
+            self.model == other.model
+            and self.base_kind is other.base_kind
+            and np.array_equal(self.self_pairs, other.self_pairs)
+            and len(self.geometries) == len(other.geometries)
+            and all(
+                a.joint == b.joint and np.array_equal(a.placement, b.placement) and a.geometry == b.geometry
+                for a, b in zip(self.geometries, other.geometries, strict=True)
+            )
+        )
+
     def home(
         self,
         x: float = 0.0,

@@ -21,6 +21,7 @@ Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
 _SMALL = 1e-4
+_HALF_TURN = np.pi - 1e-5
 
 
 def where_true(mask: Mask) -> tuple[Indices, ...]:
@@ -176,10 +177,19 @@ class ConfigurationSpace:
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
         """Chart rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
 
-        Where a continuous joint turns by π to within 1e-6, Pinocchio blends cos and sin instead of turning it; this
-        one turns it.
+        Which way a half turn goes is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
+        rounding makes of it.
         """
         return self.integrate(a, np.asarray(s, dtype=float)[..., None] * self.difference(a, b))
+
+    def half_turn(self, v: Array) -> Mask:
+        """(…) whether the base or a continuous joint turns by half a turn along tangent vectors ``v`` (…, nv).
+
+        Between two such configurations there are two ways, and rounding decides which one Pinocchio takes; so nothing
+        is certified on them. Within 1e-5 of π.
+        """
+        turned = np.abs(v[..., self.base_nv :][..., self.circular]).max(axis=-1, initial=0.0) >= _HALF_TURN
+        return turned | (np.abs(v[..., 2]) >= _HALF_TURN) if self.planar else turned
 
     def base_difference_jacobians(self, v: Array) -> tuple[Array, Array]:
         """Base blocks (…, 3, 3) of ``pin.dDifference`` at base twists ``v`` (…, ≥3): wrt the first and the second.

@@ -17,10 +17,10 @@ from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics
 from ..robot.space import Array, Indices, Mask, where_true
 from ..scene import Scene
-from .values import BrokenSegment, Certificate, SegmentState
+from .values import HALF_TURN, BrokenSegment, Certificate, SegmentState
 
 _MOST_SAMPLES = 256
-"""Configurations of one segment that are compared with the window; a segment that wants more is not certified."""
+"""Most configurations of one segment about which obstacles are looked for."""
 
 
 @dataclass(slots=True)
@@ -81,17 +81,19 @@ class Certifier:
         n = kin.n - 1
         states = np.zeros(n, dtype=np.int8)
         travel = self.bounds.travel(v)
+        checks = self._look_along(kin, v, travel, clearance, scene)
         worst: list[BrokenSegment] = []
+        for j in np.flatnonzero(self.bodies.tree.space.half_turn(v)).tolist():
+            states[j] = SegmentState.UNKNOWN
+            worst.append(undefined(self.bodies, j))
         self._colliding_nodes(kin, clearance, states, worst)
         open_obstacles = self._open_obstacles(kin, v, travel, clearance, states)
         open_self = self._open_self(kin, v, self_clearance)
-        checks = 0
         for triples, is_self in ((open_obstacles, False), (open_self, True)):
             if len(triples):
                 checks += self._bisect(
                     kin, v, triples, self_clearance if is_self else clearance, states, worst, is_self
                 )
-        checks += self._uncovered(kin, v, travel, clearance, scene, states, worst)
         worst.sort(key=lambda b: (not b.certain, b.clearance))
         return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
 
@@ -253,39 +255,32 @@ class Certifier:
             link, other, kind = names[bad.body[k]], self.obstacles.obstacle_name(int(bad.part[k])), "obstacle"
         worst.append(BrokenSegment(int(bad.segment[k]), link, other, float(d[k]), kind, certain))
 
-    def _uncovered(
-        self,
-        kin: Kinematics,
-        v: Array,
-        travel: Array,
-        clearance: float,
-        scene: Scene,
-        states: npt.NDArray[np.int8],
-        worst: list[BrokenSegment],
-    ) -> int:
-        """Parts outside the window are known to be far from the nodes: enough, unless a segment is long."""
-        margin = self.obstacles.margin
-        long = np.flatnonzero((travel.max(axis=1) + 2.0 * clearance >= margin[:-1] + margin[1:]) & (states == 0))
-        if len(long) == 0 or len(scene) == 0:
+    def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
+        """Have the window hold all that long segments may come near; for short ones what is near the nodes will do.
+
+        A point of a long segment is no further from the nearest of some configurations on it than half the way from
+        one to the next.
+        """
+        if len(scene) == 0:
             return 0
-        far = self.obstacles.influence
-        counts = np.ceil(travel.max(axis=1)[long] / max(far - clearance, 1e-3)).astype(int) + 1
-        outside = long[counts > _MOST_SAMPLES]  # too long to be looked at
-        long, counts = long[counts <= _MOST_SAMPLES], counts[counts <= _MOST_SAMPLES]
+        longest = travel.max(axis=1)
+        margin = self.obstacles.margin
+        long = np.flatnonzero(longest + 2.0 * clearance >= margin[:-1] + margin[1:])
+        if len(long) == 0:
+            return 0
+        counts = np.clip(np.ceil(longest[long] / self.obstacles.influence), 1, _MOST_SAMPLES).astype(int)
         s = np.repeat(long, counts)
-        fraction = np.concatenate([np.zeros(0), *((np.arange(c) + 0.5) / c for c in counts)])
+        fraction = np.concatenate([(np.arange(c) + 0.5) / c for c in counts.tolist()])
         space = self.bodies.tree.space
-        if len(s):
-            self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
-            outside = np.union1d(outside, s[~self.obstacles.covered(self._between)])
-        states[outside] = np.maximum(states[outside], SegmentState.UNKNOWN)
-        for j in outside:
-            worst.append(
-                BrokenSegment(
-                    int(j), self.bodies.names[0], "obstacles beyond the segment's ends", far, "obstacle", False
-                )
-            )
+        self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
+        reach = clearance + 0.5 * np.repeat(longest[long] / counts, counts) + 1e-6
+        self.obstacles.look_between(kin, self._between, reach)
         return len(s)
+
+
+def undefined(bodies: BodySet, segment: int) -> BrokenSegment:
+    """A segment that makes half a turn."""
+    return BrokenSegment(segment, bodies.names[0], "", 0.0, HALF_TURN, False)
 
 
 def _empty() -> _Open:

@@ -16,8 +16,9 @@ _REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
 
-    A lower bound of the true value, at most ``tolerance`` [m] below it. Infinite without obstacles; what is more than
-    10 km away counts as 10 km away.
+    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose way
+    is not defined, as far below as the robot could reach). Infinite without obstacles; what is more than 10 km away
+    counts as 10 km away.
 
     Args:
         strip: the strip.
@@ -50,6 +51,9 @@ def _refine(
     best = float(bound.min())  # found at a node: an upper bound of the answer (up to the GJK excess)
     travel = bounds.travel(v)
     low = 0.5 * (bound[:-1] + bound[1:] - travel[:, :, None])
+    undefined = space.half_turn(v)
+    best = min(best, float(low[undefined].min(initial=np.inf)))
+    low[undefined] = np.inf
     segment, body, part = where_true(low < best - tolerance)
     tight = bounds.tight_travel(kin, segment, body, v[segment]) if len(segment) else np.zeros(0)
     d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]

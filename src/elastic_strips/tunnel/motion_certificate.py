@@ -16,6 +16,7 @@ from ..proximity import GJK_EXCESS, Ahead, BodySet, MotionBounds, Movers, Narrow
 from ..robot import Kinematics
 from ..robot.space import Array, Indices, Mask
 from ..scene import Scene
+from .certificate import undefined
 from .values import BrokenSegment, Certificate, SegmentState
 
 _SLACK = 0.6
@@ -129,7 +130,10 @@ class MotionCertifier:
         self._v = np.vstack([v, np.zeros((1, v.shape[1]))])
         travel = self.bounds.travel(v)
         self._look(scene, ahead, clearance, travel)
-        broken = self._prove(self._obstacle_family(travel, clearance))
+        turns = np.flatnonzero(self.bodies.tree.space.half_turn(v))
+        broken = undefined(self.bodies, int(turns[0])) if len(turns) else None
+        if broken is None:
+            broken = self._prove(self._obstacle_family(travel, clearance))
         if broken is None:
             broken = self._prove(self._self_family(v, self_clearance))
         states = np.full(n, SegmentState.CERTIFIED if broken is None else SegmentState.UNKNOWN, dtype=np.int8)

@@ -8,6 +8,8 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+HALF_TURN = "half turn"
+
 
 class SegmentState(int, Enum):
     """What is known of a segment."""
@@ -26,7 +28,7 @@ class BrokenSegment:
         link: name of the robot's collision piece.
         obstacle: name of the obstacle, or of the other link for self-collision.
         clearance: smallest distance measured there [m]; below the required one, or too small to decide.
-        kind: ``"obstacle"`` or ``"self"``.
+        kind: ``"obstacle"``, ``"self"``, or ``"half turn"`` where the segment's way is not defined.
         certain: True where a configuration below the required clearance was found, False where the depth floor was met.
     """
 
@@ -38,6 +40,8 @@ class BrokenSegment:
     certain: bool
 
     def __str__(self) -> str:
+        if self.kind == HALF_TURN:
+            return f"segment {self.segment}: {self.link} makes half a turn, and which way is not defined: add a node"
         what = "comes within" if self.certain else "could not be proven clear of"
         return f"segment {self.segment}: {self.link} {what} {self.obstacle} ({self.clearance * 1000:.1f} mm)"
 

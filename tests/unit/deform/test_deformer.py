@@ -13,6 +13,7 @@ from elastic_strips.deform import Deformer, DeformParams, DeformStatus
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot.loading import _example_robot_data as example_robot_data
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
 from elastic_strips.strip import Strip
 
@@ -392,3 +393,65 @@ def test_the_papers_mobile_force_acts_at_the_base(silvermate):
     params = DeformParams.for_preset("paper", updates=1, influence=0.6)
     report = Deformer(robot, params).step(Strip(robot, q), scene)
     np.testing.assert_allclose(report.strip.chart[:, :2], Strip(robot, q).chart[:, :2], atol=1e-9)
+
+
+WHEELED_PAIR = """<robot name="pair">
+  <link name="body"><collision><origin xyz="0 0 0.2"/><geometry><box size="{size} 0.2 0.2"/></geometry></collision></link>
+  <link name="upper"><collision><origin xyz="0.2 0 0"/><geometry><box size="0.3 0.05 0.05"/></geometry></collision></link>
+  <link name="lower"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <joint name="shoulder" type="revolute"><parent link="body"/><child link="upper"/><origin xyz="0 0 0.5"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+</robot>"""
+
+
+def test_a_strip_of_another_shape_is_refused(tmp_path):
+    """Kinematics alone do not make a robot: the narrow one's proof says nothing of the wide one."""
+    robots = []
+    for size in (0.2, 0.9):
+        path = tmp_path / f"pair_{size}.urdf"
+        path.write_text(WHEELED_PAIR.format(size=size))
+        robots.append(load_robot(path, base="omni"))
+    narrow, wide = robots
+    strip = Strip(wide, [wide.home(), wide.home(y=1.0)])
+    deformer = Deformer(narrow)
+    for call in (deformer.step, deformer.settle, deformer.certify, deformer.assess):
+        with pytest.raises(ConfigurationError, match="shapes"):
+            call(strip, Scene([]))
+    again = load_robot(tmp_path / "pair_0.2.urdf", base="omni")
+    assert deformer.certify(Strip(again, [again.home(), again.home(y=1.0)]), Scene([])).certified
+
+
+def test_a_fresh_deformer_does_not_lose_the_certificate_of_what_it_is_given():
+    """Baxter at home has its elbows near its shoulders: a first step into the forces' balance pushes them together."""
+    urdf = example_robot_data() / "example-robot-data/robots/baxter_description/urdf/baxter.urdf"
+    baxter = load_robot(urdf, base="omni", package_dirs=(example_robot_data(),))
+    scene = Scene([Box((0.3, 0.3, 0.3), at=(2.0, 1.6, 0.5))])
+    strip = line(baxter, 2.0, y=0.5)
+    assert Deformer(baxter).certify(strip, scene).certified
+    deformer = Deformer(baxter)
+    for _ in range(5):
+        report = deformer.step(strip, scene)
+        assert report.certified, report.reason
+        strip = report.strip
+    assert report.moved > 0.0
+
+
+def test_taking_out_a_node_does_not_lose_the_certificate(tmp_path):
+    """A node that crowds its neighbours may be the one that leads around something."""
+    path = tmp_path / "ball.urdf"
+    path.write_text(
+        '<robot name="ball"><link name="ball"><collision><geometry><sphere radius="0.1"/></geometry></collision>'
+        "</link></robot>"
+    )
+    ball = load_robot(path, base="omni")
+    post = Scene([Cylinder(0.05, 1.0, at=(0.2, -0.05, 0.0), name="post")])
+    strip = Strip(ball, [ball.home(), ball.home(x=0.2, y=0.2), ball.home(x=0.4)])
+    params = DeformParams(influence=0.01, min_spacing=0.65, max_spacing=0.7, k_c=1e-6)
+    deformer = Deformer(ball, params)
+    assert deformer.certify(strip, post).certified
+    assert not deformer.certify(Strip(ball, strip.q[[0, 2]]), post).certified
+    report = deformer.step(strip, post)
+    assert report.certified, report.reason
+    assert len(deformer.step(strip, Scene([])).strip) == 2, "nothing stood in the way, and the node stayed"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from brute_force import configuration, link_distances, self_distances
 
@@ -153,10 +154,57 @@ def test_a_long_segment_does_not_overlook_what_lies_between(silvermate):
     assert certify(drive(silvermate, *np.linspace(0.0, 25.0, 60)), aside).certified
 
 
-def test_a_segment_that_is_too_long_to_look_at_is_not_certified(silvermate):
-    scene = Scene([Sphere(0.2, at=(0.0, 1.5, 0.2))])
-    certificate = certify(drive(silvermate, 0.0, 200.0), scene)
+def test_a_very_long_segment_is_looked_at_all_along(silvermate):
+    for x, y, free in ((0.0, 1.5, True), (101.3, 1.5, True), (101.3, 0.1, False), (199.0, 0.3, False)):
+        scene = Scene([Sphere(0.2, at=(x, y, 0.2))])
+        certificate = certify(drive(silvermate, 0.0, 200.0), scene)
+        assert certificate.certified is free, (x, y)
+        assert (certificate.states == SegmentState.COLLIDING).all() == (not free)
+
+
+def test_turning_in_place_with_the_arm_out_is_proven(tiago):
+    """The hand's arc leads far out of the boxes about the two ends; what is nowhere near it must not count."""
+    out = {"arm_1_joint": 1.5, "arm_2_joint": 0.0, "arm_4_joint": 0.0}
+    strip = Strip(tiago, [tiago.home(joints=out), tiago.home(yaw=3.1, joints=out)])
+    assert certify(strip, Scene([Sphere(0.2, at=(500.0, 0.0, 0.2))])).certified
+    hand = tiago.control_points(Strip(tiago, strip.q).sample(0.01)[155])[-1]
+    on_the_arc = Scene([Sphere(0.05, at=hand), Sphere(0.2, at=(500.0, 0.0, 0.2))])
+    assert not certify(strip, on_the_arc).certified
+
+
+@pytest.mark.parametrize("yaw", [np.pi, -np.pi])
+@pytest.mark.parametrize("at", [0.0, 1.0, -2.5])
+def test_nothing_is_proven_of_half_a_turn(rover, yaw, at):
+    """Rounding decides which way Pinocchio turns: there is no one interpolant to certify."""
+    strip = Strip(rover, [rover.home(yaw=at), rover.home(x=0.5, yaw=at + yaw)])
+    certificate = certify(strip, Scene([]))
     assert certificate.states.tolist() == [SegmentState.UNKNOWN]
+    assert certificate.broken is not None
+    assert "half a turn" in str(certificate.broken)
+    settled = Deformer(rover).settle(strip, Scene([]))  # which puts a node between
+    assert settled.certified
+    for a, b in pairwise(settled.strip.q):
+        ours = rover.space.interpolate(*rover.space.to_chart(np.stack((a, b)))[:, None], np.array([0.3]))
+        np.testing.assert_allclose(rover.space.from_chart(ours)[0], pin.interpolate(rover.model, a, b, 0.3), atol=1e-9)
+
+
+def test_nothing_is_proven_of_half_a_turn_of_a_joint(gantry):
+    for spins, whole in (((0.0, np.pi), False), ((0.0, 1.0, np.pi), True)):
+        broken = certify(Strip(gantry, [gantry.home(spin=s) for s in spins]), Scene([])).broken
+        assert (broken is None or broken.kind != "half turn") == whole
+
+
+def test_the_clearance_of_half_a_turn_counts_both_ways(rover):
+    strip = Strip(rover, [rover.home(), rover.home(x=0.6, yaw=np.pi)])
+    for y in (0.5, -0.5):
+        scene = Scene([Sphere(0.1, at=(0.3, y, 0.1))])
+        there = min(
+            link_distances(rover, scene, q).min()
+            for between in ([0.3, 0.35, np.pi / 2], [0.3, -0.35, -np.pi / 2])
+            for a, b in pairwise([strip.q[0], rover.home(*between), strip.q[1]])
+            for q in (pin.interpolate(rover.model, a, b, s) for s in np.linspace(0, 1, 50))
+        )
+        assert strip_clearance(strip, scene) <= there
 
 
 def test_a_node_just_outside_the_clearance_is_not_called_colliding(silvermate):

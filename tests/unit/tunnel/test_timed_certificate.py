@@ -66,6 +66,30 @@ def test_certified_among_moving_obstacles(name, request, rng):
     assert refused >= 8
 
 
+def test_what_begins_before_the_snapshot_meets_obstacles_where_they_were(silvermate):
+    """A motion that has begun when the scene is sensed: the obstacle came from somewhere, and moved all the while."""
+    strip = Strip(silvermate, [silvermate.home(x=x) for x in np.linspace(0.0, 2.0, 9)])
+    times = np.linspace(-1.5, 0.5, 9)
+    sensed = np.array([0.5 * (times[3] + times[4]), 0.0])  # where and when it crossed the robot's path
+    velocity = np.array([[0.0, 0.9, 0.0]])
+    at = (strip.chart[3, 0], -velocity[0, 1] * sensed[0], 0.4)
+    scene = Scene([Cylinder(0.1, 0.8, at=at, name="walker")])
+    known = Forecast(np.array([0]), velocity, np.zeros(1), np.zeros(1), np.zeros(1))
+    deformer = Deformer(silvermate, DeformParams(clearance=0.01))
+    report = deformer.assess(strip, scene, foresight=lambda chart: known.ahead(times))
+    distances = [closest(strip, j, scene, known, times, 41) for j in range(len(strip) - 1)]
+    assert min(distances) < 0.0 < max(distances)
+    for good, d in zip(report.certificate.segments, distances, strict=True):
+        assert not good or d > 0.01 - 1e-5
+
+
+def test_bounds_grow_into_the_past_as_into_the_future():
+    walker = Forecast(np.array([0]), np.array([[0.3, -0.2, 0.0]]), np.full(1, 0.01), np.full(1, 0.1), np.full(1, 0.5))
+    ahead = walker.ahead(np.array([-2.0, 0.0, 2.0]))
+    np.testing.assert_allclose(ahead.shift[0], -ahead.shift[2])
+    np.testing.assert_allclose(ahead.growth[:, 0], [1.21, 0.01, 1.21])
+
+
 def test_a_crossing_obstacle_is_passed_behind(silvermate):
     """The strip goes where the obstacle will have left, and not where it stands now."""
     from elastic_strips.planning import straight_line
