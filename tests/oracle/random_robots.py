@@ -26,7 +26,7 @@ def _wedge() -> trimesh.Trimesh:
 
 
 def _shape(rng: np.random.Generator, folder: Path, kinds: tuple[str, ...]) -> str:
-    size = rng.uniform(0.04, 0.2, 3)
+    size = rng.uniform(0.03, 0.15, 3)
     kind = str(rng.choice(kinds))
     if kind == "box":
         return f'<box size="{_text(size)}"/>'
@@ -71,7 +71,7 @@ def random_urdf(
             parent = int(rng.integers(0, count))
         bodies = "".join(
             f"<collision>{_origin(rng, 0.08)}<geometry>{_shape(rng, folder, shapes)}</geometry></collision>"
-            for _ in range(int(rng.choice([0, 1, 1, 2])))
+            for _ in range(int(rng.choice([0, 1, 1, 1, 2])))
         )
         links.append(f'<link name="link_{count}">{bodies}</link>')
         axis = rng.normal(size=3)
@@ -83,7 +83,7 @@ def random_urdf(
         limit = _limit(rng, made) if made != "fixed" else ""
         text.append(
             f'<joint name="joint_{count}" type="{made}"><parent link="link_{parent}"/><child link="link_{count}"/>'
-            f'{_origin(rng, 0.3)}<axis xyz="{_text(axis)}"/>{limit}{mimic}</joint>'
+            f'{_origin(rng, 0.4)}<axis xyz="{_text(axis)}"/>{limit}{mimic}</joint>'
         )
         if kind not in ("fixed", "mimic"):
             moving.append(f"joint_{count}")

@@ -396,9 +396,9 @@ def test_the_papers_mobile_force_acts_at_the_base(silvermate):
 
 
 WHEELED_PAIR = """<robot name="pair">
-  <link name="body"><collision><origin xyz="0 0 0.2"/><geometry><box size="{size} 0.2 0.2"/></geometry></collision></link>
-  <link name="upper"><collision><origin xyz="0.2 0 0"/><geometry><box size="0.3 0.05 0.05"/></geometry></collision></link>
-  <link name="lower"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <link name="body"><collision><geometry><box size="{size} 0.2 0.2"/></geometry></collision></link>
+  <link name="upper"><collision><origin xyz="0.2 0 0"/><geometry><box size="0.3 0.1 0.1"/></geometry></collision></link>
+  <link name="lower"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
   <joint name="shoulder" type="revolute"><parent link="body"/><child link="upper"/><origin xyz="0 0 0.5"/>
     <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
   <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/>

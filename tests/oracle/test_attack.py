@@ -1,0 +1,36 @@
+"""A short attack on the certificate; the long one is a command (see ``attack.py``)."""
+
+from __future__ import annotations
+
+import pytest
+from attack import KINDS, Figures, run
+
+
+@pytest.fixture(scope="module")
+def figures() -> Figures:
+    """One robot on each kind of base, among them one with eight degrees of freedom."""
+    total = Figures()
+    for seed in (9, 16, 8):
+        total.add(run(250, seed))
+    return total
+
+
+def test_nothing_that_is_certified_comes_nearer_than_was_proven(figures):
+    assert figures.false == []
+    assert {base for _, base, _, _ in figures.counts} == {"fixed", "omni", "diff_drive"}
+    for kind in KINDS:
+        assert figures.total("certified", kind=kind) > 0, kind
+    assert figures.total("refused") > 0.1 * figures.segments
+
+
+def test_what_is_free_is_certified(figures):
+    assert figures.total("certified", kind="chain") > 50
+    assert figures.free_fraction >= 0.9
+
+
+def test_no_pair_of_links_is_overlooked(figures):
+    assert figures.missing_pairs == []
+
+
+def test_the_samples_are_as_dense_as_they_claim(figures):
+    assert 0.0 < figures.longest_step <= 1e-3
