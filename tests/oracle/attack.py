@@ -113,7 +113,8 @@ class Figures:
         return text.replace("\n", "\n|---|---|---|---|---|---|\n", 1) + (
             f"\n\n{self.robots} robots, {self.samples} samples, no point further than "
             f"{1000 * self.longest_step:.2f} mm from one to the next (looked at in one of 50); "
-            f"of the truly free segments of chains {100 * self.free_fraction:.2f} % certified; {self.seconds:.0f} s of one core"
+            f"of the truly free segments of chains {100 * self.free_fraction:.2f} % certified; "
+            f"{self.seconds:.0f} s of one core"
         )
 
 
