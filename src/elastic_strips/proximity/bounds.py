@@ -47,8 +47,7 @@ class MotionBounds:
                 self.radius[2, g] = planar_far if first else distance
             elif tree.prismatic[joint]:
                 self.radius[k, g] = 1.0
-                slide = max(abs(space.lower[k]), abs(space.upper[k]))
-                distance += slide if np.isfinite(slide) else 1e3
+                distance += max(abs(space.lower[k]), abs(space.upper[k]))
             else:
                 self.radius[k, g] = planar_far if first else distance
             distance += float(np.linalg.norm(tree.offset[joint][:3, 3]))

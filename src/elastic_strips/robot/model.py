@@ -19,6 +19,9 @@ from .kinematics import KinematicTree
 from .self_pairs import self_pairs
 from .space import Array, ConfigurationSpace
 
+_LONGEST_SLIDE = 1e3
+"""[m] to either side, for a sliding joint without limits."""
+
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
@@ -187,7 +190,8 @@ class RobotModel:
         """Make a robot of Pinocchio models that already exist; they are not changed.
 
         Args:
-            model: a model whose joint 1 is ``JointModelPlanar``, or one with a fixed base.
+            model: a model whose joint 1 is ``JointModelPlanar``, or one with a fixed base. Sliding joints without
+                limits get ±1 km.
             collision_model: its collision geometry.
             visual_model: its visual geometry; the collision geometry where None.
             base: base kind; None means omni for a planar root and fixed otherwise.
@@ -217,6 +221,7 @@ class RobotModel:
         reference = _reference_configuration(model, {**(home or {}), **values})
         ids = [model.getJointId(n) for n in values]
         reduced, (collision, visual) = pin.buildReducedModel(model, [collision_model, visual], ids, reference)
+        _bound_sliders(reduced)
         space = ConfigurationSpace.from_model(reduced)
         pieces = tuple(link_geometries(reduced, collision))
         if not pieces:
@@ -254,6 +259,15 @@ class RobotModel:
             urdf_path=urdf_path,
             srdf_path=srdf_path,
         )
+
+
+def _bound_sliders(model: pin.Model) -> None:
+    """Give sliding joints without limits wide ones: how far a link can be from a joint before it must be known."""
+    for i in range(1, model.njoints):
+        kind, k = model.joints[i].shortname(), model.joints[i].idx_q
+        if kind.startswith("JointModelP") and kind != "JointModelPlanar":
+            model.lowerPositionLimit[k] = max(model.lowerPositionLimit[k], -_LONGEST_SLIDE)
+            model.upperPositionLimit[k] = min(model.upperPositionLimit[k], _LONGEST_SLIDE)
 
 
 def _refuse_world_geometry(pieces: tuple[LinkGeometry, ...]) -> None:

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from elastic_strips.deform import Deformer, DeformParams
-from elastic_strips.errors import RobotError
+from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.robot import KinematicTree, RobotModel
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Strip
@@ -42,6 +42,20 @@ def test_a_fixed_base_may_stand_on_geometry_of_the_world():
     collision = geometry(("stand", 0, coal.Box(0.1, 0.1, 0.1), (0, 0, 0)), ("arm", 1, coal.Sphere(0.1), (0.5, 0, 0)))
     robot = RobotModel.from_pinocchio(model, collision)
     assert [piece.name for piece in robot.geometries] == ["stand", "arm"]
+
+
+def test_a_slider_without_limits_is_bounded():
+    """A turning joint before it moves its links the further the further they slid: nothing bounds that else."""
+    model = pin.Model()
+    turn = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), "turn")
+    slide = model.addJoint(turn, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    robot = RobotModel.from_pinocchio(model, geometry(("ball", slide, coal.Sphere(0.1), (0, 0, 0))))
+    assert robot.home(slide=900.0)[-1] == 900.0
+    with pytest.raises(ConfigurationError, match="limits"):
+        robot.home(slide=1100.0)
+    far = Strip(robot, [robot.home(turn=0.0, slide=900.0), robot.home(turn=0.3, slide=900.0)])
+    at = 900.0 * np.array([np.cos(0.15), np.sin(0.15)])
+    assert not Deformer(robot).certify(far, Scene([Box((0.1, 0.1, 0.1), at=(*at, 0.0))])).certified
 
 
 @pytest.mark.parametrize("shape", [coal.Sphere(0.05), coal.Box(0.1, 0.1, 0.1)])
