@@ -110,8 +110,8 @@ class DeformParams:
             )
         if self.min_spacing > self.max_spacing:
             raise ParameterError(f"min_spacing={self.min_spacing} must not exceed max_spacing={self.max_spacing}")
-        if self.max_nodes < 3:
-            raise ParameterError(f"max_nodes={self.max_nodes} must be at least 3")
+        if self.max_nodes < 4:  # turn, drive, turn
+            raise ParameterError(f"max_nodes={self.max_nodes} must be at least 4")
 
     @staticmethod
     def for_preset(preset: str, **overrides: Any) -> DeformParams:
