@@ -20,7 +20,7 @@ SOON = 2.0
 
 
 def planned_corridors(
-    robot: RobotModel, seeds: int, step: Callable[[str], object], *, scenario: str = "corridor", grid: bool = False
+    robot: RobotModel, seeds: int, step: Callable[[str], object], *, scenario: str = "corridor", grid: bool = True
 ) -> list[tuple[int, Scene, PlanReport]]:
     """Plan the corridors of seeds 0 … ``seeds`` − 1, each with a new workspace; one warm-up is not counted."""
     _plan(robot, 10_000, scenario, grid)
@@ -41,7 +41,7 @@ def _plan(robot: RobotModel, seed: int, scenario: str, grid: bool) -> tuple[Scen
 
 def bench_plan(
     robot: RobotModel, seeds: int, step: Callable[[str], object] = lambda note: None, *, scenario: str = "corridor",
-    grid: bool = False,
+    grid: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
     """Success, time to the first certified strip, clearance and slip on a seeded scenario.
 

@@ -28,7 +28,7 @@ def bench() -> None:
 @_robot
 @_seeds
 @click.option("--scenario", default="corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
-@click.option("--grid/--no-grid", default=False, show_default=True, help="Try a way over a grid before OMPL.")
+@click.option("--grid/--no-grid", default=True, show_default=True, help="Try a way over a grid before OMPL.")
 @_json
 def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | None) -> None:
     """Plan the corridor (or another scenario) of many seeds: how often, how fast, how clear."""

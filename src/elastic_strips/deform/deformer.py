@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import ConfigurationError, ParameterError
-from ..maintenance import maintain
+from ..maintenance import maintain, node_spacing
 from ..relax import project_rolling
 from ..robot import RobotModel
 from ..robot.space import Array, Indices
@@ -19,8 +19,8 @@ from .clock import PhaseClock
 from .default_step import DefaultStep
 from .paper_step import PaperStep
 from .params import DeformParams
-from .report import DeformReport, ForceField, TickResult
-from .status import SLIP_LIMIT, settled_report, tick_status
+from .report import DeformReport, DeformStatus, ForceField, TickResult
+from .status import SLIP_LIMIT, settled_report, tick_status, wide_spacing
 from .task import AxisTask, TaskForce
 from .workspace import Foresight, Workspace
 
@@ -157,7 +157,7 @@ class Deformer:
             if watch is not None:
                 watch(report)
             done = until == "certified" and report.certified and report.usable
-            if report.moved < self.params.rest_step or done or ticks >= limit:
+            if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
                 return settled_report(report, ticks, timings, seconds, asked, turn)
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
@@ -304,9 +304,14 @@ class Deformer:
     def _report(self, scene: Scene, result: TickResult, iterations: int, asked: int, detail: bool) -> DeformReport:
         paper = self._paper
         tunnel = self._tunnel(scene) if detail or paper is not None else None
-        rest = result.moved < self.params.rest_step
+        rest, wide = result.moved < self.params.rest_step, ""
+        if paper is None and rest:
+            work = self.workspace
+            spacing = node_spacing(self.robot.space, work.chart, self._default.spacing_weight)
+            wide = wide_spacing(float(spacing.max()), len(work.chart), self.params)
+            rest = not wide or len(work.chart) >= self.params.max_nodes  # else there are nodes to be put in
         counted = tunnel if paper is not None else None
-        status, reason = tick_status(result.certificate, result.slip, rest, counted)
+        status, reason = tick_status(result.certificate, result.slip, rest, counted, wide)
         reach = self.workspace.obstacles.influence
         clearance = float(self.workspace.obstacles.clearance().min(initial=reach))
         strip = self.workspace.strip()

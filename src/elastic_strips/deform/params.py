@@ -12,8 +12,7 @@ from ..errors import ParameterError, nearest_name
 PRESETS = ("default", "paper")
 _WHOLE = ("max_nodes", "max_ticks", "certificate_depth", "updates")
 _POSITIVE = (
-    "influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks",
-    "certificate_depth", "updates",
+    "influence", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks", "certificate_depth", "updates",
 )  # fmt: skip
 _PAPER = {
     "influence": 1.5, "k_r": 0.3, "k_c": 0.5, "max_spacing": 0.25, "min_spacing": 0.0, "rest_step": 2e-4,
@@ -28,11 +27,12 @@ class DeformParams:
     Attributes:
         preset: ``"default"`` (implicit update, witness points) or ``"paper"`` (Eqs. 2–9 as printed).
         influence: distance d_r within which obstacles push; the paper's *safe distance*.
-        clearance: distance that the certificate proves; a hard bound, another parameter than ``influence``.
+        clearance: distance that the certificate proves; a hard bound, another parameter than ``influence``. 0 proves
+            that nothing touches.
         k_r: repulsion gain (Table 1 of the paper: 0.3).
         k_c: contraction gain (Table 1: 0.5).
         near: distance of the stiff repulsive layer; k_near: its gain. Default preset only.
-        self_clearance: distance that the certificate proves between the robot's own links.
+        self_clearance: distance that the certificate proves between the robot's own links; 0 as for ``clearance``.
         k_self, self_influence: repulsion between the robot's own links; links that are nearer by design push later.
         k_limit, limit_margin: joint limits.
         k_posture: pull of the joints towards the straight joint-space line from start to goal.
@@ -110,8 +110,8 @@ class DeformParams:
             )
         if self.min_spacing > self.max_spacing:
             raise ParameterError(f"min_spacing={self.min_spacing} must not exceed max_spacing={self.max_spacing}")
-        if self.max_nodes < 3:
-            raise ParameterError(f"max_nodes={self.max_nodes} must be at least 3")
+        if self.max_nodes < 4:  # turn, drive, turn
+            raise ParameterError(f"max_nodes={self.max_nodes} must be at least 4")
 
     @staticmethod
     def for_preset(preset: str, **overrides: Any) -> DeformParams:

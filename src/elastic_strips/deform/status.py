@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..tunnel import Certificate, Tunnel
+from .params import DeformParams
 from .report import DeformReport, DeformStatus
 
 SLIP_LIMIT = 1e-6
 """Sideways travel [m] of a segment above which a differential drive's strip is not drivable."""
 
 
-def tick_status(certificate: Certificate, slip: float, rest: bool, tunnel: Tunnel | None) -> tuple[DeformStatus, str]:
+def tick_status(
+    certificate: Certificate, slip: float, rest: bool, tunnel: Tunnel | None, wide: str = ""
+) -> tuple[DeformStatus, str]:
     """Status and reason after one tick.
 
     Args:
@@ -21,6 +24,7 @@ def tick_status(certificate: Certificate, slip: float, rest: bool, tunnel: Tunne
         slip: largest sideways travel of a segment that is left [m].
         rest: whether the strip has stopped moving.
         tunnel: the hulls whose connectivity counts (preset ``paper``), or None.
+        wide: how far apart the nodes are, where that is more than they should be.
     """
     if slip > SLIP_LIMIT:
         return _unless(
@@ -34,8 +38,16 @@ def tick_status(certificate: Certificate, slip: float, rest: bool, tunnel: Tunne
     if not certificate.certified:
         return _unless(rest, DeformStatus.BROKEN), str(certificate.broken)
     if rest:
-        return DeformStatus.SETTLED, "certified and at rest"
-    return DeformStatus.DEFORMING, "certified, still moving"
+        return DeformStatus.SETTLED, f"certified and at rest{wide}"
+    return DeformStatus.DEFORMING, f"certified, still moving{wide}"
+
+
+def wide_spacing(spacing: float, nodes: int, params: DeformParams) -> str:
+    """How far apart nodes are, where that is more than ``max_spacing``; else ""."""
+    if spacing <= params.max_spacing * (1.0 + 1e-6):
+        return ""
+    full = f", for there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
+    return f"; its nodes are up to {spacing:.3g} m apart, more than max_spacing={params.max_spacing:g} m{full}"
 
 
 def _unless(rest: bool, final: DeformStatus) -> DeformStatus:

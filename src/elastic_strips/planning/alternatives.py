@@ -16,10 +16,12 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
-from .ends import check_ends
+from .deadline import Deadline
+from .ends import check_ends, check_search, workspace
 from .homotopy import BaseClass, Component, ComponentMap, base_class, component_map
 from .line import straight_line
 from .ompl_planner import ompl_path
+from .region import Region
 from .relaxation import path_strip, relax_line, relax_while_clearer, way_rows
 from .ways import distinct_ways
 
@@ -92,6 +94,7 @@ def plan_alternatives(
     seed: int = 0,
     params: DeformParams | None = None,
     timeout: float = 5.0,
+    bounds: npt.ArrayLike | None = None,
     ompl_attempts: int = 3,
     without: Collection[BaseClass] = (),
     field: ComponentMap | None = None,
@@ -110,38 +113,41 @@ def plan_alternatives(
         count: so many strips at most.
         seed: of OMPL's random numbers.
         params: of the relaxation; the default preset where None.
-        timeout: after this time [s] nothing goes on; it is exceeded by at most a tick of the deformer, or by OMPL's
-            simplification of a path.
+        timeout: after this time [s] nothing goes on; it is exceeded by at most a tick of the deformer or a step of
+            OMPL.
+        bounds: as in :func:`plan_report`; where None, OMPL looks ever further about start and goal.
         ompl_attempts: most calls of OMPL.
         without: classes among ``field``'s components that are not wanted, because they are there already.
         field: the components of the scene, about start and goal; found where None.
-        deformer: a workspace of the same robot to use again.
+        deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
 
     Raises:
-        ConfigurationError: start or goal is not sound, or in collision; names the pair.
-        ParameterError: a count, seed, timeout or number of attempts outside its range.
+        RobotError, SceneError: not a robot, or not a scene.
+        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
+            pair, or the distance.
+        ParameterError: a count, seed, timeout, number of attempts or bounds outside its range.
     """
-    for name, value, least in (("count", count, 1), ("seed", seed, 0), ("ompl_attempts", ompl_attempts, 0)):
+    for name, value, least in (("count", count, 1), ("ompl_attempts", ompl_attempts, 0)):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
             raise ParameterError(f"{name}={value!r} must be an integer ≥ {least}")
-    if not timeout > 0:
-        raise ParameterError(f"timeout={timeout!r} must be > 0 s")
-    began = perf_counter()
-    deformer = Deformer(robot, params or DeformParams()) if deformer is None else deformer
+    deadline = check_search(seed, timeout)
+    deformer = workspace(robot, scene, params, deformer)
     q_start, q_goal = check_ends(robot, scene, start, goal, deformer.params)
-    if field is None and robot.space.planar:
-        field = component_map(robot, scene, robot.space.to_chart(np.stack((q_start, q_goal)))[:, :2])
+    ends = np.stack((q_start, q_goal))
+    region = Region.of(robot, scene, q_start, q_goal, bounds)
+    if field is None and region is not None:
+        field = component_map(robot, scene, region.ends, box=region.given, over=deadline.over)
     components = field.components if field is not None else ()
-    search = _Search(robot, scene, deformer, components, frozenset(without), began + timeout)
-    search.timings["search"] += perf_counter() - began
-    spacing = min(0.13, deformer.params.max_spacing)
+    search = _Search(robot, scene, deformer, ends, components, frozenset(without), region, deadline)
+    search.timings["search"] += deadline.spent
+    spacing, most = min(0.13, deformer.params.max_spacing), deformer.params.max_nodes
 
     def over() -> bool:
-        return len(search.found) >= count or search.late()
+        return len(search.found) >= count or deadline.over()
 
-    search.line(straight_line(robot, q_start, q_goal, spacing=spacing))
+    search.line(straight_line(robot, q_start, q_goal, spacing=spacing, most=most))
     classes = 1
-    if field is not None:
+    if field is not None and not over():
         mark = perf_counter()
         ways = distinct_ways(robot, scene, q_start, q_goal, count=2 * count + len(search.done) + 1, field=field)
         search.timings["search"] += perf_counter() - mark
@@ -151,7 +157,7 @@ def plan_alternatives(
                 break
             if way.base_class in search.done or way.base_class in search.found:
                 continue
-            for rows, what in way_rows(robot, q_start, q_goal, way.points, spacing):
+            for rows, what in way_rows(robot, q_start, q_goal, way.points, spacing, most):
                 if search.relax(rows, "grid", f"way of {way.cost:.1f} m{what}"):
                     break
     hopeless = bool(search.found or search.done) and not search.components
@@ -161,7 +167,8 @@ def plan_alternatives(
         mark = perf_counter()
         path = ompl_path(
             robot, scene, q_start, q_goal, seed=seed + 7919 * attempt, margin=_MARGINS[min(attempt, len(_MARGINS) - 1)],
-            timeout=min(1.0, max(timeout - (mark - began), 0.05)), spacing=spacing,
+            timeout=1.0, spacing=spacing, box=region.box(2.0 * 1.6**attempt) if region else None, most=most,
+            deadline=deadline,
         )  # fmt: skip
         search.timings["search"] += perf_counter() - mark
         if path.chart is None:
@@ -172,18 +179,18 @@ def plan_alternatives(
     reason = _reason(robot, search, len(best), count, classes)
     if not best:
         _log.warning("%s", reason)
-    return AlternativesReport(best, search.components, reason, search.attempts, perf_counter() - began, search.timings)
+    return AlternativesReport(best, search.components, reason, search.attempts, deadline.spent, search.timings)
 
 
 class _Search:
     """What is found while it is looked for."""
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, deformer: Deformer, components: tuple[Component, ...],
-        done: frozenset[BaseClass], end: float,
+        self, robot: RobotModel, scene: Scene, deformer: Deformer, ends: Array, components: tuple[Component, ...],
+        done: frozenset[BaseClass], region: Region | None, deadline: Deadline,
     ) -> None:  # fmt: skip
-        self.robot, self.scene, self.deformer = robot, scene, deformer
-        self.components, self.done, self._end = components, done, end
+        self.robot, self.scene, self.deformer, self._ends = robot, scene, deformer, ends
+        self.components, self.done, self._region, self._deadline = components, done, region, deadline
         self.found: dict[BaseClass, Alternative] = {}
         self.notes: list[str] = []
         self.attempts = 0
@@ -191,22 +198,23 @@ class _Search:
 
     def late(self) -> bool:
         """Whether the time is over."""
-        return perf_counter() > self._end
+        return self._deadline.over()
 
     def line(self, rows: Array) -> None:
         """Relax the straight line, which is given up early, unless its class is there already."""
-        strip = Strip.from_chart(self.robot, rows)
+        strip = Strip.from_chart(self.robot, rows, ends=self._ends)
         if self._class(strip) not in self.done:
             self._add(
-                strip, "line", "straight line", lambda s: relax_line(self.deformer, s, self.scene, _LINE_TICKS, None)
-            )
+                strip, "line", "straight line",
+                lambda s: relax_line(self.deformer, s, self.scene, _LINE_TICKS, None, over=self.late),
+            )  # fmt: skip
 
     def _class(self, strip: Strip) -> BaseClass:
         return base_class(strip_path(strip), self.components) if self.components else ()
 
     def relax(self, rows: Array, method: str, what: str) -> bool:
         """Relax chart rows; whether that gave a certified strip."""
-        strip = path_strip(self.robot, rows)
+        strip = path_strip(self.robot, rows, self._ends)
         return self._add(
             strip, method, what, lambda s: relax_while_clearer(self.deformer, s, self.scene, over=self.late)
         )
@@ -218,8 +226,10 @@ class _Search:
         if report.usable:
             report = self._polished(report)
         self.timings["relaxation"] += perf_counter() - mark
-        if not report.usable:
-            self.notes.append(f"{what}: {report.reason}")
+        aside = self._region.left_by(report.strip) if self._region else 0.0
+        if not report.usable or aside > 0.0:
+            why = report.reason if not report.usable else f"the base leaves the bounds by {aside:.3f} m"
+            self.notes.append(f"{what}: {why}")
             return False
         word = self._class(report.strip)
         cost = strip_cost(report, self.deformer.params)
@@ -251,10 +261,10 @@ def _reason(robot: RobotModel, search: _Search, found: int, count: int, classes:
         return text
     if not robot.space.planar:
         why = "the base is fixed: there is one class only"
-    elif not search.components:
-        why = "nothing stands in the way that could be passed on another side"
     elif search.late():
         why = "the time was over"
+    elif not search.components:
+        why = "nothing stands in the way that could be passed on another side"
     else:
         why = f"the grid knows {classes} class{'' if classes == 1 else 'es'} of ways"
     notes = "; ".join(search.notes[-4:])

@@ -6,6 +6,7 @@ turn there, the relaxation and the certificate decide. So a path is an initial g
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -26,6 +27,9 @@ _DIRECTIONS = 32  # of which half planes hold an obstacle's outline: it is at mo
 FLOOR = 0.02  # [m] obstacles that lie lower are driven over
 _STEEP = 12.0  # cost of a cell at the narrowest clearance against one in the open
 _SMOOTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
+MOST_CELLS = 400_000
+"""Largest grid; searching it takes about a second."""
+_COARSEST = 0.5  # [m] a larger cell says nothing about where a robot passes
 _MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
 
 
@@ -70,6 +74,10 @@ def grid_path(
     resolution: float = 0.05,
     comfort: float = 0.35,
     widen: float = 3.0,
+    box: tuple[Array, Array] | None = None,
+    inner: float | None = None,
+    most_cells: int = MOST_CELLS,
+    over: Callable[[], bool] = lambda: False,
 ) -> GridPath:
     """A way of the base from start to goal, found on a grid by Dijkstra's algorithm, its corners rounded.
 
@@ -80,9 +88,13 @@ def grid_path(
         robot: the robot; its base must move.
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
-        resolution: edge of a cell [m].
+        resolution: edge of a cell [m]; where there would be more than ``most_cells`` of them, they are larger.
         comfort: clearance [m] beyond the inner disc from which on more of it is worth nothing.
         widen: how far beyond start and goal the grid reaches [m].
+        box: low and high corner (2,) of the grid [m], instead of ``widen``.
+        inner: radius [m] of the disc that has to fit, instead of the robot's.
+        most_cells: largest size of the grid.
+        over: says whether the time is over; then no way is found.
 
     Raises:
         ParameterError: the base is fixed, or a length is not positive.
@@ -94,15 +106,47 @@ def grid_path(
             raise ParameterError(f"grid_path: {name}={value!r} must be > 0 m")
     began = perf_counter()
     ends = robot.space.to_chart(np.stack((start, goal)))[:, :2]
-    low = np.floor((ends.min(axis=0) - widen) / resolution) * resolution
-    shape = np.ceil((ends.max(axis=0) + widen - low) / resolution).astype(int) + 1
+    low_in, high_in = (ends.min(axis=0) - widen, ends.max(axis=0) + widen) if box is None else box
+    low, shape, resolution = grid_frame(low_in, high_in, resolution, most_cells)
+    if resolution > _COARSEST:
+        size = resolution * (shape - 1)
+        reason = f"an area of {size[0]:.0f} m × {size[1]:.0f} m is too large for a grid of {most_cells} cells"
+        return GridPath(None, reason, 0, perf_counter() - began)
     body = footprint(robot, start)
-    clear = clearance_map(scene, low, shape, resolution, body.height)
-    way = cheapest_way(clear, low, resolution, ends, inner=body.inner, comfort=comfort)
+    clear = clearance_map(scene, low, shape, resolution, body.height, over=over)
+    if over():
+        return GridPath(None, "the time was over before the grid was searched", 0, perf_counter() - began)
+    for axis, cells in enumerate(shape.tolist()):  # the outermost cells can lie outside by less than a cell
+        middle = low[axis] + resolution * np.arange(cells)
+        outside = (middle < low_in[axis]) | (middle > high_in[axis])
+        np.moveaxis(clear, axis, 0)[outside] = 0.0
+    inner = body.inner if inner is None else inner
+    way = cheapest_way(clear, low, resolution, ends, inner=inner, comfort=comfort)
     spent = perf_counter() - began
     if way is None:
-        return GridPath(None, f"no way for the base on a grid of {resolution:g} m", clear.size, spent)
+        (x, y), (u, w) = low, low + resolution * (shape - 1)
+        where = f"within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
+        reason = f"no way for the base on a grid of {resolution:.3g} m {where}"
+        return GridPath(None, reason, clear.size, spent)
     return GridPath(smooth_way(way, resolution), "", clear.size, perf_counter() - began)
+
+
+def grid_frame(low: Array, high: Array, resolution: float, most_cells: int) -> tuple[Array, Indices, float]:
+    """The grid that holds a box: middle (2,) of its first cell [m], its shape (2,), and the edge of its cells [m].
+
+    Args:
+        low, high: (2,) corners [m].
+        resolution: edge that is wanted [m]; a multiple of it where there would be more than ``most_cells``.
+        most_cells: largest number of cells.
+    """
+    wanted, edge = resolution, resolution
+    while True:
+        first = np.floor(low / edge) * edge
+        shape = np.ceil((high - first) / edge).astype(np.int64) + 1
+        cells = float(shape[0]) * float(shape[1])
+        if cells <= max(most_cells, 16):
+            return first, shape, edge
+        edge = wanted * max(np.ceil(edge / wanted * np.sqrt(cells / most_cells)), np.rint(edge / wanted) + 1.0)
 
 
 def cheapest_way(
@@ -161,7 +205,15 @@ def support(geometry: Any, directions: Array) -> Array:
     return (directions @ np.asarray(geometry.points()).reshape(-1, 3).T).max(axis=1)
 
 
-def clearance_map(scene: Scene, low: Array, shape: Array, resolution: float, height: float) -> Array:
+def clearance_map(
+    scene: Scene,
+    low: Array,
+    shape: Indices,
+    resolution: float,
+    height: float,
+    *,
+    over: Callable[[], bool] = lambda: False,
+) -> Array:
     """Distance (rows, columns) [m] of each cell's middle to the nearest obstacle, seen from above, to about a cell.
 
     Args:
@@ -169,18 +221,27 @@ def clearance_map(scene: Scene, low: Array, shape: Array, resolution: float, hei
         low: (2,) middle of the first cell [m]; shape: (2,) number of cells along x and y.
         resolution: edge of a cell [m].
         height: obstacles that are above it are left out [m].
+        over: says whether the time is over; then the rest of the obstacles is left out.
     """
-    taken = owner_map(scene, low, shape, resolution, height) >= 0
+    taken = owner_map(scene, low, shape, resolution, height, over=over) >= 0
     if not taken.any():
         return np.full(taken.shape, np.inf)
     return np.asarray(distance_transform_edt(~taken, sampling=resolution))
 
 
-def owner_map(scene: Scene, low: Array, shape: Array, resolution: float, height: float) -> Indices:
+def owner_map(
+    scene: Scene,
+    low: Array,
+    shape: Indices,
+    resolution: float,
+    height: float,
+    *,
+    over: Callable[[], bool] = lambda: False,
+) -> Indices:
     """Index in the scene (rows, columns) of an obstacle that takes each cell, −1 where none does.
 
     Args:
-        scene, low, shape, resolution, height: as in :func:`clearance_map`.
+        scene, low, shape, resolution, height, over: as in :func:`clearance_map`.
     """
     table = scene.table
     owner = np.full(tuple(shape), -1, dtype=np.intp)
@@ -191,6 +252,8 @@ def owner_map(scene: Scene, low: Array, shape: Array, resolution: float, height:
     near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
     near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > FLOOR)
     for row in np.flatnonzero(near).tolist():
+        if over():
+            break
         part, rotation, at = table.parts[row], table.rotation[row], table.translation[row]
         whose = int(table.obstacle_index[row])
         local = around @ rotation

@@ -7,7 +7,7 @@ the same reduced word if and only if one can be deformed into the other without 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array, Indices
 from ..scene import Scene
-from .grid_path import FLOOR, footprint, owner_map
+from .grid_path import FLOOR, MOST_CELLS, footprint, grid_frame, owner_map
 
 BaseClass = tuple[tuple[str, int], ...]
 """The crossings of a path: which component's ray, and +1 towards −x (the component on the left), −1 towards +x."""
@@ -71,7 +71,14 @@ def base_components(
 
 
 def component_map(
-    robot: RobotModel, scene: Scene, points: npt.ArrayLike, *, resolution: float = 0.05, widen: float = 3.0
+    robot: RobotModel,
+    scene: Scene,
+    points: npt.ArrayLike,
+    *,
+    resolution: float = 0.05,
+    widen: float = 3.0,
+    box: tuple[Array, Array] | None = None,
+    over: Callable[[], bool] = lambda: False,
 ) -> ComponentMap:
     """The components of a scene about ``points``, on a grid.
 
@@ -82,8 +89,10 @@ def component_map(
         robot: the robot; its base must move.
         scene: the obstacles, as they stand.
         points: (K, 2) positions of the base that the grid has to hold [m].
-        resolution: edge of a cell [m].
+        resolution: edge of a cell [m]; larger where the grid would be too large.
         widen: how far beyond the points the grid reaches [m].
+        box: low and high corner (2,) of the grid [m], instead of ``widen``; it holds the points.
+        over: says whether the time is over; then there are no components.
 
     Raises:
         ParameterError: a fixed base, points of another shape or not finite, or a length that is not positive.
@@ -94,12 +103,12 @@ def component_map(
     for name, value in (("resolution", resolution), ("widen", widen)):
         if not value > 0.0:
             raise ParameterError(f"{name}={value!r} must be > 0 m")
-    low = np.floor((xy.min(axis=0) - widen) / resolution) * resolution
-    shape = np.ceil((xy.max(axis=0) + widen - low) / resolution).astype(int) + 1
+    low, high = (xy.min(axis=0) - widen, xy.max(axis=0) + widen) if box is None else box
+    low, shape, resolution = grid_frame(low, high, resolution, MOST_CELLS)
     body = footprint(robot, robot.home_q)
-    owner = owner_map(scene, low, shape, resolution, body.height)
+    owner = owner_map(scene, low, shape, resolution, body.height, over=over)
     taken = owner >= 0
-    if not taken.any():
+    if over() or not taken.any():
         return ComponentMap((), np.zeros(taken.shape, dtype=np.intp), np.full(taken.shape, np.inf), low, resolution,
                             body.inner)  # fmt: skip
     clear = np.asarray(distance_transform_edt(~taken, sampling=resolution))
@@ -112,6 +121,9 @@ def component_map(
     found: list[Component] = []
     used: dict[str, int] = {}
     for k, cell in enumerate(middles, start=1):
+        if over():
+            found.clear()
+            break
         whose = np.unique(owner[(labels == k) & taken])
         names = tuple(scene.names[int(i)] for i in whose)
         name = "+".join(names) if len(names) < 3 else f"{names[0]} and {len(names) - 1} more"

@@ -10,7 +10,7 @@ from ..robot.space import Array, wrap_angle
 _TURN = 0.35  # largest turn in place between two nodes [rad]
 
 
-def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: float) -> Array:
+def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: float, most: int | None = None) -> Array:
     """Chart rows (N, nv) of the straight way from ``start`` to ``goal`` (configurations (nq,)).
 
     A differential drive turns in place towards the goal, drives straight (backwards where that turns less),
@@ -20,17 +20,19 @@ def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: floa
         robot: the robot.
         start, goal: configurations (nq,).
         spacing: largest distance between the base poses of neighbouring nodes [m].
+        most: rows at most, at least 4; with fewer than it takes, they are further apart.
     """
     space = robot.space
     a, b = space.to_chart(start), space.to_chart(goal)
     offset = space.difference(a[None], b[None])[0]
     if robot.base_kind is BaseKind.DIFF_DRIVE and np.hypot(*(b[:2] - a[:2])) > 1e-9:
-        rows = _turn_drive_turn(robot, a, b, offset, spacing)
+        rows = _turn_drive_turn(robot, a, b, offset, spacing, most)
     else:
         reach = np.abs(offset) * np.where(np.arange(space.nv) < space.base_nv, 1.0, 0.4)
         if space.planar:
             reach[0] = np.hypot(*(b[:2] - a[:2]))
         count = max(int(np.ceil(reach.max(initial=0.0) / spacing)), 4) + 1
+        count = count if most is None else min(count, most)
         if space.planar:  # a straight base path, not the screw arc, for an omnidirectional base
             s = np.linspace(0.0, 1.0, count)[:, None]
             rows = a + s * _direct(robot, a, b)
@@ -46,7 +48,7 @@ def _direct(robot: RobotModel, a: Array, b: Array) -> Array:
     return delta
 
 
-def _turn_drive_turn(robot: RobotModel, a: Array, b: Array, offset: Array, spacing: float) -> Array:
+def _turn_drive_turn(robot: RobotModel, a: Array, b: Array, offset: Array, spacing: float, most: int | None) -> Array:
     way = b[:2] - a[:2]
     length = float(np.hypot(*way))
     heading = float(np.arctan2(way[1], way[0]))
@@ -60,6 +62,9 @@ def _turn_drive_turn(robot: RobotModel, a: Array, b: Array, offset: Array, spaci
     n_out = int(np.ceil(abs(turn_out) / _TURN - 1e-9))
     joints = np.abs(offset[3:]).max(initial=0.0)
     n_drive = max(int(np.ceil(max(length / spacing, 0.4 * joints / spacing))), 4)
+    if most is not None:  # the drive needs one row, and so does a turn
+        n_drive = max(min(n_drive, most - 1 - n_in - n_out), 1)
+        n_in, n_out = (min(n, max((most - 1 - n_drive) // 2, 1)) for n in (n_in, n_out))
     rows = [a]
     rows += [_pose(a, a[0], a[1], a[2] + turn_in * k / n_in) for k in range(1, n_in + 1)]
     for k in range(1, n_drive + 1):

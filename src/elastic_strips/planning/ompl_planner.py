@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,13 @@ from ..errors import ParameterError
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import Scene
+from .deadline import Deadline
 from .validity import Validity
 
 JOINT_WEIGHT = 0.3
 """Weight [m/rad] of joint distances against base distances."""
+_OMPL = threading.Lock()
+"""OMPL draws all its seeds from one generator of the process: one search at a time, or seeds mean nothing."""
 _BASE_STEP = 0.07  # spacing of validity checks [m]
 _JOINT_STEP = 0.2  # and in joint space [rad]; the certificate, not the planner, vouches for what lies between
 
@@ -30,12 +33,14 @@ class PathResult:
         reason: why there is none, else empty.
         checks: configurations checked.
         seconds: planning and simplification.
+        searched: whether it was searched at all; not where an end is too near something.
     """
 
     chart: Array | None
     reason: str
     checks: int
     seconds: float
+    searched: bool = True
 
 
 def ompl_path(
@@ -50,12 +55,17 @@ def ompl_path(
     turning_radius: float = 0.3,
     spacing: float = 0.12,
     widen: float = 2.0,
+    box: tuple[Array, Array] | None = None,
     fineness: float = 1.0,
+    most: int | None = None,
+    deadline: Deadline | None = None,
 ) -> PathResult:
     """A path found by RRTConnect, shortcut, and sampled into waypoints.
 
     The base of a differential drive moves on Reeds–Shepp curves (arcs and lines, forwards and backwards), which its
     wheels can follow; an omnidirectional one on straight lines of SE(2); the joints move in step.
+
+    Threads wait for each other, so that equal seeds give equal paths in each.
 
     Args:
         robot: the robot.
@@ -67,32 +77,63 @@ def ompl_path(
         turning_radius: of the Reeds–Shepp curves [m].
         spacing: distance between waypoints [m].
         widen: how far beyond start and goal the base may go [m].
+        box: low and high corner (2,) of where the base may go [m], instead of ``widen``.
         fineness: configurations on an edge are checked so many times as densely as usual.
+        most: waypoints at most.
+        deadline: until when to wait for other threads, to search and to shorten the path; none where None.
 
     Raises:
         ParameterError: a fineness that is not positive.
     """
     if not fineness > 0.0:
         raise ParameterError(f"ompl_path: fineness={fineness!r} must be > 0")
+    began = Deadline(timeout)
+    space = robot.space
+    ends = space.to_chart(np.stack((start, goal)))
+    low, high = (ends[:, :2].min(axis=0) - widen, ends[:, :2].max(axis=0) + widen) if box is None else box
+    planar = space.planar
+    valid = Validity(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
+    for name, q in (("start", start), ("goal", goal)):
+        if not valid(q):
+            return PathResult(
+                None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, began.spent, False
+            )
+    patience = threading.TIMEOUT_MAX if deadline is None else min(max(deadline.left, 0.0), threading.TIMEOUT_MAX)
+    if not _OMPL.acquire(timeout=patience):
+        return PathResult(None, "another thread's search with OMPL took all the time", valid.checks, began.spent, False)
+    try:
+        left = timeout if deadline is None else min(timeout, deadline.left)
+        chart = None
+        if left > 0.0:
+            chart = _search(
+                robot, valid, ends, low, high, seed, left, turning_radius, spacing, fineness, most, deadline
+            )
+    finally:
+        _OMPL.release()
+    if chart is None:
+        return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks, began.spent)
+    return PathResult(chart, "", valid.checks, began.spent)
+
+
+def _search(
+    robot: RobotModel, valid: Validity, ends: Array, low: Array, high: Array, seed: int, timeout: float,
+    turning_radius: float, spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
+) -> Array | None:  # fmt: skip
+    """Chart rows of a path, or None; for one thread at a time."""
     from ompl import base as ob
     from ompl import geometric as og
     from ompl import util as ou
 
-    began = perf_counter()
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed % 2**31 + 1)
-    space = robot.space
-    ends = space.to_chart(np.stack((start, goal)))
-    low, high = ends[:, :2].min(axis=0) - widen, ends[:, :2].max(axis=0) + widen
-    planar = space.planar
-    valid = Validity(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
+    planar = robot.space.planar
     states = _state_space(robot, ob, low, high, turning_radius)
     setup = og.SimpleSetup(states)
     info = setup.getSpaceInformation()
     reader = _Reader(robot)
 
-    def is_valid(state: Any) -> bool:
-        return valid(reader.configuration(state))
+    def is_valid(state: Any) -> bool:  # when the time is over no further edge is taken, and no shortcut
+        return (deadline is None or not deadline.over()) and valid(reader.configuration(state))
 
     setup.setStateValidityChecker(is_valid)
     for k in range(states.getSubspaceCount()):
@@ -102,29 +143,25 @@ def ompl_path(
     first, last = states.allocState(), states.allocState()
     reader.write(first, ends[0])
     reader.write(last, ends[1])
-    for name, q in (("start", start), ("goal", goal)):
-        if not valid(q):
-            return PathResult(
-                None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, perf_counter() - began
-            )
     setup.setStartAndGoalStates(first, last, 1e-6)
     planner = og.RRTConnect(info)
     planner.setRange(1.5 if planar else 0.6)
     setup.setPlanner(planner)
-    solved = setup.solve(timeout)
-    if not solved or not setup.haveExactSolutionPath():
-        return PathResult(None, f"RRTConnect found no path in {timeout:.2f} s", valid.checks, perf_counter() - began)
+    if not setup.solve(timeout) or not setup.haveExactSolutionPath():
+        return None
     path = setup.getSolutionPath()
     simplifier = og.PathSimplifier(info)
     simplifier.reduceVertices(path, 12, 6)
     simplifier.partialShortcutPath(path, 12, 6)
-    length = path.length()
-    path.interpolate(max(math.ceil(length / spacing) + 1, 5))
+    count = max(math.ceil(path.length() / spacing) + 1, 5)
+    path.interpolate(count if most is None else min(count, most))
     chart = np.array([reader.chart(s) for s in path.getStates()])
     chart[0], chart[-1] = ends
     if planar:
         chart[:, 2] = np.unwrap(chart[:, 2])
-    return PathResult(chart, "", valid.checks, perf_counter() - began)
+    if most is not None and len(chart) > most:
+        chart = chart[np.linspace(0, len(chart) - 1, most).round().astype(int)]
+    return chart
 
 
 def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array, turning_radius: float) -> Any:

@@ -1,14 +1,15 @@
-"""plan: an initial strip, by the straight line where that relaxes to a certified strip, else by OMPL.
+"""plan: an initial strip, by the straight line where that relaxes to a certified strip, else by the grid or OMPL.
 
-A path that is given comes before both; a path over a grid, where it is asked for, between them: with the joints in
-step, and with the arm tucked.
+A path that is given comes before all. The grid's way is tried with the joints in step and with the arm tucked; where
+that does not fit, so is a way on which the whole robot does. The base is looked for in a box about start and goal,
+which widens as attempts fail, or within the bounds that are given.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -20,17 +21,23 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from .deadline import Deadline
 from .edges import certify_path
-from .ends import check_ends
-from .grid_path import grid_path
+from .ends import check_ends, check_search, workspace
+from .grid_path import MOST_CELLS, footprint, grid_path
 from .line import straight_line
 from .ompl_planner import ompl_path
-from .relaxation import path_strip, relax_line, relax_path, relax_while_clearer, way_rows
+from .region import Region
+from .relaxation import at_most, path_strip, relax_line, relax_path, way_rows
 from .waypoints import waypoint_rows
 
 _log = logging.getLogger(__name__)
 _FINEST = 4.0  # times as many samples on an edge as usual, at most
 _MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
+_STUCK = 6  # most ticks in a row in which a strip along a grid's way gets no clearer
+_GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
+_CELLS_PER_SECOND = 150_000  # that a slow machine searches
+_WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,11 +45,11 @@ class PlanReport:
     """How an initial strip came about.
 
     Attributes:
-        strip: the strip; initial: what it was relaxed from. It is certified if
-            ``certified``, else the best that was reached, as it is.
-        certified: whether every segment is certified.
+        strip: the strip, from exactly the start to exactly the goal that were given; initial: what it was relaxed from.
+            It is certified if ``certified``, else the best that was reached, as it is.
+        certified: whether every segment is certified, and the base keeps to the bounds where there are any.
         method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, or ``"none"`` where nothing was certified.
-        reason: what happened, for people.
+        reason: what happened, for people; where nothing was certified, what stands in the way last, and what to try.
         report: the last deformation report.
         attempts: planner calls made.
         ticks: deformation ticks made.
@@ -71,11 +78,12 @@ def plan_report(
     seed: int = 0,
     params: DeformParams | None = None,
     timeout: float = 10.0,
+    bounds: npt.ArrayLike | None = None,
     line_ticks: int = 6,
     deformer: Deformer | None = None,
     line: bool = True,
     path: npt.ArrayLike | None = None,
-    grid: bool = False,
+    grid: bool = True,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
     """Plan an initial strip and tell how it went.
@@ -85,120 +93,201 @@ def plan_report(
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
         seed: of the planner's random numbers.
-        params: of the relaxation; the default preset where None.
-        timeout: longest time [s] for all planner calls.
+        params: of the relaxation, with the clearances to prove; the default preset where None.
+        timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
+        bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave. Where None, the base is looked for
+            about start and goal, ever wider as attempts fail.
         line_ticks: most ticks that the straight line gets.
-        deformer: a workspace of the same robot to use again.
+        deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         line: whether to try the straight line at all.
         path: what to try first: waypoints (K, 2) of the base [m], or chart rows (K, nv), from start to goal.
-        grid: whether to try the way that :func:`grid_path` finds before OMPL is asked; not for a fixed base.
+        grid: whether to try the way that :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
         watch: called with every tick's report.
 
     Raises:
-        ConfigurationError: start or goal is not sound, or in collision; names the pair.
-        ParameterError: a seed, timeout or number of ticks outside its range, or a path of another shape.
+        RobotError, SceneError: not a robot, or not a scene.
+        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
+            pair, or the distance.
+        ParameterError: a seed, timeout, number of ticks or bounds outside their range, or a path of another shape.
     """
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ParameterError(f"seed={seed!r} must be an integer ≥ 0")
-    if not timeout > 0:
-        raise ParameterError(f"timeout={timeout!r} must be > 0 s")
-    began = perf_counter()
-    deformer = Deformer(robot, params or DeformParams()) if deformer is None else deformer
-    params = deformer.params
-    q_start, q_goal = check_ends(robot, scene, start, goal, params)
-    spacing = min(0.13, params.max_spacing)
-    timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
-    ticks, attempts = 0, 0
-    best: DeformReport | None = None
-    reasons: list[str] = []
+    deadline = check_search(seed, timeout)
+    if isinstance(line_ticks, bool) or not isinstance(line_ticks, (int, np.integer)) or line_ticks < 0:
+        raise ParameterError(f"line_ticks={line_ticks!r} must be an integer ≥ 0")
+    search = _Search(robot, scene, start, goal, params, deformer, bounds, deadline, watch)
+    report = search.given_path(path) if path is not None else None
+    report = report or search.straight(int(line_ticks) if line else 0)
+    if report is None and grid and robot.space.planar:
+        report = search.over_the_grid()
+    return report or search.with_ompl(int(seed)) or search.failed()
 
-    def done(report: DeformReport, method: str, reason: str) -> PlanReport:
-        return PlanReport(
-            report.strip,
-            initial,
-            report.usable,
-            method,
-            reason,
-            report,
-            attempts,
-            ticks,
-            perf_counter() - began,
-            timings,
+
+class _Search:
+    """Tries one kind of way after the other; each says the report of a certified strip, or None."""
+
+    def __init__(
+        self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams | None,
+        deformer: Deformer | None, bounds: npt.ArrayLike | None, deadline: Deadline,
+        watch: Callable[[DeformReport], object] | None,
+    ) -> None:  # fmt: skip
+        self.deformer = workspace(robot, scene, params, deformer)
+        self.params = self.deformer.params
+        self.robot, self.scene, self.deadline, self.watch = robot, scene, deadline, watch
+        self.start, self.goal = check_ends(robot, scene, start, goal, self.params)
+        self.ends = np.stack((self.start, self.goal))
+        self.region = Region.of(robot, scene, self.start, self.goal, bounds)
+        self.spacing = min(0.13, self.params.max_spacing)
+        self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+        self.ticks = self.attempts = 0
+        self.reasons: list[str] = []
+        self.best: DeformReport | None = None
+        self.hit = ""  # what was last in the way
+        self.initial: Strip | None = None
+        self.box: tuple[Array, Array] | None = None  # where the base was last looked for
+        self.way: Array | None = None  # the grid's
+
+    def given_path(self, path: npt.ArrayLike) -> PlanReport | None:
+        """A path that the caller knows."""
+        most = self.params.max_nodes
+        rows = at_most(
+            lambda apart: waypoint_rows(self.robot, self.start, self.goal, path, spacing=apart), self.spacing, most
         )
+        return self._relaxed(rows, "path", "given path", None)
 
-    def relaxed(rows: Array, *, patient: bool = True) -> tuple[Strip, DeformReport]:
-        nonlocal ticks
+    def straight(self, ticks: int) -> PlanReport | None:
+        """The straight line, which gets a few ticks."""
         mark = perf_counter()
-        strip = path_strip(robot, rows)
-        relax = relax_path if patient else relax_while_clearer
-        report = relax(deformer, strip, scene, watch=watch)
-        ticks += report.ticks
-        timings["relaxation"] += perf_counter() - mark
-        return strip, report
+        rows = straight_line(self.robot, self.start, self.goal, spacing=self.spacing, most=self.params.max_nodes)
+        initial = Strip.from_chart(self.robot, rows, ends=self.ends)
+        self.initial = initial  # shown where nothing is certified
+        report = relax_line(self.deformer, initial, self.scene, ticks, self.watch, over=self.deadline.over)
+        self.ticks += report.ticks if ticks else 0
+        self.timings["line"] += perf_counter() - mark
+        return self._judged(initial, report, "line", "straight line")
 
-    if path is not None:
-        initial, report = relaxed(waypoint_rows(robot, q_start, q_goal, path, spacing=spacing))
+    def over_the_grid(self) -> PlanReport | None:
+        """The way over a grid: first as narrow as the base, then, where that did not relax, as wide as the robot."""
+        over = Deadline(_GRID_SHARE * self.deadline.left).over
+        folded = min(footprint(self.robot, q).outer for q in (self.start, self.robot.home_q))
+        for inner in (None, folded + self.params.clearance):
+            way = self._way(inner, over)
+            if way is None:
+                return None  # nor is there a wider one
+            for rows, what in way_rows(self.robot, self.start, self.goal, way, self.spacing, self.params.max_nodes):
+                report = self._relaxed(rows, "grid", f"grid's path{what}", _STUCK, over)
+                if report is not None or over():
+                    return report
+        return None
+
+    def _way(self, inner: float | None, over: Callable[[], bool]) -> Array | None:
+        """A way (K, 2) on the smallest grid that has one."""
+        no_way = ""
+        for box in self.region.boxes(_WIDEN) if self.region else ():
+            self.attempts += 1
+            self.box = box
+            cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
+            found = grid_path(
+                self.robot, self.scene, self.start, self.goal, box=box, inner=inner, most_cells=cells, over=over
+            )
+            self.timings["planner"] += found.seconds
+            self.way = self.way if found.way is None else found.way
+            if found.way is not None or over():
+                return found.way
+            no_way = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
+        self.reasons.append(no_way)
+        return None
+
+    def with_ompl(self, seed: int) -> PlanReport | None:
+        """Paths of RRTConnect, each with another seed, in boxes of several sizes, until the time is over."""
+        fineness, searches, futile = 1.0, 0, 0
+        for attempt in range(64):
+            if self.deadline.over():
+                break
+            self.attempts += 1
+            mark = perf_counter()
+            self.box = self._ompl_box(searches)
+            found = ompl_path(
+                self.robot, self.scene, self.start, self.goal, seed=seed + 7919 * attempt,
+                margin=_MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance),
+                timeout=1.0 + 0.5 * searches, spacing=self.spacing, box=self.box, fineness=fineness,
+                most=self.params.max_nodes, deadline=self.deadline,
+            )  # fmt: skip
+            self.timings["planner"] += perf_counter() - mark
+            searches += found.searched
+            if found.chart is None:
+                futile += found.searched
+                last = found.reason
+                continue
+            report = self._relaxed(found.chart, "ompl", f"OMPL path {self.attempts}", None)
+            if report is not None:
+                return report
+            if fineness < _FINEST and not certify_path(self.deformer, self.scene, found.chart).certified:
+                fineness *= 2.0  # the planner's samples had missed something on an edge
+        if futile:
+            self.reasons.append(f"{last} ({futile} searches without a path)" if futile > 1 else last)
+        return None
+
+    def _ompl_box(self, search: int) -> tuple[Array, Array] | None:
+        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's way."""
+        if self.region is None:
+            return None
+        low, high = self.region.box(2.0 + 0.5 * (search % 4) if search % 3 == 0 else 2.0 * 1.6**search)
+        if self.way is not None and self.region.given is None:
+            low, high = np.minimum(low, self.way.min(axis=0) - 1.0), np.maximum(high, self.way.max(axis=0) + 1.0)
+        return low, high
+
+    def failed(self) -> PlanReport:
+        """The report where nothing was certified: what is in the way, what was tried, and what to try."""
+        assert self.best is not None
+        where = ""
+        if self.box is not None:
+            (x, y), (u, w) = self.box
+            where = f"; the base was last looked for within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
+        tries = ["a larger timeout", "another seed", "a smaller clearance (DeformParams(clearance=…), down to 0 m)"]
+        if self.region is not None:
+            tries.insert(1, "bounds= about a way that is known" if self.region.given is None else "wider bounds=")
+        reason = (
+            f"no certified strip in {self.deadline.spent:.1f} s: {'; '.join(self.reasons[-4:])}; "
+            f"last in the way: {self.hit or self.best.reason}{where}. Try {', '.join(tries[:-1])} or {tries[-1]}, now "
+            f"{self.params.clearance:g} m"
+        )
+        _log.warning("%s", reason)
+        return self._done(self.best, "none", reason)
+
+    def _relaxed(
+        self, rows: Array, method: str, what: str, stuck: int | None, over: Callable[[], bool] | None = None
+    ) -> PlanReport | None:
+        mark = perf_counter()
+        strip = path_strip(self.robot, rows, self.ends)
+        report = relax_path(
+            self.deformer, strip, self.scene, stuck=stuck, over=over or self.deadline.over, watch=self.watch
+        )
+        self.ticks += report.ticks
+        self.timings["relaxation"] += perf_counter() - mark
+        return self._judged(strip, report, method, what)
+
+    def _judged(self, initial: Strip, report: DeformReport, method: str, what: str) -> PlanReport | None:
+        """The plan's report where a strip is certified and within the bounds; else why not is noted."""
+        aside = 0.0 if self.region is None else self.region.left_by(report.strip)
+        if report.usable and aside == 0.0:
+            self.initial = initial
+            return self._done(report, method, f"the {what} relaxed to a certified strip in {report.ticks} ticks")
         if report.usable:
-            return done(report, "path", f"the given path relaxed to a certified strip in {report.ticks} ticks")
-        reasons.append(f"given path: {report.reason}")
-        best = report
+            report = replace(report, reason=f"the base leaves the bounds by {aside:.3f} m")
+        broken = report.certificate.broken
+        self.hit = str(broken) if broken is not None else report.reason
+        self.reasons.append(f"{what}: {report.reason}")
+        if self.best is None or report.clearance > self.best.clearance:
+            self.best = report
+        self.initial = self.initial or initial
+        return None
 
-    mark = perf_counter()
-    rows = straight_line(robot, q_start, q_goal, spacing=spacing)
-    initial = Strip.from_chart(robot, rows)
-    report = relax_line(deformer, initial, scene, line_ticks if line else 0, watch)
-    ticks += report.ticks if line else 0
-    timings["line"] += perf_counter() - mark
-    if report.usable:
-        return done(report, "line", f"the straight line relaxed to a certified strip in {report.ticks} ticks")
-    best = report if best is None or report.clearance > best.clearance else best
-    reasons.append(f"straight line: {report.reason}")
-
-    if grid and robot.space.planar:
-        attempts += 1
-        way = grid_path(robot, scene, q_start, q_goal)
-        timings["planner"] += way.seconds
-        if way.way is None:
-            reasons.append(way.reason)
-        else:
-            for rows, what in way_rows(robot, q_start, q_goal, way.way, spacing):
-                strip, report = relaxed(rows, patient=False)
-                if report.usable:
-                    initial = strip
-                    return done(
-                        report, "grid", f"the grid's path{what} relaxed to a certified strip in {report.ticks} ticks"
-                    )
-                reasons.append(f"grid's path{what}: {report.reason}")
-                best = report if report.clearance > best.clearance else best
-
-    fineness = 1.0
-    for attempt in range(64):
-        left = timeout - (perf_counter() - began)
-        if left <= 0.0:
-            break
-        attempts += 1
-        mark = perf_counter()
-        margin = _MARGINS[min(attempt, len(_MARGINS) - 1)]
-        found = ompl_path(
-            robot, scene, q_start, q_goal, seed=seed + 7919 * attempt, margin=margin,
-            timeout=min(left, 1.0 + 0.5 * attempt), spacing=spacing, widen=2.0 + 0.5 * (attempt % 4),
-            fineness=fineness,
+    def _done(self, report: DeformReport, method: str, reason: str) -> PlanReport:
+        assert self.initial is not None
+        return PlanReport(
+            strip=report.strip, initial=self.initial, certified=method != "none", method=method, reason=reason,
+            report=report, attempts=self.attempts, ticks=self.ticks, seconds=self.deadline.spent,
+            timings=self.timings,
         )  # fmt: skip
-        timings["planner"] += perf_counter() - mark
-        if found.chart is None:
-            reasons.append(found.reason)
-            continue
-        strip, report = relaxed(found.chart)
-        if report.usable:
-            initial = strip
-            return done(report, "ompl", f"OMPL path {attempts} relaxed to a certified strip in {report.ticks} ticks")
-        reasons.append(f"path {attempts}: {report.reason}")
-        if fineness < _FINEST and not certify_path(deformer, scene, found.chart).certified:
-            fineness *= 2.0  # the planner's samples had missed something on an edge
-        best = report if report.clearance > best.clearance else best
-    reason = "no certified strip: " + "; ".join(reasons[-4:])
-    _log.warning("%s", reason)
-    return done(best, "none", reason)
 
 
 def plan(
@@ -210,17 +299,18 @@ def plan(
     seed: int = 0,
     params: DeformParams | None = None,
     timeout: float = 10.0,
+    bounds: npt.ArrayLike | None = None,
 ) -> Strip:
-    """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else OMPL's
-    path.
+    """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else the
+    grid's or OMPL's path.
 
-    Where neither gives a certified strip, the best one is returned *as it is*, a warning is logged, and every report
-    on it says where it is broken; :func:`plan_report` tells all.
+    Where none of them gives a certified strip, the best one is returned *as it is*, a warning is logged, and every
+    report on it says where it is broken; :func:`plan_report` tells all.
 
     Args:
-        robot, scene, start, goal, seed, params, timeout: as in :func:`plan_report`.
+        robot, scene, start, goal, seed, params, timeout, bounds: as in :func:`plan_report`.
 
     Raises:
-        ConfigurationError: start or goal is not sound, or in collision; names the pair.
+        RobotError, SceneError, ConfigurationError, ParameterError: as :func:`plan_report`.
     """
-    return plan_report(robot, scene, start, goal, seed=seed, params=params, timeout=timeout).strip
+    return plan_report(robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds).strip

@@ -53,7 +53,9 @@ def rejoined(deformer: Deformer, report: DeformReport, chart: Array) -> DeformRe
     if strip.robot.base_kind is BaseKind.DIFF_DRIVE:
         rows, slip = project_rolling(strip.robot.space, rows)
         if slip > SLIP_LIMIT:  # it cannot be driven; the next tick starts from nothing that is held
-            return replace(report, strip=Strip.from_chart(strip.robot, rows), slip=slip)
+            ends = strip.robot.space.from_chart(rows[[0, -1]])
+            ends[-1] = strip.q[-1]
+            return replace(report, strip=Strip.from_chart(strip.robot, rows, ends=ends), slip=slip)
     known: Indices = np.concatenate(([-1], source)).astype(np.intp)
     return replace(report, strip=deformer.carry(strip, rows, known))
 

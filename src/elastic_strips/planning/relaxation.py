@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..deform import Deformer, DeformReport
+from ..deform import Deformer, DeformReport, DeformStatus
+from ..deform.status import settled_report
 from ..relax import project_rolling
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
@@ -22,12 +23,18 @@ _GAIN = 1e-3  # [m] by which it must get clearer to count
 
 
 def relax_line(
-    deformer: Deformer, strip: Strip, scene: Scene, ticks: int, watch: Callable[[DeformReport], object] | None
+    deformer: Deformer,
+    strip: Strip,
+    scene: Scene,
+    ticks: int,
+    watch: Callable[[DeformReport], object] | None,
+    *,
+    over: Callable[[], bool] = lambda: False,
 ) -> DeformReport:
-    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
+    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle, or ``over()``."""
     report = deformer.assess(strip, scene)
     for tick in range(1, ticks + 1):
-        if report.usable:
+        if report.usable or over():
             break
         step = deformer.step(report.strip, scene, nodes=tick > 3)
         report = replace(step, ticks=tick)
@@ -38,23 +45,41 @@ def relax_line(
     return report
 
 
-def way_rows(robot: RobotModel, start: Array, goal: Array, way: Array, spacing: float) -> Iterator[tuple[Array, str]]:
+def way_rows(
+    robot: RobotModel, start: Array, goal: Array, way: Array, spacing: float, most: int | None = None
+) -> Iterator[tuple[Array, str]]:
     """Chart rows (N, nv) to relax along a way (K, 2) of the base, with what is particular about them.
 
     The joints move in step with the base; and, where start or goal is in another posture than home, the robot folds
-    into that one for the drive.
+    into that one for the drive. Where that took more than ``most`` rows, they are further apart.
     """
-    yield waypoint_rows(robot, start, goal, way, spacing=spacing), ""
+
+    def rows(make: Callable[..., Array]) -> Array:
+        return at_most(lambda apart: make(robot, start, goal, way, spacing=apart), spacing, most)
+
+    yield rows(waypoint_rows), ""
     joints = robot.space.to_chart(np.stack((robot.home_q, start, goal)))[:, robot.space.base_nv :]
     if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED:
-        yield tucked_rows(robot, start, goal, way, spacing=spacing), " with the arm tucked"
+        yield rows(tucked_rows), " with the arm tucked"
 
 
-def path_strip(robot: RobotModel, chart: Array) -> Strip:
-    """A planner's waypoints (N, nv) as a strip; drivable for a differential drive."""
+def at_most(make: Callable[[float], Array], spacing: float, most: int | None) -> Array:
+    """``most`` of the rows that ``make(spacing)`` gives (all where None), further apart where there were more."""
+    rows = make(spacing)
+    for _ in range(6):
+        if most is None or len(rows) <= most:
+            return rows
+        spacing *= 1.02 * len(rows) / most
+        rows = make(spacing)
+    keep = np.linspace(0, len(rows) - 1, most or len(rows)).round().astype(int)  # turns and folds are too many
+    return rows if most is None or len(rows) <= most else rows[keep]
+
+
+def path_strip(robot: RobotModel, chart: Array, ends: Array) -> Strip:
+    """A planner's waypoints (N, nv) as a strip between start and goal (2, nq); drivable for a differential drive."""
     if robot.base_kind is BaseKind.DIFF_DRIVE:
         chart, _ = project_rolling(robot.space, chart)
-    return Strip.from_chart(robot, chart)
+    return Strip.from_chart(robot, chart, ends=ends)
 
 
 def relax_path(
@@ -64,11 +89,33 @@ def relax_path(
     *,
     max_ticks: int = 30,
     extra_ticks: int = 4,
+    stuck: int | None = None,
+    over: Callable[[], bool] = lambda: False,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> DeformReport:
-    """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle."""
-    report = deformer.settle(strip, scene, until="certified", max_ticks=max_ticks, watch=watch)
-    return _cleared(deformer, report, scene, extra_ticks, watch)
+    """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle.
+
+    It is given up at rest, after ``max_ticks``, after ``stuck`` ticks in a row in which it got no clearer (None: not
+    for that), or where ``over()`` says so.
+    """
+    clearest, since, ticks = -np.inf, 0, 0
+    timings: dict[str, float] = {}
+    seconds, asked, turn = 0.0, 0, 0.0
+    while True:
+        report = deformer.step(strip, scene)
+        ticks, strip = ticks + 1, report.strip
+        seconds, asked, turn = seconds + report.seconds, asked + report.asked, max(turn, report.heading_step)
+        for phase, value in report.timings.items():
+            timings[phase] = timings.get(phase, 0.0) + value
+        if watch is not None:
+            watch(report)
+        since = 0 if report.clearance > clearest + _GAIN else since + 1
+        clearest = max(clearest, report.clearance)
+        rest = report.status is not DeformStatus.DEFORMING
+        hopeless = rest or ticks >= max_ticks or (stuck is not None and since >= stuck) or over()
+        if report.usable or hopeless:
+            ended = settled_report(report, ticks, timings, seconds, asked, turn)
+            return _cleared(deformer, ended, scene, extra_ticks, over, watch) if report.usable else ended
 
 
 def relax_while_clearer(
@@ -77,35 +124,27 @@ def relax_while_clearer(
     scene: Scene,
     *,
     max_ticks: int = 30,
-    extra_ticks: int = 4,
     over: Callable[[], bool] = lambda: False,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> DeformReport:
-    """As :func:`relax_path`, but given up where the strip gets no clearer for some ticks, or ``over()`` says so.
+    """As :func:`relax_path`, but given up where the strip gets no clearer for some ticks.
 
     A strip that is broken on both sides of something grows nodes and gets slower with each tick that it is given.
     """
-    clearest, since, ticks = -np.inf, 0, 0
-    while True:
-        report = replace(deformer.step(strip, scene), ticks=ticks + 1)
-        ticks, strip = ticks + 1, report.strip
-        if watch is not None:
-            watch(report)
-        since = 0 if report.clearance > clearest + _GAIN else since + 1
-        clearest = max(clearest, report.clearance)
-        if report.usable:
-            return _cleared(deformer, report, scene, extra_ticks, watch)
-        rest = report.moved < deformer.params.rest_step
-        if rest or since >= _STUCK or ticks >= max_ticks or over():
-            return replace(report, reason=f"{report.reason} (after {ticks} ticks)")
+    return relax_path(deformer, strip, scene, max_ticks=max_ticks, stuck=_STUCK, over=over, watch=watch)
 
 
 def _cleared(
-    deformer: Deformer, report: DeformReport, scene: Scene, ticks: int, watch: Callable[[DeformReport], object] | None
+    deformer: Deformer,
+    report: DeformReport,
+    scene: Scene,
+    ticks: int,
+    over: Callable[[], bool],
+    watch: Callable[[DeformReport], object] | None,
 ) -> DeformReport:
     """A few ticks more where a certified strip is still very near an obstacle."""
     for _ in range(ticks):
-        if not report.usable or report.clearance >= deformer.params.near:
+        if not report.usable or report.clearance >= deformer.params.near or over():
             break
         further = deformer.step(report.strip, scene)
         if watch is not None:

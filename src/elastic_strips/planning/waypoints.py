@@ -34,7 +34,10 @@ def waypoint_rows(robot: RobotModel, start: Array, goal: Array, way: npt.ArrayLi
         ParameterError: neither (K, 2) nor (K, nv), not finite, fewer than two, or a fixed base.
     """
     space = robot.space
-    points = np.asarray(way, dtype=float)
+    try:
+        points = np.asarray(way, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"path={way!r:.80} must be an array of numbers, (K, 2) or (K, {space.nv})") from None
     if points.ndim != 2 or points.shape[1] not in (2, space.nv) or len(points) < 2:
         raise ParameterError(f"path has shape {points.shape}; it must be (K, 2) or (K, {space.nv}) with K ≥ 2")
     if not np.isfinite(points).all():

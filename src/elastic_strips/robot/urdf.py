@@ -144,8 +144,14 @@ def _check_joints(
             floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
         if kind in ("revolute", "continuous", "prismatic"):
             axis = joint.find("axis")
-            if axis is not None and math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0")) < 1e-9:
+            length = 1.0 if axis is None else math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0"))
+            if axis is not None and length < 1e-9:
                 raise RobotError(f"{source}:{axis.sourceline}: {what} has the axis 0 0 0; give a direction")
+            if axis is not None and length > 1e9:  # its square overflows
+                raise RobotError(
+                    f"{source}:{axis.sourceline}: {what} has an axis of length {length:.3g}; it must be at most 1e9, "
+                    "and is 1 by custom"
+                )
         if kind == "continuous":
             continuous.add(name)
         if kind in ("revolute", "prismatic"):

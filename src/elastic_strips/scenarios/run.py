@@ -29,7 +29,7 @@ class RunResult:
         scenario, robot, params: what was run.
         initial: the strip that the relaxation started from.
         report: last report; its strip is the result.
-        method: where the initial strip came from: ``"line"``, ``"ompl"`` or ``"none"``.
+        method: where the initial strip came from: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
         reason: what happened, for people.
         clearance: of the interpolated strip [m].
         passage: see :func:`passage`.
@@ -158,12 +158,12 @@ def _run_paper(
     began = perf_counter()
     start, goal = scenario.ends(robot)
     deformer = Deformer(robot, params)
-    check_ends(robot, scenario.scene, start, goal, params)
+    ends = np.stack(check_ends(robot, scenario.scene, start, goal, params))
     spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
     rows = straight_line(robot, start, goal, spacing=spacing)
     if robot.space.planar:
         rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
-    initial, method = Strip.from_chart(robot, rows), "line"
+    initial, method = Strip.from_chart(robot, rows, ends=ends), "line"
     first: list[float] = []
 
     def watch(report: DeformReport) -> None:
@@ -194,7 +194,7 @@ def _run_paper(
             if found.chart is None:
                 attempts.append(found.reason)
                 continue
-            initial, method = Strip.from_chart(robot, found.chart), "ompl"
+            initial, method = Strip.from_chart(robot, found.chart, ends=ends), "ompl"
             report = relax(initial)
             if report.status is DeformStatus.SETTLED:
                 break

@@ -66,7 +66,7 @@ def test_what_can_be_relaxed_comes_out_as_with_patience(silvermate, y) -> None:
     way = grid_path(silvermate, scene, start, goal).way
     assert way is not None
     rows, _ = next(iter(way_rows(silvermate, start, goal, way, 0.13)))
-    strip = path_strip(silvermate, rows)
+    strip = path_strip(silvermate, rows, np.stack((start, goal)))
     one, two = (relax(Deformer(silvermate), strip, scene) for relax in (relax_path, relax_while_clearer))
     assert one.usable
     np.testing.assert_array_equal(one.strip.q, two.strip.q)
