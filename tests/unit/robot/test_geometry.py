@@ -23,7 +23,7 @@ from elastic_strips.robot.geometry import (
     link_geometries,
     support_points,
 )
-from elastic_strips.robot.loading import _KNOWN
+from elastic_strips.catalogue import find_robot
 
 SHAPES = [
     coal.Box(0.2, 0.4, 0.6),
