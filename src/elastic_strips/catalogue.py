@@ -101,6 +101,11 @@ def robot_names() -> tuple[str, ...]:
     return tuple(_catalogue())
 
 
+def own_robots() -> tuple[str, ...]:
+    """Names of the robots that the scenarios are made for: with a home posture and a hand of their own."""
+    return tuple(name for name, robot in _catalogue().items() if robot.hand_frame or robot.urdf.parent == urdf_dir())
+
+
 def robot_summary(name: str) -> str:
     """One line about a named robot.
 
