@@ -1,7 +1,9 @@
-"""Resources: finds the robot descriptions that come with the package."""
+"""Resources: finds the robot descriptions that come with the package, and those of example-robot-data."""
 
 from __future__ import annotations
 
+import sys
+from functools import cache
 from pathlib import Path
 
 from elastic_strips.errors import RobotError
@@ -24,3 +26,13 @@ def urdf_dir() -> Path:
         f"the robot descriptions are missing: neither {tried[0]} (installed) nor {tried[1]} (checkout) is a directory; "
         "install the package again, or give the path of a URDF."
     )
+
+
+@cache
+def example_robot_data() -> Path | None:
+    """Return the ``share`` folder that holds example-robot-data; None where the package is not installed."""
+    import cmeel
+
+    places = [Path(p) / "cmeel.prefix/share" for p in (*cmeel.__path__, *sys.path)]
+    places += [Path(p).parent / "cmeel.prefix/share" for p in cmeel.__path__]
+    return next((place for place in places if (place / "example-robot-data/robots").is_dir()), None)

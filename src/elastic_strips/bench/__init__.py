@@ -5,10 +5,12 @@ from .plan import bench_plan
 from .problems import bench_bridge, bench_problems
 from .reaction import bench_reaction
 from .replan import bench_replan
+from .robots import RobotCase, bench_robots, robot_cases, robots_table, with_table
 from .soak import bench_soak
 from .tick import bench_tick
 
 __all__ = [
+    "RobotCase",
     "bench_bridge",
     "bench_drive",
     "bench_faults",
@@ -16,6 +18,10 @@ __all__ = [
     "bench_problems",
     "bench_reaction",
     "bench_replan",
+    "bench_robots",
     "bench_soak",
     "bench_tick",
+    "robot_cases",
+    "robots_table",
+    "with_table",
 ]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
 
-from ..bench import bench_plan, bench_replan, bench_tick
+from ..bench import bench_plan, bench_replan, bench_robots, bench_tick, robot_cases, robots_table, with_table
 from ..io import check_writable, write_json
+from ..io.files import write_whole
 from ..robot import load_robot
 from .bench_drive_command import COMMANDS
+from .numbers import Finite
 from .progress import LateProgress
 
 _robot = click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")
@@ -105,6 +108,42 @@ def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
     for what in ("nodes", "obstacles"):
         for count, figure in figures.get(f"{what}_scaling", {}).items():
             _row(f"{count} {what}", _times(figure))
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Load every robot, plan and settle a small problem.")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option(
+    "--data", metavar="DIR", type=click.Path(exists=True, file_okay=False), help="Every URDF of a folder, too."
+)
+@click.option("--timeout", type=Finite(0.01, 3600), default=10.0, show_default=True, help="Longest planning [s].")
+@click.option(
+    "--table",
+    "table_file",
+    type=click.Path(),
+    metavar="FILE.md",
+    help="Write the table there, between its marks if the file has them.",
+)
+@_json
+def robots(
+    names: tuple[str, ...], data: str | None, timeout: float, table_file: str | None, json_file: str | None
+) -> None:
+    """Load the named robots (all of "elastic-strips list --robots" by default), and those of a folder.
+
+    Each goes from home to another posture, past a sphere in its way.
+    """
+    for file in (table_file, json_file):
+        if file is not None:
+            check_writable(file)
+    cases = robot_cases(names, data)
+    with LateProgress("trying robots", len(cases)) as bar:
+        figures = bench_robots(cases, bar.step, timeout=timeout)
+    text = robots_table(figures)
+    click.echo(text, nl=False)
+    if table_file is not None:
+        page = Path(table_file)
+        text = with_table(page.read_text(encoding="utf-8") if page.is_file() else "", text)
+        click.echo(f"table   {write_whole(page, text.encode())}")
     _write(json_file, figures)
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import click
 
-from ..deform import PRESETS
-from ..robot import robot_names, robot_summary
-from ..scenarios import get_scenario, scenario_names
+from ..catalogue import own_robots, robot_names, robot_summary
 
 _PRESET_TEXT = {
     "default": "forces at witness points, implicit update, exact rolling constraint",
@@ -15,13 +13,22 @@ _PRESET_TEXT = {
 
 
 @click.command(name="list", help="Show the scenarios, robots and presets that have names.")
-def list_command() -> None:
+@click.option("--robots", is_flag=True, help="Only the robots, and all of them: those of example-robot-data too.")
+def list_command(robots: bool) -> None:
+    if robots:
+        for name in robot_names():
+            click.echo(f"{name:<28} {robot_summary(name)}")
+        return
+    from ..deform import PRESETS  # slow to import, and the robots' names need neither
+    from ..scenarios import get_scenario, scenario_names
+
     click.echo("Scenarios (elastic-strips run NAME):")
     for name in scenario_names():
         click.echo(f"  {name:<18} {get_scenario(name).summary}")
     click.echo("\nRobots (--robot NAME, or the path of a URDF):")
-    for name in robot_names():
+    for name in own_robots():
         click.echo(f"  {name:<18} {robot_summary(name)}")
+    click.echo(f"  and {len(robot_names()) - len(own_robots())} more: elastic-strips list --robots")
     click.echo("\nPresets (--preset NAME):")
     for name in PRESETS:
         click.echo(f"  {name:<18} {_PRESET_TEXT[name]}")

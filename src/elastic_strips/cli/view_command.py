@@ -12,7 +12,7 @@ from ..errors import InputError, RobotError
 from ..execution import Record
 from ..io import read_record, record_robot
 from ..planning import straight_line
-from ..robot import RobotModel, load_robot, robot_names
+from ..robot import RobotModel, load_robot, recorded_robot
 from ..scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
 from ..strip import Strip
@@ -122,7 +122,7 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
     if document.get("version") != FORMAT_VERSION:
         raise InputError(f"{path}: format version {document.get('version')!r}; this program reads {FORMAT_VERSION}")
     try:
-        name = robot or (document["robot"] if document["robot"] in robot_names() else document["urdf"])
+        name = robot or recorded_robot(document["robot"], document["urdf"])
         base, locked = document["base"], document["locked"]
         model = load_robot(name, base=base, locked=locked)
         scene = Scene([_obstacle(entry) for entry in document["obstacles"]])

@@ -29,7 +29,7 @@ from elastic_strips.execution.record import (
 from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.record_table import UNITS, chart_columns, record_csv, velocity_columns
 from elastic_strips.io.record_world import world_documents, world_from_documents
-from elastic_strips.robot import BaseKind, RobotModel, load_robot, robot_names
+from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
 
 FORMAT = "elastic-strips-record"
 FORMAT_VERSION = 1
@@ -100,7 +100,7 @@ def record_robot(record: Record, robot: str | None = None) -> RobotModel:
     Raises:
         RobotError: it cannot be loaded, or is another robot.
     """
-    name = robot or (record.robot if record.robot in robot_names() else record.urdf)
+    name = robot or recorded_robot(record.robot, record.urdf)
     if name is None:
         raise RobotError(f"the record names no URDF of {record.robot!r}; give one")
     found = load_robot(name, base=record.base.value, locked=dict(record.locked))

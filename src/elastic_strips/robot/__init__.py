@@ -1,10 +1,11 @@
 """Robots: URDF files and Pinocchio models become frozen :class:`RobotModel` values."""
 
+from ..catalogue import recorded_robot, robot_names, robot_summary
 from .base import BaseKind
 from .control_points import ControlPoints
 from .geometry import Capsule, LinkGeometry
 from .kinematics import Kinematics, KinematicTree
-from .loading import load_robot, robot_names, robot_summary
+from .loading import load_robot
 from .model import RobotModel
 from .space import ConfigurationSpace
 
@@ -18,6 +19,7 @@ __all__ = [
     "LinkGeometry",
     "RobotModel",
     "load_robot",
+    "recorded_robot",
     "robot_names",
     "robot_summary",
 ]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
@@ -22,6 +23,9 @@ _CIRCLE = np.column_stack(
 _FARTHEST = 1e3  # [m]
 _THINNEST = 1e-6  # [m]
 _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
+_MOST_NEIGHBOURS = 255  # of a corner of a Coal shape
+_LARGE_FACE = 50  # triangles
+_TIP = 1e-5  # [m]
 _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
 
 
@@ -75,17 +79,84 @@ def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
     if float(np.ptp((points - middle) @ thin)) < _THINNEST:
         raise flat
     try:
-        hull = ConvexHull(points)
+        corners, triangles = _hull_triangles(points)
     except QhullError:
         raise flat from None
-    number = np.full(len(points), -1)
-    number[hull.vertices] = np.arange(len(hull.vertices))
-    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    corners.extend(list(points[hull.vertices]))
-    triangles.extend([coal.Triangle(*abc) for abc in number[hull.simplices].tolist()])
-    shape = coal.Convex(corners, triangles)
+    shape = _coal_convex(corners, triangles)
     shape.computeLocalAABB()
     return shape
+
+
+def _coal_convex(corners: Array, triangles: npt.NDArray[np.intp]) -> coal.Convex:
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(corners))
+    faces.extend([coal.Triangle(*abc) for abc in triangles.tolist()])
+    return coal.Convex(points, faces)
+
+
+def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
+    """Corners (V, 3) and triangles (T, 3) of a convex hull in which no corner has more neighbours than Coal takes.
+
+    Where one has, as in a wheel's flat side that is cut into a fan, large flat faces are cut into strips: the same
+    hull. An apex that still has too many becomes the corners of a tiny polygon about it: the hull grows by ``_TIP``.
+    """
+    hull = ConvexHull(points)
+    corners, triangles = _numbered(points, hull.vertices, hull.simplices)
+    if _neighbours(triangles, len(corners)).max() <= _MOST_NEIGHBOURS:
+        return corners, triangles
+    for _ in range(4):
+        corners, triangles = _numbered(points, hull.vertices, _strips(points, hull))
+        count = _neighbours(triangles, len(corners))
+        if count.max() <= _MOST_NEIGHBOURS:
+            return corners, triangles
+        grown = [corners[count <= _MOST_NEIGHBOURS]]
+        for worst in np.flatnonzero(count > _MOST_NEIGHBOURS):
+            sides = corners[triangles[(triangles == worst).any(axis=1)]]
+            normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+            outward = np.sum(
+                normals * np.sign(np.sum(normals * (sides[:, 0] - corners.mean(axis=0)), axis=1))[:, None], 0
+            )
+            across = np.linalg.svd(outward[None] / np.linalg.norm(outward))[2][1:]
+            angles = np.linspace(0.0, 2.0 * np.pi, 3 + count[worst] // 100, endpoint=False)
+            grown.append(corners[worst] + _TIP * np.column_stack((np.cos(angles), np.sin(angles))) @ across)
+        points = np.vstack(grown)
+        hull = ConvexHull(points)
+    raise RobotError(f"a corner of a convex hull has {count.max()} neighbours; Coal takes {_MOST_NEIGHBOURS}")
+
+
+def _numbered(
+    points: Array, used: npt.NDArray[np.intp], triangles: npt.NDArray[np.intp]
+) -> tuple[Array, npt.NDArray[np.intp]]:
+    """The used points alone, and triangles of their new numbers."""
+    number = np.full(len(points), -1, dtype=np.intp)
+    number[used] = np.arange(len(used))
+    return points[used], number[triangles]
+
+
+def _neighbours(triangles: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:
+    """Number of neighbours (V,) of each corner: in a closed surface, that of its triangles."""
+    return np.bincount(triangles.ravel(), minlength=count)
+
+
+def _strips(points: Array, hull: ConvexHull) -> npt.NDArray[np.intp]:
+    """The hull's triangles (T, 3), those of each large flat face as one zigzag strip."""
+    _, face, size = np.unique(hull.equations, axis=0, return_inverse=True, return_counts=True)
+    face = face.ravel()  # triangles of one flat face share its plane exactly
+    triangles = list(hull.simplices[size[face] < _LARGE_FACE])
+    for large in np.flatnonzero(size >= _LARGE_FACE):
+        around = np.unique(hull.simplices[face == large])
+        local = points[around] - points[around].mean(axis=0)
+        normal = hull.equations[int(np.argmax(face == large)), :3]
+        first = local[0] / np.linalg.norm(local[0])
+        around = around[np.argsort(np.arctan2(local @ np.cross(normal, first), local @ first))]
+        low, high = 0, len(around) - 1
+        while high - low >= 2:
+            triangles.append(around[[low, low + 1, high]])
+            low += 1
+            if high - low >= 2:
+                triangles.append(around[[low, high - 1, high]])
+                high -= 1
+    return np.array(triangles, dtype=np.intp)
 
 
 def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import coal
@@ -12,69 +12,17 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from ..catalogue import find_robot, is_known
 from ..errors import RobotError, nearest_name
-from ..resources import urdf_dir
 from .base import BaseKind
-from .model import RobotModel, model_from_urdf
-from .srdf import Srdf, read_srdf
-from .urdf import UrdfSource, read_urdf
+from .model import RobotModel
+from .srdf import Srdf, read_srdf, within_limits
+from .urdf import UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
 from .urdf_geometry import MAX_LENGTH
 
-
-@dataclass(frozen=True, slots=True)
-class KnownRobot:
-    """A robot that can be loaded by its name; ``own`` names its files in ``urdf/`` if they come with the package."""
-
-    summary: str
-    base: BaseKind
-    planned: tuple[str, ...] | None
-    home: Mapping[str, float]
-    hand_frame: str | None
-    own: str | None = None
-
-    def files(self, name: str) -> tuple[Path, Path | None, tuple[Path, ...]]:
-        """URDF, SRDF and package folders."""
-        if self.own is not None:
-            folder = urdf_dir()
-            srdf = folder / f"{self.own}.srdf"
-            return folder / f"{self.own}.urdf", srdf if srdf.is_file() else None, (folder,)
-        share = _example_robot_data()
-        return share / "example-robot-data/robots/tiago_description/robots/tiago.urdf", None, (share,)
-
-
-_TIAGO_HOME = {
-    "torso_lift_joint": 0.15, "arm_1_joint": 0.2, "arm_2_joint": -1.34, "arm_3_joint": -0.2,
-    "arm_4_joint": 1.94, "arm_5_joint": -1.57, "arm_6_joint": 0.6, "arm_7_joint": 0.0,
-}  # fmt: skip
-
-_KNOWN = {
-    "silvermate": KnownRobot(
-        "the paper's robot: round differential-drive base, 7-DOF arm",
-        BaseKind.DIFF_DRIVE, None, {}, "hand_frame", "silvermate",
-    ),
-    "tiago": KnownRobot(
-        "PAL Robotics' TIAGo of example-robot-data: differential drive, lift, 7-DOF arm",
-        BaseKind.DIFF_DRIVE, tuple(_TIAGO_HOME), _TIAGO_HOME, "hand_palm_link",
-    ),
-    "jackal-box": KnownRobot(
-        "a Jackal-sized box on two wheels, 0.508 x 0.43 m, no arm: differential drive",
-        BaseKind.DIFF_DRIVE, None, {}, None, "jackal_box",
-    ),
-    "bridge-arm": KnownRobot(
-        "a box on two wheels, 0.5 x 0.5 m, with a 6-DOF arm of the UR5's proportions: differential drive",
-        BaseKind.DIFF_DRIVE, None, {}, "tool_frame", "bridge_arm",
-    ),
-}  # fmt: skip
-
-
-def robot_names() -> tuple[str, ...]:
-    """Names that :func:`load_robot` knows."""
-    return tuple(_KNOWN)
-
-
-def robot_summary(name: str) -> str:
-    """One line about a named robot."""
-    return _KNOWN[name].summary
+_log = logging.getLogger(__name__)
+_MANY_JOINTS = 20  # more planned joints than these are warned about
+_HOMES = ("home", "default", "half_sitting", "standing")
 
 
 def load_robot(
@@ -83,110 +31,169 @@ def load_robot(
     base: str | BaseKind | None = None,
     srdf: str | Path | None = None,
     control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None = None,
+    joints: Iterable[str] | None = None,
+    group: str | None = None,
     locked: Mapping[str, float] | None = None,
     package_dirs: tuple[str | Path, ...] = (),
 ) -> RobotModel:
-    """Load a robot by name (``"silvermate"``, ``"tiago"``, ``"jackal-box"``, ``"bridge-arm"``) or from a URDF file.
+    """Load a robot by name (``"silvermate"``, ``"tiago"``, ``"panda"``, …: ``robot_names()``) or from a URDF file.
+
+    What a file gets wrong without harm is mended or passed over, with a warning in the log: see ``docs/robots.md``.
 
     Args:
         name_or_path: a name, or a path that ends in ``.urdf`` or holds a separator.
         base: ``"diff_drive"``, ``"omni"`` or ``"fixed"``; by default the named robot's own, and ``"diff_drive"`` for
             a file.
-        srdf: SRDF file with the link pairs to ignore and, as ``group_state`` named ``home``, the home posture.
+        srdf: SRDF file with the link pairs to ignore, named postures (``group_state``: see ``RobotModel.home`` and
+            ``RobotModel.state``) and groups of joints; by default the named robot's own.
         control_points: name → frame, or name → (frame, offset [m]); by default the joints' origins and the hand.
+        joints: the joints to plan; all others are held still at home.
+        group: an SRDF group of which the joints are planned, instead of ``joints``.
         locked: joint → value held still; by default the wheels (continuous joints named ``*wheel*`` or ``*caster*``)
             and mimic joints of a file, and what is neither lift nor arm of TIAGo. ``{}`` locks only what cannot be
-            planned.
+            planned. With ``joints`` or ``group``: values of joints that these do not name.
         package_dirs: folders to search for ``package://`` meshes.
 
     Raises:
-        RobotError: unknown name, or a fault in a file; the message names file, element and alternatives.
+        RobotError: an unknown name, or one that several robots share; an unknown joint or group, or a joint that is
+            both planned and locked; a fault in a file. The message names file, element and alternatives.
     """
     text = str(name_or_path)
-    if text in _KNOWN:
-        return _load_named(text, base, srdf, control_points, locked, package_dirs)
     path = Path(text).expanduser()
-    if not text or (path.suffix.lower() not in (".urdf", ".xml") and "/" not in text and not path.exists()):
-        raise RobotError(f"unknown robot {text!r}{nearest_name(text, _KNOWN)} Or give the path of a URDF file.")
-    kind = BaseKind.DIFF_DRIVE if base is None else BaseKind.parse(base)
-    source = read_urdf(path, package_dirs=package_dirs)
-    return _build(source, kind, srdf, control_points, locked, home={}, hand=None, name=path.stem)
-
-
-def _load_named(
-    name: str,
-    base: str | BaseKind | None,
-    srdf: str | Path | None,
-    control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None,
-    locked: Mapping[str, float] | None,
-    package_dirs: tuple[str | Path, ...],
-) -> RobotModel:
-    known = _KNOWN[name]
-    urdf, own_srdf, folders = known.files(name)
-    kind = known.base if base is None else BaseKind.parse(base)
-    source = read_urdf(urdf, package_dirs=(*package_dirs, *folders))
-    if locked is None and known.planned is not None:
-        moving = _moving_joints(source)
-        locked = {j: _clip(0.0, source, j) for j in sorted(moving - set(known.planned))}
-    return _build(
-        source, kind, srdf or own_srdf, control_points, locked, home=known.home, hand=known.hand_frame, name=name
-    )
-
-
-def _build(
-    source: UrdfSource,
-    kind: BaseKind,
-    srdf: str | Path | None,
-    control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None,
-    locked: Mapping[str, float] | None,
-    *,
-    home: Mapping[str, float],
-    hand: str | None,
-    name: str,
-) -> RobotModel:
-    semantics = None
-    if srdf is not None:
-        semantics = read_srdf(srdf, links=set(source.links), joints=set(source.joints))
-        _check_states(semantics, source)
-        home = {**home, **semantics.states.get("home", {})}
+    by_path = path.suffix.lower() in (".urdf", ".xml") or "/" in text or path.exists()
+    if is_known(text) or not text or not by_path:
+        known = find_robot(text)
+        source = read_urdf(known.urdf, package_dirs=(*package_dirs, *known.package_dirs))
+        kind, srdf = known.base if base is None else base, srdf or known.srdf
+        home, hand, name = known.home, known.hand_frame, known.name
+        if joints is None and group is None and locked is None:
+            joints = known.planned
+    else:
+        source = read_urdf(path, package_dirs=package_dirs)
+        kind, home, hand, name = BaseKind.DIFF_DRIVE if base is None else base, {}, None, path.stem
+    kind = BaseKind.parse(kind)
+    semantics = None if srdf is None else read_srdf(srdf, source)
+    planned = _planned(source, semantics, joints, group, locked)
     try:
-        model, collision, visual = model_from_urdf(source.path, kind, source.package_dirs)
+        model = pinocchio_model(source, planar=kind.planar)
+        collision = pinocchio_geometry(source, model, pin.COLLISION)
         _check_shapes(collision, source)
-        return _planned(model, collision, visual, source, kind, semantics, control_points, locked, home, hand, name)
+
+        def build(home: Mapping[str, float]) -> RobotModel:
+            still = _still(model, source, planned, locked, home)
+            return RobotModel.from_pinocchio(
+                model, collision, partial(pinocchio_geometry, source, model, pin.VISUAL),
+                base=kind, name=name, locked=still,
+                home={j: v for j, v in home.items() if j not in still and model.existJointName(j)},
+                disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
+                control_points=control_points, hand_frame=hand,
+                states=None if semantics is None else semantics.states,
+                urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
+            )  # fmt: skip
+
+        robot = _at_home(build, home, semantics, source)
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
+    if len(robot.joint_names) > _MANY_JOINTS:
+        _log.warning(
+            "%s plans %d joints: slow to plan and to deform. Name those to plan with joints=[…] or group=…, or those "
+            "to hold still with locked={…}", name, len(robot.joint_names),
+        )  # fmt: skip
+    return robot
 
 
 def _planned(
-    model: pin.Model, collision: pin.GeometryModel, visual: pin.GeometryModel, source: UrdfSource, kind: BaseKind,
-    semantics: Srdf | None, control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None,
-    locked: Mapping[str, float] | None, home: Mapping[str, float], hand: str | None, name: str,
-) -> RobotModel:  # fmt: skip
-    if locked is None:
-        wheels = {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
-        locked = {
-            j: home.get(j, _clip(0.0, source, j)) for j in sorted(wheels | source.mimic) if model.existJointName(j)
-        }
-    home = {j: v for j, v in home.items() if j not in locked and model.existJointName(j)}
-    return RobotModel.from_pinocchio(
-        model, collision, visual,
-        base=kind, name=name, locked=locked, home=home,
-        disabled_pairs=None if semantics is None else semantics.disabled,
-        control_points=control_points, hand_frame=hand,
-        urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
-    )  # fmt: skip
+    source: UrdfSource, semantics: Srdf | None, joints: Iterable[str] | None, group: str | None,
+    locked: Mapping[str, float] | None,
+) -> frozenset[str] | None:  # fmt: skip
+    """The joints to plan, or None where all are planned but those that are locked."""
+    if joints is not None and group is not None:
+        raise RobotError(f"joints={joints!r} and group={group!r} both say what is planned; give one of them")
+    if group is not None:
+        groups = {} if semantics is None else semantics.groups
+        if group not in groups:
+            where = "no SRDF is given" if semantics is None else str(semantics.path)
+            raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
+        if not groups[group]:
+            raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
+        joints = groups[group]
+    if joints is None:
+        return None
+    if isinstance(joints, str):
+        raise RobotError(f"joints={joints!r} is one text; give a list of joint names")
+    movable = set(source.joint_limits) | set(source.continuous)
+    planned = list(joints)
+    for joint in planned:
+        if joint not in movable:
+            hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
+            raise RobotError(f"joints: cannot plan {joint!r}{hint}")
+    both = sorted(set(planned) & set(locked or {}))
+    if both:
+        raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
+    return frozenset(planned)
 
 
-def _check_states(semantics: Srdf, source: UrdfSource) -> None:
-    for state, values in semantics.states.items():
-        for joint, value in values.items():
-            low, high = source.joint_limits.get(joint, (-float("inf"), float("inf")))
-            if not low - 1e-9 <= value <= high + 1e-9:
-                raise RobotError(
-                    f"{semantics.path}: <group_state> {state!r}: joint {joint!r} = {value:g} is outside its limits "
-                    f"[{low:g}, {high:g}]"
-                )
+def _still(
+    model: pin.Model, source: UrdfSource, planned: frozenset[str] | None, locked: Mapping[str, float] | None,
+    home: Mapping[str, float],
+) -> dict[str, float]:  # fmt: skip
+    """Values of the joints that are held still: the given ones, and by default those of home."""
+    if planned is not None:
+        names = set(model.names[1:]) - planned - {"root_joint"}
+    elif locked is None:
+        names = {j for j in _wheels(source) | source.mimic if model.existJointName(j)}
+    else:
+        names = set()
+    return {j: _clip(home.get(j, 0.0), source, j) for j in sorted(names)} | dict(locked or {})
+
+
+def _at_home(
+    build: Callable[[Mapping[str, float]], RobotModel],
+    home: Mapping[str, float],
+    semantics: Srdf | None,
+    source: UrdfSource,
+) -> RobotModel:
+    """The robot with the first home posture in which it does not collide with itself, or else the first of all."""
+    first: RobotModel | None = None
+    passed: list[str] = []
+    for what, values in _homes(home, semantics, source):
+        if not all(within_limits(value, source, joint) for joint, value in values.items()):
+            passed.append(f"{what} is outside of the limits")
+            continue
+        robot = build(values)
+        touching = robot.self_collision(robot.home_q)
+        if touching is None:
+            if passed:
+                _log.warning("%s: %s; home is %s", robot.name, "; ".join(passed), what)
+            return robot
+        passed.append(f"in {what} {touching[0]!r} collides with {touching[1]!r}")
+        first = first or robot
+    assert first is not None
+    _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
+    return first
+
+
+def _homes(
+    home: Mapping[str, float], semantics: Srdf | None, source: UrdfSource
+) -> Iterator[tuple[str, Mapping[str, float]]]:
+    """Postures that may be home, with what to call them, the likeliest first."""
+    states = {} if semantics is None else semantics.states
+    if home and "home" not in states:
+        yield "its own home posture", home
+    movable = (set(source.joint_limits) | set(source.continuous)) - source.mimic - _wheels(source)
+    whole = [name for name in states if movable <= set(states[name])]
+    likely = list(dict.fromkeys([name for name in _HOMES if name in states] + whole))
+    for name in likely:
+        yield f"state {name!r}", {**home, **states[name]}
+    yield "the neutral posture", {}
+    for name in states:
+        if name not in likely:
+            yield f"state {name!r}", {**home, **states[name]}
+
+
+def _wheels(source: UrdfSource) -> set[str]:
+    return {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
 
 
 def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
@@ -208,29 +215,6 @@ def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
                 raise RobotError(f"{what} reaches beyond {MAX_LENGTH:g} m")
 
 
-def _moving_joints(source: UrdfSource) -> set[str]:
-    return set(source.joint_limits) | set(source.continuous)
-
-
 def _clip(value: float, source: UrdfSource, joint: str) -> float:
     low, high = source.joint_limits.get(joint, (-float("inf"), float("inf")))
     return min(max(value, low), high)
-
-
-@cache
-def _example_robot_data() -> Path:
-    """The ``share`` folder that holds example-robot-data.
-
-    Raises:
-        RobotError: the package is not installed.
-    """
-    import sys
-
-    import cmeel
-
-    places = [Path(p) / "cmeel.prefix/share" for p in (*cmeel.__path__, *sys.path)]
-    places += [Path(p).parent / "cmeel.prefix/share" for p in cmeel.__path__]
-    for place in places:
-        if (place / "example-robot-data/robots").is_dir():
-            return place
-    raise RobotError("the package example-robot-data is not installed: pip install example-robot-data")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import cached_property
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -17,7 +17,9 @@ from .control_points import ControlPoints, default_control_points, find_frame, p
 from .geometry import LinkGeometry, link_geometries
 from .kinematics import KinematicTree
 from .self_pairs import self_pairs
-from .space import Array, ConfigurationSpace
+from .space import LIMIT_TOLERANCE, Array, ConfigurationSpace
+
+_log = logging.getLogger(__name__)
 
 _LONGEST_SLIDE = 1e3
 """[m] to either side, for a sliding joint without limits."""
@@ -32,14 +34,15 @@ class RobotModel:
         base_kind: how the root moves.
         model: planned Pinocchio model; joint 1 is a ``JointModelPlanar`` unless the base is fixed.
         collision_model: convex collision geometry with the self-collision pairs to check.
-        visual_model: visual geometry.
         space: configuration space (charts, difference, integrate, interpolate).
         tree: the model's joints as arrays.
         geometries: the convex pieces, in the order of ``collision_model.geometryObjects``.
         self_pairs: (S, 2) index pairs of ``geometries`` that must not touch.
         control_point_set: the control points.
         home_q: (nq,) posture at the origin.
+        visual: makes the visual geometry; read ``visual_model``.
         locked: values of the joints that planning holds still [rad or m].
+        states: named postures, joint → value [rad or m]; see :meth:`state`.
         urdf_path, srdf_path: files, where there are any.
     """
 
@@ -47,14 +50,15 @@ class RobotModel:
     base_kind: BaseKind
     model: pin.Model
     collision_model: pin.GeometryModel
-    visual_model: pin.GeometryModel
     space: ConfigurationSpace
     tree: KinematicTree
     geometries: tuple[LinkGeometry, ...]
     self_pairs: npt.NDArray[np.intp]
     control_point_set: ControlPoints
     home_q: Array
+    visual: Callable[[], pin.GeometryModel]
     locked: Mapping[str, float] = field(default_factory=dict)
+    states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
 
@@ -70,6 +74,19 @@ class RobotModel:
     def joint_names(self) -> tuple[str, ...]:
         """Planned joints without the root."""
         return tuple(self.model.names[i] for i in range(2 if self.space.planar else 1, self.model.njoints))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the postures that :meth:`state` knows: the SRDF's group states."""
+        return tuple(self.states)
+
+    @cached_property
+    def visual_model(self) -> pin.GeometryModel:
+        """Visual geometry; read when it is first asked for, since it is most of what a URDF takes to load.
+
+        The collision geometry where there is none, or where it cannot be read (a warning).
+        """
+        return self.visual()
 
     @property
     def control_point_names(self) -> tuple[str, ...]:
@@ -100,6 +117,11 @@ class RobotModel:
     ) -> Array:
         """The home posture at a base pose, with single joints overridden: a configuration (nq,).
 
+        Home is, in this order, the named robot's own, the SRDF's state ``home``, ``default``, ``half_sitting`` or
+        ``standing``, one that gives all joints, the neutral posture (0, or the nearest limit), any other state: the
+        first of them that is within the limits and in which the robot does not collide with itself. A warning says so
+        where one was passed over.
+
         Args:
             x, y, yaw: base pose [m, m, rad]; must be 0 for a fixed base.
             joints: joint name → value [rad or m].
@@ -125,8 +147,28 @@ class RobotModel:
             chart[self.space.base_nv + self.joint_names.index(name)] = value
         return self.check_q(self.space.from_chart(chart), what="home(...)")
 
+    def state(self, name: str, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> Array:
+        """A named posture (an SRDF's ``group_state``) at a base pose: a configuration (nq,).
+
+        Joints that the state does not name are as at home; locked ones stay as they are locked.
+
+        Args:
+            name: one of ``state_names``.
+            x, y, yaw: base pose [m, m, rad]; must be 0 for a fixed base.
+
+        Raises:
+            ConfigurationError: an unknown name, or a value that is outside the joint's limits.
+        """
+        if name not in self.states:
+            raise ConfigurationError(f"{self.name!r} has no state {name!r}{nearest_name(name, self.states)}")
+        planned = {j: v for j, v in self.states[name].items() if j in self.joint_names}
+        return self.home(x, y, yaw, joints=planned)
+
     def check_q(self, q: npt.ArrayLike, *, what: str = "q", limits: bool = True) -> Array:
         """Check a configuration (nq,) or a stack of them (N, nq); returns a float copy.
+
+        A joint outside of its limits by at most 1e-4 rad (or m) is taken to the limit: what files and other programs
+        round is no fault.
 
         Raises:
             ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, or outside the joint limits.
@@ -153,7 +195,8 @@ class RobotModel:
                 )
         if limits:
             chart = self.space.to_chart(array)
-            outside = (chart < self.space.lower - 1e-9) | (chart > self.space.upper + 1e-9)
+            beyond = np.maximum(self.space.lower - chart, chart - self.space.upper)
+            outside = beyond > LIMIT_TOLERANCE
             if outside.any():
                 index = tuple(int(i) for i in np.argwhere(outside)[0])
                 k = index[-1]
@@ -162,7 +205,20 @@ class RobotModel:
                     f"{what}: joint {name!r} = {chart[index]:.6g} is outside its limits "
                     f"[{self.space.lower[k]:.6g}, {self.space.upper[k]:.6g}]"
                 )
+            for k in np.flatnonzero((beyond > 0.0).reshape(-1, self.nv).any(axis=0)):
+                i = int(self.space.idx_q[k - self.space.base_nv])
+                array[..., i] = np.clip(array[..., i], self.space.lower[k], self.space.upper[k])
         return array
+
+    def self_collision(self, q: npt.ArrayLike) -> tuple[str, str] | None:
+        """Names of two pieces of the robot that touch at a configuration (nq,), or None."""
+        data, geometry = self.model.createData(), self.collision_model.createData()
+        q = self.check_q(q, limits=False)
+        if not pin.computeCollisions(self.model, data, self.collision_model, geometry, q, True):
+            return None
+        hit = next(k for k, result in enumerate(geometry.collisionResults) if result.isCollision())
+        i, k = self.self_pairs[hit]
+        return self.geometries[i].name, self.geometries[k].name
 
     def control_points(self, q: npt.ArrayLike) -> Array:
         """World positions (C, 3) [m] of the control points at a configuration (nq,)."""
@@ -175,7 +231,7 @@ class RobotModel:
     def from_pinocchio(
         model: pin.Model,
         collision_model: pin.GeometryModel,
-        visual_model: pin.GeometryModel | None = None,
+        visual_model: pin.GeometryModel | Callable[[], pin.GeometryModel] | None = None,
         *,
         base: str | BaseKind | None = None,
         name: str | None = None,
@@ -184,6 +240,7 @@ class RobotModel:
         disabled_pairs: Iterable[Iterable[str]] | None = None,
         control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None = None,
         hand_frame: str | None = None,
+        states: Mapping[str, Mapping[str, float]] | None = None,
         urdf_path: str | None = None,
         srdf_path: str | None = None,
     ) -> RobotModel:
@@ -193,7 +250,7 @@ class RobotModel:
             model: a model whose joint 1 is ``JointModelPlanar``, or one with a fixed base. Sliding joints without
                 limits get ±1 km.
             collision_model: its collision geometry.
-            visual_model: its visual geometry; the collision geometry where None.
+            visual_model: its visual geometry, or what makes it; the collision geometry where None.
             base: base kind; None means omni for a planar root and fixed otherwise.
             name: the robot's name; the model's where None.
             locked: joint → value of joints to hold still.
@@ -201,6 +258,7 @@ class RobotModel:
             disabled_pairs: pairs of link names whose collisions are ignored; None derives them by sampling.
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
             hand_frame: frame of the last default control point.
+            states: named postures for :meth:`state`: name → joint → value [rad or m].
 
         Raises:
             RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed
@@ -213,15 +271,14 @@ class RobotModel:
             raise RobotError(f"base={kind.value!r}, but the model has {root} (joint 1)")
         if planar and not model.jointPlacements[1].isIdentity(1e-12):
             raise RobotError("the planar root joint must sit at the origin of the world (identity placement)")
-        collision_model = _with_frames(model, collision_model)
-        visual = collision_model if visual_model is None else _with_frames(model, visual_model)
         values = dict(locked or {})
         _check_joint_names(model, values, "locked")
         _check_joint_names(model, home or {}, "home")
         reference = _reference_configuration(model, {**(home or {}), **values})
         ids = [model.getJointId(n) for n in values]
-        reduced, (collision, visual) = pin.buildReducedModel(model, [collision_model, visual], ids, reference)
+        reduced = _reduced(model, ids, reference)
         _bound_sliders(reduced)
+        collision = _carried_over(model, reduced, collision_model)
         space = ConfigurationSpace.from_model(reduced)
         pieces = tuple(link_geometries(reduced, collision))
         if not pieces:
@@ -237,6 +294,19 @@ class RobotModel:
             convex.addGeometryObject(pin.GeometryObject(piece.name, piece.joint, frame, pose, piece.geometry))
         for i, k in pairs:
             convex.addCollisionPair(pin.CollisionPair(int(i), int(k)))
+
+        def visual() -> pin.GeometryModel:
+            try:
+                given = visual_model() if callable(visual_model) else visual_model
+            except (
+                Exception
+            ) as error:  # whatever Pinocchio and Coal throw about a file; a picture is all that it is for
+                _log.warning(
+                    "%s: the collision geometry is drawn: %s", name or model.name, " ".join(str(error).split())
+                )
+                given = None
+            return collision if given is None else _carried_over(model, reduced, given)
+
         points = (
             parse_control_points(reduced, control_points)
             if control_points is not None
@@ -248,14 +318,15 @@ class RobotModel:
             base_kind=kind,
             model=reduced,
             collision_model=convex,
-            visual_model=visual,
             space=space,
             tree=KinematicTree.from_model(reduced, space),
             geometries=pieces,
             self_pairs=pairs,
             control_point_set=points,
             home_q=q_home,
+            visual=visual,
             locked=values,
+            states={k: dict(v) for k, v in (states or {}).items()},
             urdf_path=urdf_path,
             srdf_path=srdf_path,
         )
@@ -281,16 +352,51 @@ def _refuse_world_geometry(pieces: tuple[LinkGeometry, ...]) -> None:
         )
 
 
-def _with_frames(model: pin.Model, geometry: pin.GeometryModel) -> pin.GeometryModel:
-    """A geometry model whose objects all have a parent frame: ``buildReducedModel`` ends the process without."""
-    if all(obj.parentFrame < model.nframes for obj in geometry.geometryObjects):
-        return geometry
-    own = geometry.copy()
-    for obj in own.geometryObjects:
-        if obj.parentFrame >= model.nframes:
-            joints = [i for i, f in enumerate(model.frames) if f.parentJoint == obj.parentJoint]
-            obj.parentFrame = joints[0] if joints else 0
-    return own
+def _reduced(model: pin.Model, ids: list[int], reference: Array) -> pin.Model:
+    """The model with joints held still.
+
+    ``pin.buildReducedModel`` looks frames up by name, which fails where a link is called like a joint: so such links
+    are called otherwise for as long as that takes.
+    """
+    kinds: dict[str, set[pin.FrameType]] = {}
+    for frame in model.frames:
+        kinds.setdefault(frame.name, set()).add(frame.type)
+    twice = {f"{name} (link)": name for name, types in kinds.items() if len(types) > 1}
+    if not twice:
+        return pin.buildReducedModel(model, ids, reference)
+    own = model.copy()
+    for frame in own.frames:
+        if frame.type == pin.FrameType.BODY and f"{frame.name} (link)" in twice:
+            frame.name = f"{frame.name} (link)"
+    reduced = pin.buildReducedModel(own, ids, reference)
+    for frame in reduced.frames:
+        frame.name = twice.get(frame.name, frame.name)
+    return reduced
+
+
+def _carried_over(model: pin.Model, reduced: pin.Model, geometry: pin.GeometryModel) -> pin.GeometryModel:
+    """The geometry of a model on its reduced model.
+
+    ``pin.buildReducedModel`` does it too, but looks frames up by name alone, which fails where a link is called like
+    its joint, and ends the process where an object has no frame.
+    """
+    bodies = {f.name: i for i, f in reversed(list(enumerate(reduced.frames))) if f.type == pin.FrameType.BODY}
+    fixed = {f.name: f for f in reduced.frames if f.type == pin.FrameType.FIXED_JOINT}
+    frames, names = list(model.frames), list(model.names)
+    joints = {name: i for i, name in enumerate(reduced.names)}
+    out = pin.GeometryModel()
+    for obj in geometry.geometryObjects:
+        own, joint = obj.copy(), names[obj.parentJoint]
+        if joint in joints:
+            own.parentJoint = joints[joint]
+        else:  # locked: what is left of it is a frame
+            own.parentJoint = fixed[joint].parentJoint
+            own.placement = fixed[joint].placement * obj.placement
+        on = next((i for i, f in enumerate(frames) if f.parentJoint == obj.parentJoint), 0)
+        frame = frames[obj.parentFrame if obj.parentFrame < len(frames) else on]
+        own.parentFrame = bodies.get(frame.name, find_frame(reduced, frame.name) or 0)
+        out.addGeometryObject(own)
+    return out
 
 
 def _check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) -> None:
@@ -317,36 +423,7 @@ def _reference_configuration(model: pin.Model, values: Mapping[str, float]) -> A
             continue
         low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
         value = float(values.get(name, min(max(0.0, low), high)))
-        if name in values and not low - 1e-9 <= value <= high + 1e-9:
+        if name in values and not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE:
             raise RobotError(f"joint {name!r} = {value:.6g} is outside its limits [{low:.6g}, {high:.6g}]")
         q[joint.idx_q] = min(max(value, low), high)
     return q
-
-
-def model_from_urdf(
-    path: str | Path, kind: BaseKind, package_dirs: tuple[str, ...]
-) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
-    """Build Pinocchio's models from a checked URDF file.
-
-    Args:
-        path: the file.
-        kind: base kind.
-        package_dirs: folders to search for meshes.
-
-    Raises:
-        RobotError: Pinocchio or Coal refuse it, in their words.
-    """
-    try:
-        model = (
-            pin.buildModelFromUrdf(str(path), pin.JointModelPlanar())
-            if kind.planar
-            else pin.buildModelFromUrdf(str(path))
-        )
-        collision = pin.buildGeomFromUrdf(model, str(path), pin.COLLISION, package_dirs=list(package_dirs))
-        visual = pin.buildGeomFromUrdf(model, str(path), pin.VISUAL, package_dirs=list(package_dirs))
-    except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
-        raise RobotError(f"{path}: Pinocchio cannot build the model: {error}") from None
-    for obj in collision.geometryObjects:
-        if isinstance(obj.geometry, coal.BVHModelBase) and obj.geometry.num_vertices < 4:
-            raise RobotError(f"{path}: collision mesh {obj.meshPath} of {obj.name!r} has fewer than 4 vertices")
-    return model, collision, visual

@@ -17,6 +17,7 @@ _log = logging.getLogger(__name__)
 _SAMPLES = 300
 _ALWAYS = 0.95
 _TOUCH = 1.5e-3  # pieces nearer than this [m] count as touching
+_APART = 1e-4  # distance [m] below which a proof that two pieces never touch gives up
 
 
 def self_pairs(
@@ -28,8 +29,9 @@ def self_pairs(
     """Pairs (S, 2) of pieces to keep apart.
 
     Pieces of one joint never move relative to each other and those of neighbouring joints touch by design: both are
-    left out. A pair of links is left out where ``disabled`` names it. Without ``disabled``, pairs that touch at home or
-    in nearly every sampled posture are left out, and said so in the log.
+    left out. A pair of links is left out where ``disabled`` names it. Pairs that touch in nearly every sampled posture
+    are left out: hulls of meshes do where the bodies do not. Without ``disabled``, so are those that touch at home and
+    those that never can. The log says so, with a warning where ``disabled`` or other postures tell otherwise.
     """
     ignored = None if disabled is None else {frozenset(p) for p in disabled}
     pairs = []
@@ -43,42 +45,73 @@ def self_pairs(
             ):
                 continue
             pairs.append((i, k))
-    if ignored is None:
-        pairs = _without_permanent(model, pieces, home, pairs)
-        pairs = [p for p in pairs if not never_touch(model, pieces, *p)]
+    if ignored is not None:
+        pairs, _ = _without_permanent(model, pieces, None, pairs)
+    else:
+        pairs, touched = _without_permanent(model, pieces, home, pairs)
+        pairs = [p for p in pairs if p in touched or not never_touch(model, pieces, *p)]
     return np.asarray(pairs, dtype=np.intp).reshape(-1, 2)
 
 
 def _without_permanent(
-    model: pin.Model, pieces: Sequence[LinkGeometry], home: Array, pairs: list[tuple[int, int]]
-) -> list[tuple[int, int]]:
+    model: pin.Model, pieces: Sequence[LinkGeometry], home: Array | None, pairs: list[tuple[int, int]]
+) -> tuple[list[tuple[int, int]], set[tuple[int, int]]]:
+    """The pairs that do not always touch, nor at a home posture, and those among them that were seen to.
+
+    Without a home only the pairs that always touch are looked for.
+    """
     data = model.createData()
     rng = np.random.default_rng(0)
     hits = np.zeros(len(pairs), dtype=int)
     at_home = np.zeros(len(pairs), dtype=bool)
+    touched = np.zeros(len(pairs), dtype=bool)
+    first, second = np.asarray(pairs, dtype=np.intp).reshape(-1, 2).T
+    # a ball about each piece: most pairs are too far from each other to be asked
+    center = [0.5 * (p.capsule.a + p.capsule.b) for p in pieces]
+    radius = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in pieces])
+    reach = radius[first] + radius[second] + _TOUCH
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
     wide = ~((np.abs(lower) < 1e6) & (np.abs(upper) < 1e6))
     lower[wide], upper[wide] = -np.pi, np.pi
     request, result = coal.CollisionRequest(), coal.CollisionResult()
     request.security_margin = _TOUCH
     for sample in range(_SAMPLES + 1):
-        q = home if sample == 0 else pin.normalize(model, rng.uniform(lower, upper))
+        if home is None and sample > 0 and not np.any(hits >= sample - (1.0 - _ALWAYS) * _SAMPLES):
+            break
+        q = home if sample == 0 and home is not None else pin.normalize(model, rng.uniform(lower, upper))
         pin.forwardKinematics(model, data, q)
-        poses = []
-        for p in pieces:
-            T = data.oMi[p.joint] * pin.SE3(p.placement[:3, :3], p.placement[:3, 3])
-            poses.append(coal.Transform3s(T.rotation, T.translation))
-        for n, (i, k) in enumerate(pairs):
+        at = np.array([data.oMi[p.joint].act(c) for p, c in zip(pieces, center, strict=True)])
+        near = np.flatnonzero(np.linalg.norm(at[first] - at[second], axis=1) <= reach)
+        poses = {n: _pose(data, pieces[n]) for n in {*first[near].tolist(), *second[near].tolist()}}
+        for n in near:
+            i, k = pairs[n]
             result.clear()
             if coal.collide(pieces[i].geometry, poses[i], pieces[k].geometry, poses[k], request, result):
                 hits[n] += 1
-                at_home[n] |= sample == 0
+                at_home[n] |= sample == 0 and home is not None
+                touched[n] |= result.getContact(0).penetration_depth < _APART
     drop = at_home | (hits > _ALWAYS * _SAMPLES)
+    surprising: dict[str, list[str]] = {}
     for n in np.flatnonzero(drop):
         i, k = pairs[n]
         why = "touch at home" if at_home[n] else "touch nearly always"
         _log.info("self-collision of %s and %s is not checked: they %s", pieces[i].name, pieces[k].name, why)
-    return [p for n, p in enumerate(pairs) if not drop[n]]
+        if home is None or hits[n] < 0.5 * _SAMPLES:
+            surprising.setdefault(why, []).append(f"{pieces[i].name} and {pieces[k].name}")
+    for why, names in surprising.items():
+        more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+        _log.warning(
+            "self-collision of %d pairs is not checked, though %s: they %s (%s%s)",
+            len(names), "the SRDF asks for it" if home is None else "they seldom touch elsewhere", why,
+            "; ".join(names[:8]), more,
+        )  # fmt: skip
+    kept = [p for n, p in enumerate(pairs) if not drop[n]]
+    return kept, {p for n, p in enumerate(pairs) if touched[n]}
+
+
+def _pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
+    T = data.oMi[piece.joint] * pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
+    return coal.Transform3s(T.rotation, T.translation)
 
 
 def never_touch(model: pin.Model, pieces: Sequence[LinkGeometry], i: int, k: int, *, cells: int = 4000) -> bool:
@@ -114,16 +147,13 @@ def never_touch(model: pin.Model, pieces: Sequence[LinkGeometry], i: int, k: int
         for value, j in zip(0.5 * (a + b), between, strict=True):
             q[model.joints[j].idx_q] = value
         pin.forwardKinematics(model, data, q)
-        poses = []
-        for p in (pieces[i], pieces[k]):
-            T = data.oMi[p.joint] * pin.SE3(p.placement[:3, :3], p.placement[:3, 3])
-            poses.append(coal.Transform3s(T.rotation, T.translation))
+        poses = [_pose(data, p) for p in (pieces[i], pieces[k])]
         result.clear()
         d = coal.distance(pieces[i].geometry, poses[0], pieces[k].geometry, poses[1], request, result)
-        if d <= 1e-4:
+        if d <= _APART:
             return False
         travel = 0.5 * (b - a) * reach
-        if d - 1e-4 > travel.sum():
+        if d - _APART > travel.sum():
             continue
         axis = int(np.argmax(travel))
         middle = 0.5 * (a[axis] + b[axis])

@@ -20,6 +20,9 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
+LIMIT_TOLERANCE = 1e-4
+"""A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
+
 _SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
 

@@ -1,12 +1,16 @@
-"""SRDF: the self-collision pairs to ignore and the named postures."""
+"""SRDF: the self-collision pairs to ignore, the named postures and the groups of joints."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from ..errors import RobotError, nearest_name
+from ..errors import RobotError
+from .mends import Mends
+from .space import LIMIT_TOLERANCE
+from .urdf import UrdfSource
 from .xml_source import read_xml
 
 
@@ -18,35 +22,56 @@ class Srdf:
         path: the file.
         disabled: unordered link pairs whose collisions are ignored.
         states: posture name → joint → value [rad or m].
+        groups: group name → its joints that can be planned.
     """
 
     path: Path
     disabled: frozenset[frozenset[str]] = frozenset()
     states: dict[str, dict[str, float]] = field(default_factory=dict)
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
-def read_srdf(path: str | Path, *, links: set[str], joints: set[str]) -> Srdf:
+def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
     """Read an SRDF file against the links and joints of its robot.
 
+    What it says about links, joints and groups that the robot has not is passed over, with a warning: such files are
+    written for whole families of robots.
+
     Raises:
-        RobotError: unreadable, malformed, or it names a link or joint that the robot has not.
+        RobotError: unreadable or malformed.
     """
     source = Path(path)
     root = read_xml(source, root="robot", kind="SRDF")
+    mends = Mends(source)
+    disabled = _disabled(root, source, robot, mends)
+    states = _states(root, source, robot, mends)
+    passive = {element.get("name") for element in root.findall("passive_joint")}
+    elements = {element.get("name"): element for element in root.findall("group")}
+    single = (set(robot.joint_limits) | set(robot.continuous)) - robot.mimic - passive
+    virtual = _virtual(root)
+    groups = {}
+    for name in filter(None, elements):
+        found = _group(elements, name, robot, mends, virtual)
+        groups[name] = tuple(joint for joint in dict.fromkeys(found) if joint in single)
+    mends.say()
+    return Srdf(source, disabled, states, groups)
+
+
+def _disabled(root: Any, source: Path, robot: UrdfSource, mends: Mends) -> frozenset[frozenset[str]]:
     disabled: set[frozenset[str]] = set()
     for element in root.iter("disable_collisions"):
-        pair = []
-        for key in ("link1", "link2"):
-            name = element.get(key)
+        pair = [element.get("link1"), element.get("link2")]
+        for key, name in zip(("link1", "link2"), pair, strict=True):
             if name is None:
                 raise RobotError(f"{source}:{element.sourceline}: <disable_collisions> has no attribute {key!r}")
-            if name not in links:
-                hint = nearest_name(name, links)
-                raise RobotError(
-                    f"{source}:{element.sourceline}: <disable_collisions> names unknown link {name!r}{hint}"
-                )
-            pair.append(name)
+            if name not in robot.links:
+                mends.add("links in <disable_collisions> that the robot has not", name)
         disabled.add(frozenset(pair))
+    return frozenset(disabled)
+
+
+def _states(root: Any, source: Path, robot: UrdfSource, mends: Mends) -> dict[str, dict[str, float]]:
+    virtual = _virtual(root)
     states: dict[str, dict[str, float]] = {}
     for element in root.iter("group_state"):
         name = element.get("name")
@@ -54,19 +79,93 @@ def read_srdf(path: str | Path, *, links: set[str], joints: set[str]) -> Srdf:
             raise RobotError(f"{source}:{element.sourceline}: <group_state> has no name")
         values = states.setdefault(name, {})
         for joint in element.iter("joint"):
-            key, text = joint.get("name"), joint.get("value")
-            if key not in joints:
-                hint = nearest_name(key, joints)
-                raise RobotError(
-                    f"{source}:{joint.sourceline}: <group_state> {name!r} names unknown joint {key!r}{hint}"
-                )
-            try:
-                value = float(text or "")
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                raise RobotError(
-                    f"{source}:{joint.sourceline}: joint {key!r} of {name!r} has value {text!r}, not a number"
-                )
-            values[str(key)] = value
-    return Srdf(source, frozenset(disabled), states)
+            key = joint.get("name")
+            if key in virtual:
+                continue  # the base's pose, which the caller gives
+            if key not in robot.joints:
+                mends.add("joints in <group_state> that the robot has not", key)
+            elif key not in robot.joint_limits and key not in robot.continuous:
+                mends.add("joints in <group_state> that are not prismatic, revolute or continuous", key)
+            else:
+                values[key] = _value(joint, robot, f"{source}:{joint.sourceline}: state {name!r}")
+                if not within_limits(values[key], robot, key):
+                    mends.add("joints outside of their limits in a state, which cannot be taken", f"{name}: {key}")
+    return {name: values for name, values in states.items() if values}
+
+
+def _virtual(root: Any) -> set[str]:
+    """Joints of the base, which no URDF has: ``root_joint`` is Pinocchio's name for it."""
+    return {element.get("name") for element in root.findall("virtual_joint")} | {"root_joint"}
+
+
+def within_limits(value: float, robot: UrdfSource, joint: str) -> bool:
+    """Whether a joint's value is within its limits, or outside by rounding."""
+    low, high = robot.joint_limits.get(joint, (-math.inf, math.inf))
+    return low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE
+
+
+def _value(joint: Any, robot: UrdfSource, where: str) -> float:
+    """The value [rad or m] of a joint: a full turn away from what is written, where only that is within its limits.
+
+    That of a continuous joint may be a cosine and a sine, as Pinocchio writes it.
+    """
+    name, text = joint.get("name"), joint.get("value")
+    try:
+        numbers = [float(word) for word in (text or "").split()]
+    except ValueError:
+        numbers = []
+    if name in robot.continuous and len(numbers) == 2:
+        numbers = [math.atan2(numbers[1], numbers[0])]
+    if len(numbers) != 1 or not math.isfinite(numbers[0]):
+        raise RobotError(f"{where}: joint {name!r} has value {text!r}, not a number")
+    turns = (0.0,) if name in robot.prismatic else (0.0, 2.0 * math.pi, -2.0 * math.pi)
+    fitting = (numbers[0] + turn for turn in turns if within_limits(numbers[0] + turn, robot, name))
+    return next(fitting, numbers[0])
+
+
+def _group(elements: dict[str, Any], name: str, robot: UrdfSource, mends: Mends, passed: set[str]) -> list[str]:
+    """Joints of a group: its own, those that carry its links, those along its chains, and those of its sub-groups.
+
+    Args:
+        elements: all groups.
+        name: which one.
+        robot: the robot.
+        mends: takes what the robot has not.
+        passed: joints, and groups that hold this one, to pass over in silence.
+    """
+    joints: list[str] = []
+    for member in elements[name]:
+        if member.tag == "joint":
+            if member.get("name") in robot.joints:
+                joints.append(member.get("name"))
+            elif member.get("name") not in passed:
+                mends.add("joints in <group> that the robot has not", member.get("name"))
+        elif member.tag == "link":
+            if member.get("name") not in robot.links:
+                mends.add("links in <group> that the robot has not", member.get("name"))
+            elif member.get("name") in robot.parents:
+                joints.append(robot.parents[member.get("name")][0])
+        elif member.tag == "chain":
+            ends = [member.get("base_link"), member.get("tip_link")]
+            missing = [end for end in ends if end not in robot.links]
+            for end in missing:
+                mends.add("links in <group> that the robot has not", end)
+            if not missing:
+                base, tip = (_joints_above(robot, end) for end in ends)
+                joints += [j for j in reversed(tip) if j not in base] + [j for j in base if j not in tip]
+        elif member.tag == "group":
+            other = member.get("name")
+            if other not in elements:
+                mends.add("sub-groups that the file has not", other)
+            elif other not in passed and other != name:  # a group cannot hold itself
+                joints += _group(elements, other, robot, mends, passed | {name})
+    return joints
+
+
+def _joints_above(robot: UrdfSource, link: str) -> list[str]:
+    """Joints from a link up to the root."""
+    joints = []
+    while link in robot.parents:
+        joint, link = robot.parents[link]
+        joints.append(joint)
+    return joints

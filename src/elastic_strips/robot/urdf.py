@@ -1,25 +1,27 @@
 """The validating URDF reader: every fault is one error that names the file and the element.
 
-Pinocchio's own parser reports a fault as a line on standard error or a crash in C++; so a description is checked
-here first, with yourdfpy as the reader, before Pinocchio and Coal build their models from it.
+Pinocchio's own parser reports a fault as a line on standard error or a crash in C++, and some trifles as one; so a
+description is checked here first, and Pinocchio and Coal build their models from a copy in which trifles are mended.
 """
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yourdfpy
+import coal
+import pinocchio as pin
+from lxml import etree
 
 from ..errors import RobotError, nearest_name
+from .mends import Mends
 from .urdf_geometry import MAX_LENGTH, check_geometry, search_folders
 from .xml_source import floats, read_xml
 
-_log = logging.getLogger(__name__)
 _JOINT_TYPES = {"revolute", "continuous", "prismatic", "fixed", "floating", "planar"}
+_ROUNDING = 1e-12  # a moment of inertia [kg m²] below 0 by at most this was 0 before it was rounded
 _RESERVED = ("root_joint", "universe")  # names that Pinocchio's models give themselves
 
 
@@ -29,26 +31,32 @@ class UrdfSource:
 
     Attributes:
         path: the file.
-        package_dirs: folders that Pinocchio searches for ``package://`` and relative mesh names.
+        document: the description as Pinocchio gets it: trifles mended, mesh files by their paths.
         links, joints: all names.
+        parents: link → (joint, link) that carry it; the root has none.
         joint_limits: joint → (lower, upper) of revolute and prismatic joints.
         mimic: names of joints that mimic another.
-        continuous: names of continuous joints.
+        continuous, prismatic: names of such joints.
         collisions: link → number of its collision shapes.
     """
 
     path: Path
-    package_dirs: tuple[str, ...]
+    document: str
     links: frozenset[str]
     joints: frozenset[str]
+    parents: dict[str, tuple[str, str]]
     joint_limits: dict[str, tuple[float, float]]
     mimic: frozenset[str]
     continuous: frozenset[str]
+    prismatic: frozenset[str]
     collisions: dict[str, int]
 
 
 def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) -> UrdfSource:
     """Check a URDF file and everything that it refers to.
+
+    Mended, with a warning: materials and robots without a name, visual shapes that cannot be drawn, joints that mimic
+    one that is not there, moments of inertia below 0 by rounding.
 
     Args:
         path: the file.
@@ -61,22 +69,63 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
     root = read_xml(source, root="robot", kind="URDF")
     links = _names(root, "link", source)
     joints = _names(root, "joint", source)
-    _check_tree(root, links, joints, source)
-    limits, mimic, continuous = _check_joints(root, joints, source)
-    _check_inertials(root, source)
-    folders = search_folders(source, package_dirs)
-    check_geometry(root, source, folders)
-    _read_with_yourdfpy(source)
+    mends = Mends(source)
+    parents = _check_tree(root, links, source)
+    limits, mimic, continuous = _check_joints(root, joints, source, mends)
+    _check_inertials(root, source, mends)
+    check_geometry(root, source, search_folders(source, package_dirs), mends)
+    if not root.get("name"):
+        mends.add("robot without a name, called", source.stem)
+        root.set("name", source.stem)
+    mends.say()
     return UrdfSource(
         path=source,
-        package_dirs=tuple(str(f) for f in folders),
+        document=_bare(root),
         links=frozenset(links),
         joints=frozenset(joints),
+        parents=parents,
         joint_limits=limits,
         mimic=frozenset(mimic),
         continuous=frozenset(continuous),
+        prismatic=frozenset(j.get("name") for j in root.findall("joint") if j.get("type") == "prismatic"),
         collisions={link.get("name"): len(link.findall("collision")) for link in root.findall("link")},
     )
+
+
+def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
+    """Pinocchio's model of a checked URDF file, on a planar root or a fixed one.
+
+    Raises:
+        RobotError: Pinocchio refuses it, in its words.
+    """
+    try:
+        return (
+            pin.buildModelFromXML(source.document, pin.JointModelPlanar())
+            if planar
+            else pin.buildModelFromXML(source.document)
+        )
+    except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
+        raise RobotError(f"{source.path}: Pinocchio cannot build the model: {error}") from None
+
+
+def pinocchio_geometry(source: UrdfSource, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
+    """Collision or visual geometry of a checked URDF file.
+
+    Raises:
+        RobotError: Pinocchio or Coal refuse it, in their words.
+    """
+    try:
+        return pin.buildGeomFromUrdfString(model, source.document, kind, mesh_loader=coal.CachedMeshLoader())
+    except Exception as error:
+        raise RobotError(f"{source.path}: Pinocchio cannot read the geometry: {error}") from None
+
+
+def _bare(root: Any) -> str:
+    """The description without what no model is made of: plugins, transmissions."""
+    for element in list(root):
+        if element.tag not in ("link", "joint", "material"):
+            root.remove(element)
+    return etree.tostring(root, encoding="unicode")
 
 
 def _names(root: Any, tag: str, source: Path) -> set[str]:
@@ -95,8 +144,9 @@ def _names(root: Any, tag: str, source: Path) -> set[str]:
     return names
 
 
-def _check_tree(root: Any, links: set[str], joints: set[str], source: Path) -> None:
+def _check_tree(root: Any, links: set[str], source: Path) -> dict[str, tuple[str, str]]:
     parent_of: dict[str, str] = {}
+    parents: dict[str, tuple[str, str]] = {}
     for joint in root.findall("joint"):
         name = joint.get("name")
         ends = []
@@ -114,6 +164,7 @@ def _check_tree(root: Any, links: set[str], joints: set[str], source: Path) -> N
         if ends[1] in parent_of:
             raise RobotError(f"{source}:{joint.sourceline}: link {ends[1]!r} is the child of two joints")
         parent_of[ends[1]] = ends[0]
+        parents[ends[1]] = (name, ends[0])
     roots = links - set(parent_of)
     if len(roots) != 1:
         found = ", ".join(sorted(roots)) if roots else "none, so the joints form a loop"
@@ -125,10 +176,11 @@ def _check_tree(root: Any, links: set[str], joints: set[str], source: Path) -> N
             if link in seen:
                 raise RobotError(f"{source}: the joints form a loop through link {link!r}")
             seen.add(link)
+    return parents
 
 
 def _check_joints(
-    root: Any, joints: set[str], source: Path
+    root: Any, joints: set[str], source: Path, mends: Mends
 ) -> tuple[dict[str, tuple[float, float]], set[str], set[str]]:
     limits: dict[str, tuple[float, float]] = {}
     mimic: set[str] = set()
@@ -172,18 +224,19 @@ def _check_joints(
         follower = joint.find("mimic")
         if follower is not None:
             leader = follower.get("joint")
+            mimic.add(name)
             if leader not in joints:
-                hint = nearest_name(leader, joints)
-                raise RobotError(f"{source}:{follower.sourceline}: {what} mimics unknown joint {leader!r}{hint}")
+                mends.add("joints that mimic one which the robot has not, locked unless told otherwise", name)
+                joint.remove(follower)
+                continue
             if leader == name:
                 raise RobotError(f"{source}:{follower.sourceline}: {what} has a <mimic> of itself")
             floats(follower, "multiplier", 1, source, what, "1")
             floats(follower, "offset", 1, source, what, "0")
-            mimic.add(name)
     return limits, mimic, continuous
 
 
-def _check_inertials(root: Any, source: Path) -> None:
+def _check_inertials(root: Any, source: Path, mends: Mends) -> None:
     for link in root.findall("link"):
         inertial = link.find("inertial")
         if inertial is None:
@@ -204,23 +257,8 @@ def _check_inertials(root: Any, source: Path) -> None:
         for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
             (moment,) = floats(tensor, key, 1, source, what)
             if key in ("ixx", "iyy", "izz") and moment < 0:
+                if moment >= -_ROUNDING:
+                    mends.add("links with a moment of inertia below 0 by rounding, taken as 0", link.get("name"))
+                    tensor.set(key, "0")
+                    continue
                 raise RobotError(f"{source}:{tensor.sourceline}: {what} has {key} = {moment}; it must be ≥ 0")
-
-
-def _read_with_yourdfpy(source: Path) -> None:
-    try:
-        robot = yourdfpy.URDF.load(
-            str(source),
-            build_scene_graph=False,
-            load_meshes=False,
-            build_collision_scene_graph=False,
-            load_collision_meshes=False,
-            mesh_dir=str(source.parent),
-        )
-        robot.validate()
-    except RobotError:
-        raise
-    except Exception as error:  # yourdfpy raises many kinds for what is simply a malformed description
-        raise RobotError(f"{source}: not a valid URDF: {type(error).__name__}: {error}") from None
-    if robot.errors:
-        _log.debug("yourdfpy on %s: %s", source, "; ".join(str(e) for e in robot.errors))

@@ -1,4 +1,4 @@
-"""Shapes and meshes of a URDF: every size is sound and every mesh file is there."""
+"""Shapes and meshes of a URDF: every size is sound and every mesh file is there; what cannot be drawn is left out."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError, nearest_name
+from .mends import Mends
 from .xml_source import floats
 
 _MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
@@ -35,7 +36,7 @@ def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
         candidate = Path(name[len("file://") :])
         return candidate if candidate.is_file() else None
     if name.startswith("package://"):
-        rest = name[len("package://") :]
+        rest = name[len("package://") :].lstrip("/")  # some name no package
         return next((f / rest for f in folders if (f / rest).is_file()), None)
     candidate = Path(name)
     if candidate.is_absolute():
@@ -43,41 +44,58 @@ def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
     return next((f / name for f in [source.parent, *folders] if (f / name).is_file()), None)
 
 
-def check_geometry(root: Any, source: Path, folders: list[Path]) -> None:
+def check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) -> None:
+    """Check all shapes; mesh names become paths, and a visual shape with a fault is left out.
+
+    Raises:
+        RobotError: a collision shape with a fault.
+    """
     for link in root.findall("link"):
         for tag in ("collision", "visual"):
             for element in link.findall(tag):
                 what = f"link {link.get('name')!r} <{tag}>"
-                for origin in element.findall("origin"):
-                    floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
-                    floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
-                for material in element.findall("material"):
-                    if not material.get("name"):
-                        raise RobotError(f"{source}:{material.sourceline}: {what} has a <material> without a name")
-                geometry = element.find("geometry")
-                if geometry is None or len(geometry) == 0:
-                    raise RobotError(f"{source}:{element.sourceline}: {what} has no <geometry>")
-                shapes = [shape for each in element.findall("geometry") for shape in each]
-                if len(shapes) > 1:  # all but the first would be ignored in silence
-                    raise RobotError(
-                        f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; "
-                        f"give it its own <{tag}>"
-                    )
-                shape = geometry[0]
-                if shape.tag == "mesh":
-                    _check_mesh(shape, source, folders, what)
-                elif shape.tag in _SHAPES:
-                    keys, count = _SHAPES[shape.tag]
-                    for key in keys.split():
-                        values = floats(shape, key, count, source, what, bound=MAX_LENGTH)
-                        if min(values) < _MIN_SIZE:
-                            least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
-                            raise RobotError(
-                                f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}"
-                            )
-                else:
-                    hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
-                    raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")
+                try:
+                    _check_element(element, source, folders, what)
+                except RobotError:
+                    if tag == "collision":
+                        raise
+                    mends.add("links with a visual shape or mesh that cannot be read, not drawn", link.get("name"))
+                    link.remove(element)
+        for number, material in enumerate(link.iter("material")):
+            if not material.get("name"):
+                mends.add("links with a <material> without a name, given one", link.get("name"))
+                material.set("name", f"{link.get('name')} {number}")
+    for material in root.findall("material"):
+        if not material.get("name"):  # nothing can refer to it
+            root.remove(material)
+
+
+def _check_element(element: Any, source: Path, folders: list[Path], what: str) -> None:
+    for origin in element.findall("origin"):
+        floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+        floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+    geometry = element.find("geometry")
+    if geometry is None or len(geometry) == 0:
+        raise RobotError(f"{source}:{element.sourceline}: {what} has no <geometry>")
+    shapes = [shape for each in element.findall("geometry") for shape in each]
+    if len(shapes) > 1:  # all but the first would be ignored in silence
+        raise RobotError(
+            f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; give it its own "
+            f"<{element.tag}>"
+        )
+    shape = geometry[0]
+    if shape.tag == "mesh":
+        _check_mesh(shape, source, folders, what)
+    elif shape.tag in _SHAPES:
+        keys, count = _SHAPES[shape.tag]
+        for key in keys.split():
+            values = floats(shape, key, count, source, what, bound=MAX_LENGTH)
+            if min(values) < _MIN_SIZE:
+                least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
+                raise RobotError(f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}")
+    else:
+        hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
+        raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")
 
 
 def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> None:
@@ -96,3 +114,4 @@ def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> Non
                 raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
     except OSError as error:
         raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found}: {error.strerror}") from None
+    shape.set("filename", f"file://{found}")

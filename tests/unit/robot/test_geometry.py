@@ -23,7 +23,7 @@ from elastic_strips.robot.geometry import (
     link_geometries,
     support_points,
 )
-from elastic_strips.robot.loading import _KNOWN
+from elastic_strips.catalogue import find_robot
 
 SHAPES = [
     coal.Box(0.2, 0.4, 0.6),
@@ -76,7 +76,8 @@ def surface_points(shape: coal.CollisionGeometry, rng: np.random.Generator, coun
 def test_pieces_contain_the_urdfs_collision_geometry(name, request, rng):
     """The whole URDF with its meshes, placed by Pinocchio's full model, against the pieces of the reduced robot."""
     robot: RobotModel = request.getfixturevalue(name)
-    urdf, _, folders = _KNOWN[name].files(name)
+    known = find_robot(name)
+    urdf, folders = known.urdf, known.package_dirs
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelPlanar())
     collision = pin.buildGeomFromUrdf(model, str(urdf), pin.COLLISION, package_dirs=[str(f) for f in folders])
     assert collision.ngeoms > 5
@@ -107,7 +108,8 @@ def test_pieces_contain_the_urdfs_collision_geometry(name, request, rng):
 
 
 def test_pieces_name_all_links_that_they_cover(tiago):
-    urdf, _, folders = _KNOWN["tiago"].files("tiago")
+    known = find_robot("tiago")
+    urdf, folders = known.urdf, known.package_dirs
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelPlanar())
     collision = pin.buildGeomFromUrdf(model, str(urdf), pin.COLLISION, package_dirs=[str(f) for f in folders])
     wanted = {model.frames[obj.parentFrame].name for obj in collision.geometryObjects}

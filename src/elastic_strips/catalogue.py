@@ -1,0 +1,217 @@
+"""The catalogue: every robot that can be loaded by its name, and where its files are. It reads none of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from .errors import RobotError, nearest_name
+from .resources import example_robot_data, urdf_dir
+
+
+@dataclass(frozen=True, slots=True)
+class KnownRobot:
+    """A robot that can be loaded by its name.
+
+    Attributes:
+        name: its name.
+        summary: one line about it.
+        base: how its root moves, unless told otherwise: ``"diff_drive"``, ``"omni"`` or ``"fixed"``.
+        urdf, srdf: its files.
+        package_dirs: folders that its meshes are named from.
+        planned: joints that are planned unless told otherwise; None: all but wheels and mimic joints.
+        home: joint → value [rad or m] of a home posture of its own.
+        hand_frame: frame of its last control point.
+    """
+
+    name: str
+    summary: str
+    base: str
+    urdf: Path
+    srdf: Path | None = None
+    package_dirs: tuple[Path, ...] = ()
+    planned: tuple[str, ...] | None = None
+    home: Mapping[str, float] = field(default_factory=dict)
+    hand_frame: str | None = None
+
+
+_TIAGO_HOME = {
+    "torso_lift_joint": 0.15, "arm_1_joint": 0.2, "arm_2_joint": -1.34, "arm_3_joint": -0.2,
+    "arm_4_joint": 1.94, "arm_5_joint": -1.57, "arm_6_joint": 0.6, "arm_7_joint": 0.0,
+}  # fmt: skip
+
+_OWN = (
+    ("silvermate", "silvermate", "hand_frame", "the paper's robot: round differential-drive base, 7-DOF arm"),
+    ("jackal-box", "jackal_box", None,
+     "a Jackal-sized box on two wheels, 0.508 x 0.43 m, no arm: differential drive"),
+    ("bridge-arm", "bridge_arm", "tool_frame",
+     "a box on two wheels, 0.5 x 0.5 m, with a 6-DOF arm of the UR5's proportions: differential drive"),
+)  # fmt: skip
+
+_MAKERS = {
+    "a1": "Unitree A1, quadruped",
+    "alex": "Boardwalk Robotics Alex, humanoid upper body",
+    "alexander": "IHMC Alexander, humanoid",
+    "allegro_hand": "Wonik Allegro, four-fingered hand",
+    "anymal_b_simple": "ANYbotics ANYmal B, quadruped",
+    "anymal_c_simple": "ANYbotics ANYmal C, quadruped",
+    "asr_twodof": "qbrobotics, two-joint demonstrator",
+    "b1": "Unitree B1, quadruped",
+    "baxter": "Rethink Baxter, two 7-DOF arms",
+    "bolt": "ODRI Bolt, biped",
+    "borinot": "Borinot, hexacopter with an arm",
+    "centauro": "IIT Centauro, four wheeled legs and two arms",
+    "double_pendulum": "double pendulum",
+    "finger_edu": "ODRI FingerEdu, three-joint finger",
+    "g1": "Unitree G1, humanoid",
+    "go1": "Unitree Go1, quadruped",
+    "go2": "Unitree Go2, quadruped",
+    "hector": "Hector, quadrotor",
+    "hextilt": "Hextilt, hexacopter with an arm",
+    "human": "human body",
+    "hyq": "IIT HyQ, quadruped",
+    "icub": "IIT iCub, humanoid",
+    "iris": "3DR Iris, quadrotor",
+    "kinova": "Kinova Jaco 2, 6-DOF arm",
+    "laikago": "Unitree Laikago, quadruped",
+    "panda": "Franka Emika Panda, 7-DOF arm and gripper",
+    "pr2": "Willow Garage PR2, two 7-DOF arms on an omnidirectional base",
+    "quadruped": "small quadruped",
+    "romeo": "Aldebaran Romeo, humanoid",
+    "simple_humanoid": "simple humanoid",
+    "so_arm": "TheRobotStudio SO-ARM, 5-DOF arm and gripper",
+    "solo": "ODRI Solo, quadruped",
+    "talos": "PAL Robotics Talos, humanoid",
+    "tiago": "PAL Robotics TIAGo",
+    "tiago_pro": "PAL Robotics TIAGo Pro, two 7-DOF arms on an omnidirectional base",
+    "ur": "Universal Robots, 6-DOF arm",
+    "xarm": "UFACTORY xArm 7, 7-DOF arm",
+    "z1": "Unitree Z1, 6-DOF arm and gripper",
+}
+_BASES = {"tiago": "diff_drive", "tiago_pro": "omni", "pr2": "omni"}  # the others stand, or walk or fly: fixed
+
+_OTHER_LINKS = ("romeo_laas_small",)  # its links are called otherwise than in the SRDF beside it
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names that ``load_robot`` knows: the package's own robots, TIAGo, and all others of example-robot-data."""
+    return tuple(_catalogue())
+
+
+def own_robots() -> tuple[str, ...]:
+    """Names of the robots that the scenarios are made for: with a home posture and a hand of their own."""
+    return tuple(name for name, robot in _catalogue().items() if robot.hand_frame or robot.urdf.parent == urdf_dir())
+
+
+def robot_summary(name: str) -> str:
+    """One line about a named robot.
+
+    Raises:
+        RobotError: an unknown name, or one that several robots share.
+    """
+    return find_robot(name).summary
+
+
+def find_robot(name: str) -> KnownRobot:
+    """A robot by its name, or by that of its folder in example-robot-data if it is alone there.
+
+    Raises:
+        RobotError: an unknown name, or one that several robots share; the message lists them.
+    """
+    known = _catalogue()
+    if name in known:
+        return known[name]
+    sharing = _shared().get(name, ())
+    if len(sharing) == 1:
+        return known[sharing[0]]
+    if sharing:
+        raise RobotError(f"robot {name!r} is ambiguous; give one of {', '.join(sharing)}")
+    raise RobotError(
+        f"unknown robot {name!r}{nearest_name(name, known)} Or give the path of a URDF file. "
+        "'elastic-strips list --robots' shows all."
+    )
+
+
+def is_known(name: str) -> bool:
+    """Whether a name means a robot, or several."""
+    return name in _catalogue() or name in _shared()
+
+
+def recorded_robot(name: str, urdf: str | None) -> str | None:
+    """What to load a recorded robot by: its name, or its URDF where another robot than the named one had that name."""
+    if name not in _catalogue():
+        return urdf
+    own = find_robot(name).urdf
+    if urdf is None:
+        return name
+    same = own.samefile(urdf) if Path(urdf).is_file() else own.name == Path(urdf).name  # the latter: another machine's
+    return name if same else urdf
+
+
+@cache
+def _catalogue() -> dict[str, KnownRobot]:
+    folder = urdf_dir()
+    known = {}
+    for name, file, hand, summary in _OWN:
+        srdf = folder / f"{file}.srdf"
+        known[name] = KnownRobot(
+            name, summary, "diff_drive", folder / f"{file}.urdf", srdf if srdf.is_file() else None, (folder,),
+            hand_frame=hand,
+        )  # fmt: skip
+    share = example_robot_data()
+    if share is None:
+        return known
+    root = share / "example-robot-data/robots"
+    tiago = root / "tiago_description/robots/tiago.urdf"
+    known["tiago"] = KnownRobot(
+        "tiago", "PAL Robotics TIAGo of example-robot-data: differential drive, lift, 7-DOF arm", "diff_drive", tiago,
+        None, (share,), tuple(_TIAGO_HOME), _TIAGO_HOME, "hand_palm_link",
+    )  # fmt: skip
+    files = _urdf_files()
+    stems = Counter(urdf.stem for urdf in files)
+    for urdf in files:
+        if urdf == tiago:
+            continue
+        maker = _folder(urdf, root)
+        name = urdf.stem if stems[urdf.stem] == 1 else maker  # the folder where two files have one name
+        summary = f"{_MAKERS.get(maker, maker)}: {urdf.relative_to(root)}"
+        known[name] = KnownRobot(name, summary, _BASES.get(maker, "fixed"), urdf, _srdf_of(urdf), (share,))
+    return known
+
+
+@cache
+def _shared() -> dict[str, tuple[str, ...]]:
+    """Names that are no robot's own: of folders, and of files where several are called so."""
+    share = example_robot_data()
+    shared: dict[str, list[str]] = {}
+    for robot in _catalogue().values():
+        if share is not None and share in robot.urdf.parents:
+            folder = _folder(robot.urdf, share / "example-robot-data/robots")
+            for name in {folder, folder.removesuffix("_simple"), robot.urdf.stem}:
+                shared.setdefault(name, []).append(robot.name)
+    return {name: tuple(sorted(names)) for name, names in shared.items()}
+
+
+@cache
+def _urdf_files() -> tuple[Path, ...]:
+    share = example_robot_data()
+    return () if share is None else tuple(sorted((share / "example-robot-data/robots").glob("*/*/*.urdf")))
+
+
+def _folder(urdf: Path, root: Path) -> str:
+    """What the robot's folder is called after."""
+    return urdf.relative_to(root).parts[0].removesuffix("_description").removesuffix("_data")
+
+
+def _srdf_of(urdf: Path) -> Path | None:
+    """The SRDF of a URDF: of the same name, or of the longest name that the URDF's begins with, or the only one."""
+    if urdf.stem in _OTHER_LINKS:
+        return None
+    files = sorted((urdf.parents[1] / "srdf").glob("*.srdf"))
+    fitting = [f for f in files if urdf.stem == f.stem or urdf.stem.startswith((f.stem + "_", f.stem + "-"))]
+    if fitting:
+        return max(fitting, key=lambda f: len(f.stem))
+    return files[0] if len(files) == 1 else None
