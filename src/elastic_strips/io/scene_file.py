@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 from collections.abc import Callable
@@ -11,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_strips.errors import nearest_name
+from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.input_file import open_input, read_input_text
 from elastic_strips.io import schema
+from elastic_strips.io.npy_source import NpyError, read_npy
 from elastic_strips.io.point_cloud import read_point_cloud
 from elastic_strips.io.yaml_source import Node, load_yaml
 from elastic_strips.scene import (
@@ -34,10 +37,11 @@ from elastic_strips.scene import (
     World,
     checks,
 )
+from elastic_strips.scene.clusters import MAX_CENTERS
 from elastic_strips.scene.motion import MAX_SPEED
 
 VERSION = 1
-MAX_ARRAY_BYTES = 500_000_000
+MAX_ARRAY_BYTES = 100_000_000
 _COMMON = ("shape", "name", "at", "quat", "rpy", "motion", "appears", "vanishes")
 _MOTIONS = ("twist", "keyframes", "unknown")
 _SHAPES: dict[str, tuple[str, ...]] = {
@@ -242,17 +246,30 @@ def _cloud(node: Node) -> NDArray[np.float64]:
         node.fail(f"{path}: files of kind {path.suffix!r} are not read{nearest_name(path.suffix, suffixes)}")
     if path.suffix.lower() in (".ply", ".pcd"):
         return schema.checked(node, lambda: read_point_cloud(path).points)
-    try:
-        size = path.stat().st_size
-        if not 0 < size <= MAX_ARRAY_BYTES:
-            node.fail(f"{path}: the file has {size} bytes; it must have 1 to {MAX_ARRAY_BYTES}")
-        if path.suffix.lower() == ".npy":
-            cloud = np.load(path, allow_pickle=False)
-        else:
-            cloud = np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=2, comments="#")
-    except (OSError, ValueError, EOFError, MemoryError, OverflowError) as problem:
-        node.fail(f"{path}: cannot read points: {getattr(problem, 'strerror', None) or problem}")
+    read = _npy if path.suffix.lower() == ".npy" else _table
+    cloud = schema.checked(node, read, path)
     return schema.checked(node, checks.array, str(path), cloud, (None, 3))
+
+
+def _npy(path: Path) -> NDArray[Any]:
+    with open_input(path, "file of points", MAX_ARRAY_BYTES, SceneError) as (stream, size):
+        try:
+            return read_npy(stream, size, MAX_ARRAY_BYTES)
+        except NpyError as problem:
+            raise SceneError(f"{path}: the array {problem}") from None
+
+
+def _table(path: Path) -> NDArray[np.float64]:
+    text = read_input_text(path, "file of points", MAX_ARRAY_BYTES, SceneError)
+    comma = "," if path.suffix.lower() == ".csv" else None
+    try:
+        lines = (line for line in io.StringIO(text) if line.partition("#")[0].strip())
+        cloud = np.loadtxt(lines, delimiter=comma, ndmin=2, comments="#", max_rows=MAX_CENTERS + 1)
+    except (ValueError, OverflowError) as problem:
+        raise SceneError(f"{path}: cannot read points: {' '.join(str(problem).split())[:200]}") from None
+    if len(cloud) > MAX_CENTERS:
+        raise SceneError(f"{path}: the file has more than {MAX_CENTERS} points, which is the most that is read")
+    return cloud
 
 
 def _quat_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError, nearest_name
+from ..input_file import check_input
 from .xml_source import floats
 
 _MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
+MAX_MESH_BYTES = 100_000_000
 _SHAPES = {
     "box": ("size", 3),
     "sphere": ("radius", 1),
@@ -90,9 +92,5 @@ def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> Non
     if found is None:
         searched = ", ".join(str(f) for f in folders[:4])
         raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh {name!r} not found (searched {searched}, …)")
-    try:
-        with found.open("rb") as handle:
-            if not handle.read(16):
-                raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
-    except OSError as error:
-        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found}: {error.strerror}") from None
+    if not check_input(found, "mesh file", MAX_MESH_BYTES, RobotError):
+        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
