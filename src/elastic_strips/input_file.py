@@ -97,9 +97,7 @@ def read_input_text(path: str | os.PathLike[str], what: str, limit: int, error: 
         raise error(f"{_name(path)}:{line}: the {what} is not UTF-8: {byte}") from None
 
 
-def _check(
-    status: os.stat_result, path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]
-) -> int:
+def _check(status: os.stat_result, path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> int:
     if not stat.S_ISREG(status.st_mode):
         kind = next((name for test, name in _KINDS if test(status.st_mode)), "no regular file")
         raise error(f"{_name(path)}: is {kind}, not a {what}")

@@ -127,6 +127,8 @@ def _work(pipe: Connection, seed: int) -> None:
             return
         finally:
             shutil.rmtree(folder)
+    gc.collect()
+    gc.freeze()  # so that to collect before each input is quick
     limit = _status("VmData:") + MEMORY + 300_000_000  # beyond it allocation fails; before it the peak counts
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     pipe.send({"ready": True})
@@ -180,9 +182,14 @@ def run(count: int, seed: int, workers: int = 1, seconds: float = SECONDS) -> It
                 if answer is None:  # it ended, or does not end
                     if worker.index is None:
                         raise RuntimeError("a worker ended before its first input")
-                    what, code = "hang" if late else "crash", worker.process.exitcode
+                    what = "hang" if late else "crash"
+                    if not late:
+                        worker.process.join(5.0)
+                    code = worker.process.exitcode
                     worker.end()
-                    yield Outcome(worker.index, kinds(worker.index), what, f"exit code {code}", seconds if late else 0.0, 0)
+                    yield Outcome(
+                        worker.index, kinds(worker.index), what, f"exit code {code}", seconds if late else 0.0, 0
+                    )
                     team[team.index(worker)] = _Worker(seed)
                     continue
                 if worker.ready:

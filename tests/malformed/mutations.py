@@ -128,7 +128,9 @@ def _lines(data: bytes, rng: Rng) -> bytes:
     elif way == 3:
         lines[i:i] = [lines[i]] * int(_pick(rng, (10, 3000)))
     elif way == 4:
-        lines[i] = lines[i] + _pick(rng, (b"a", b" ", b"9", b"1 ", b"1,", b"[")) * int(_pick(rng, (10, 100_000, 3_000_000)))
+        lines[i] = lines[i] + _pick(rng, (b"a", b" ", b"9", b"1 ", b"1,", b"[")) * int(
+            _pick(rng, (10, 100_000, 3_000_000))
+        )
     else:
         lines[i] = b" " * int(rng.integers(1, 9)) + lines[i].strip()
     return b"\n".join(lines)
@@ -172,10 +174,20 @@ def _bomb(suffix: str, rng: Rng) -> bytes:
     )
     entities = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 30))
     empty = BytesIO()
-    with zipfile.ZipFile(empty, "w", _pick(rng, (zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2))) as archive:
-        head = b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '<f8', 'fortran_order': False, 'shape': (2500000,), }".ljust(117) + b"\n"
+    with zipfile.ZipFile(
+        empty, "w", _pick(rng, (zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2))
+    ) as archive:
+        head = (
+            b"\x93NUMPY\x01\x00v\x00"
+            + b"{'descr': '<f8', 'fortran_order': False, 'shape': (2500000,), }".ljust(117)
+            + b"\n"
+        )
         archive.writestr("metadata.npy", head + bytes(20_000_000))
-    header = b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117) + b"\n"
+    header = (
+        b"\x93NUMPY\x01\x00v\x00"
+        + b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117)
+        + b"\n"
+    )
     own = {
         ".urdf": [f"<!DOCTYPE r [<!ENTITY e0 'boom'>{entities}]><robot name='&e29;'/>", "<robot name='r'>" + "<a>" * deep + "</a>" * deep + "</robot>",
                   "<robot name='r'>" + "<a/>" * many + "</robot>", "<robot name='r'>" + "".join(f"<link name='l{k}'/>" for k in range(many // 100)) + "</robot>",
@@ -304,11 +316,19 @@ def _archive(data: bytes, rng: Rng) -> bytes:
         if name == "metadata" and way < 7 and array.dtype.kind == "U":
             arrays[name] = np.array(_document(str(array).encode("utf-8", "replace"), rng).decode("utf-8", "replace"))
         elif way <= 2 and array.dtype.kind == "f" and array.size:
-            array.flat[int(rng.integers(array.size))] = _pick(rng, (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0.0, 1e9))
+            array.flat[int(rng.integers(array.size))] = _pick(
+                rng, (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0.0, 1e9)
+            )
         elif way == 3:
-            arrays[name] = array.astype(_pick(rng, ("f2", "f4", "i8", "u1", "c16", "U8", "b1")), copy=True) if array.dtype.kind in "fiub" else array
+            arrays[name] = (
+                array.astype(_pick(rng, ("f2", "f4", "i8", "u1", "c16", "U8", "b1")), copy=True)
+                if array.dtype.kind in "fiub"
+                else array
+            )
         elif way == 4:
-            arrays[name] = _pick(rng, (array[None], array.reshape(-1), array.T, array[..., :0], np.zeros(0), np.float64(1.0)))
+            arrays[name] = _pick(
+                rng, (array[None], array.reshape(-1), array.T, array[..., :0], np.zeros(0), np.float64(1.0))
+            )
         elif way == 5:
             arrays[_pick(rng, sorted(arrays)) + _pick(rng, ("", "x"))] = arrays.pop(name)
         elif way == 6:
@@ -323,7 +343,9 @@ def _archive(data: bytes, rng: Rng) -> bytes:
             arrays[name] = np.array([{"a": 1}], dtype=object)
     stream = BytesIO()
     if rng.random() < 0.2:
-        with zipfile.ZipFile(stream, "w", _pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2))) as archive:
+        with zipfile.ZipFile(
+            stream, "w", _pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2))
+        ) as archive:
             for key, value in arrays.items():
                 inner = BytesIO()
                 np.save(inner, value)

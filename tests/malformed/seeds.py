@@ -50,6 +50,8 @@ class Seed:
 def _plan(robot: es.RobotModel, scene: es.Scene) -> None:
     """A tiny plan with what was accepted: a report, or a typed error about its ends."""
     home = robot.space.to_chart(robot.home_q)
+    if not len(home):
+        return
     goal = home.copy()
     goal[0] += 1.0 if robot.space.base_nv else 0.05
     try:
@@ -205,7 +207,9 @@ _SCAN = {
     "stamp": 12.5, "angle_min": -0.5, "angle_increment": 0.25, "range_min": 0.1, "range_max": 8.0,
     "ranges": [1.5, None, 9.0, 2.0, 0.0], "pose": [1.0, 2.0, 0.3], "mount": [0.2, 0.0, 0.3, math.pi], "sensor": "rear",
 }  # fmt: skip
-_CSV = "stamp,angle_min,angle_increment,range_min,range_max,x,y,yaw,ranges\n" + "1.0,-0.5,0.5,0.1,8,1,2,0.3,1.5,,2.5\n" * 4
+_CSV = (
+    "stamp,angle_min,angle_increment,range_min,range_max,x,y,yaw,ranges\n" + "1.0,-0.5,0.5,0.1,8,1,2,0.3,1.5,,2.5\n" * 4
+)
 _CARMEN = (
     "# made\nPARAM robot_length 0.5\n"
     + "FLASER 4 1.0 2.0 81.9 0.0 5.0 6.0 0.5 4.0 6.0 0.5 976052857.3 host 0.7\n" * 2
@@ -286,6 +290,8 @@ def seeds() -> tuple[Seed, ...]:
     ]  # fmt: skip
     for name, content in meshes().items():
         result.append(seed("mesh", name, content, es.Mesh.from_file, 0.7))
+        if name.endswith(".ply"):  # not read for robots
+            continue
         urdf = SOUND.replace(box, f'<mesh filename="{name}"/>')
         result.append(seed("robot's mesh", name, content, robot_mesh, 1.0, small__urdf=urdf))
     return tuple(result)

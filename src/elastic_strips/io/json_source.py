@@ -87,7 +87,7 @@ def read_json(path: str | os.PathLike[str], name: str) -> Entry:
         ScenarioError: The file is missing, cannot be read, or is no JSON.
     """
     file = Path(path)
-    if file.is_dir():
+    if os.path.isdir(file):
         file = file / name
     text = read_input_text(file, "JSON file", MAX_BYTES, ScenarioError)
     try:

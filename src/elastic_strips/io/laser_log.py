@@ -119,7 +119,7 @@ def _at(file: Path, number: int, parse: Callable[[str], Any], line: str) -> Any:
     try:
         return parse(line)
     except (ValueError, IndexError, RecursionError, OverflowError) as error:
-        raise LaserLogError(f"{file}:{number}: {error}") from None
+        raise LaserLogError(f"{file}:{number}: {str(error)[:500]}") from None
 
 
 def _json(line: str, height: float) -> LoggedScan:

@@ -76,7 +76,7 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     try:
         raw = reader(data)
     except ValueError as error:
-        raise SceneError(f"{file}{error}") from None
+        raise SceneError(f"{file}{str(error)[:500]}") from None
     points = np.ascontiguousarray(raw, dtype=np.float64) * scale
     finite = np.isfinite(points).all(axis=1)
     points = points[finite]

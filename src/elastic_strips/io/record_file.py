@@ -235,7 +235,18 @@ def _names(document: dict[str, Any], key: str) -> tuple[str, ...]:
 
 _KINDS = {"state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i"}
 _MAY_BE_NAN = frozenset(
-    ("reference", "reference_v", "estimate", "drive", "joints", "motors", "tick_ms", "phase_ms", "clearance", "horizon_end")
+    (
+        "reference",
+        "reference_v",
+        "estimate",
+        "drive",
+        "joints",
+        "motors",
+        "tick_ms",
+        "phase_ms",
+        "clearance",
+        "horizon_end",
+    )
 )
 _KIND_NAMES = {"u": "unsigned integers", "b": "truth values", "i": "integers", "f": "floating point numbers"}
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import io
+import itertools
 import math
 import os
+from array import array
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.errors import SceneError, nearest_name
-from elastic_strips.input_file import open_input, read_input_text
+from elastic_strips.input_file import open_input
 from elastic_strips.io import schema
 from elastic_strips.io.npy_source import NpyError, read_npy
 from elastic_strips.io.point_cloud import read_point_cloud
@@ -42,6 +43,7 @@ from elastic_strips.scene.motion import MAX_SPEED
 
 VERSION = 1
 MAX_ARRAY_BYTES = 100_000_000
+MAX_LINE = 10_000  # bytes
 _COMMON = ("shape", "name", "at", "quat", "rpy", "motion", "appears", "vanishes")
 _MOTIONS = ("twist", "keyframes", "unknown")
 _SHAPES: dict[str, tuple[str, ...]] = {
@@ -254,22 +256,36 @@ def _cloud(node: Node) -> NDArray[np.float64]:
 def _npy(path: Path) -> NDArray[Any]:
     with open_input(path, "file of points", MAX_ARRAY_BYTES, SceneError) as (stream, size):
         try:
-            return read_npy(stream, size, MAX_ARRAY_BYTES)
+            points = read_npy(stream, size, MAX_ARRAY_BYTES)
         except NpyError as problem:
             raise SceneError(f"{path}: the array {problem}") from None
+    if points.shape[:1] > (MAX_CENTERS,):
+        raise SceneError(f"{path}: the file has {len(points)} points; at most {MAX_CENTERS} are read")
+    return points
 
 
 def _table(path: Path) -> NDArray[np.float64]:
-    text = read_input_text(path, "file of points", MAX_ARRAY_BYTES, SceneError)
-    comma = "," if path.suffix.lower() == ".csv" else None
-    try:
-        lines = (line for line in io.StringIO(text) if line.partition("#")[0].strip())
-        cloud = np.loadtxt(lines, delimiter=comma, ndmin=2, comments="#", max_rows=MAX_CENTERS + 1)
-    except (ValueError, OverflowError) as problem:
-        raise SceneError(f"{path}: cannot read points: {' '.join(str(problem).split())[:200]}") from None
-    if len(cloud) > MAX_CENTERS:
-        raise SceneError(f"{path}: the file has more than {MAX_CENTERS} points, which is the most that is read")
-    return cloud
+    comma = b"," if path.suffix.lower() == ".csv" else None
+    values = array("d")
+    with open_input(path, "file of points", MAX_ARRAY_BYTES, SceneError) as (stream, _):
+        for number in itertools.count(1):
+            line = stream.readline(MAX_LINE)
+            if not line:
+                break
+            words = line.removeprefix(b"\xef\xbb\xbf").partition(b"#")[0].strip()
+            if not words:
+                continue
+            try:
+                x, y, z = words.split(comma, 3)
+                values.extend((float(x), float(y), float(z)))
+            except ValueError:
+                shown = words[:60].decode("utf-8", "replace")
+                raise SceneError(f"{path}:{number}: must hold three numbers, not {shown!r}") from None
+            if len(values) > 3 * MAX_CENTERS:
+                raise SceneError(f"{path}: the file has more than {MAX_CENTERS} points, which is the most that is read")
+    if not values:
+        raise SceneError(f"{path}: the file holds no points")
+    return np.array(values).reshape(-1, 3)
 
 
 def _quat_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

@@ -17,8 +17,8 @@ import yaml
 from elastic_strips.errors import InputError, SceneError
 from elastic_strips.input_file import read_input_text
 
-MAX_BYTES = 50_000_000
-MAX_NODES = 3_000_000
+MAX_BYTES = 20_000_000
+MAX_NODES = 1_000_000
 MAX_DEPTH = 32
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -43,6 +43,7 @@ class Source:
 
     def fail(self, message: str, line: int | None = None) -> NoReturn:
         """Raise the source's error: ``file:line: message``."""
+        message = message if len(message) <= 800 else message[:797] + "..."
         where = f"{self.path}" if line is None else f"{self.path}:{line}"
         problem = self.error(f"{where}: {message}")
         problem.__dict__["located"] = True

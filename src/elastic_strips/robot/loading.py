@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -106,7 +107,7 @@ def load_robot(
     if text in _KNOWN:
         return _load_named(text, base, srdf, control_points, locked, package_dirs)
     path = Path(text).expanduser()
-    if not text or (path.suffix.lower() not in (".urdf", ".xml") and "/" not in text and not path.exists()):
+    if not text or (path.suffix.lower() not in (".urdf", ".xml") and "/" not in text and not os.path.exists(path)):
         raise RobotError(f"unknown robot {text!r}{nearest_name(text, _KNOWN)} Or give the path of a URDF file.")
     kind = BaseKind.DIFF_DRIVE if base is None else BaseKind.parse(base)
     source = read_urdf(path, package_dirs=package_dirs)

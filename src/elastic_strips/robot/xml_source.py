@@ -12,7 +12,7 @@ from lxml import etree
 from ..errors import RobotError
 from ..input_file import read_input
 
-MAX_BYTES = 32 * 1024 * 1024
+MAX_BYTES = 8_000_000
 
 
 def read_xml(path: Path, *, root: str, kind: str) -> Any:

@@ -87,7 +87,10 @@ def test_a_map_of_free_cells_is_an_empty_scene(tmp_path):
 
 BAD_YAML = [
     (YAML.replace("image: map.pgm\n", ""), "the key 'image' is missing"),
-    (YAML.replace("map.pgm", "gone.pgm"), r"map\.yaml:1: image: .*gone\.pgm: cannot read the map's image: No such file"),
+    (
+        YAML.replace("map.pgm", "gone.pgm"),
+        r"map\.yaml:1: image: .*gone\.pgm: cannot read the map's image: No such file",
+    ),
     (YAML.replace("map.pgm", "map.yaml"), r"map\.yaml: is no PGM image"),
     (YAML.replace("trinary", "scale"), r"map\.yaml:2: mode: unknown value 'scale'.*Valid: trinary"),
     (YAML.replace("0.5\n", "0\n"), r"map\.yaml:3: resolution: the value is 0"),

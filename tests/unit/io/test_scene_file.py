@@ -159,7 +159,11 @@ BAD = [
         4,
         r"centers\[0\]\[2\]: must be a number",
     ),
-    ("obstacles:\n- shape: voxels\n  size: 0.1\n  file: gone.npy\n", 4, "gone.npy: cannot read the file of points: No such file"),
+    (
+        "obstacles:\n- shape: voxels\n  size: 0.1\n  file: gone.npy\n",
+        4,
+        "gone.npy: cannot read the file of points: No such file",
+    ),
     ("obstacles:\n- shape: voxels\n  size: 0.1\n  file: gone.pkl\n", 4, "not read"),
     ("obstacles:\n- shape: points\n  radius: 0.1\n  points: [[0, 0, 0]]\n  file: a.csv\n", 2, "only one of"),
     ("obstacles:\n- shape: mesh\n  file: gone.stl\n", 3, "gone.stl: cannot read"),

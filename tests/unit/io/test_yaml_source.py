@@ -1,6 +1,5 @@
 """YAML source: plain data with lines; everything dangerous or ambiguous is refused, with the line."""
 
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
