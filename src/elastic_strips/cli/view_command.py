@@ -10,6 +10,7 @@ import click
 
 from ..errors import InputError, RobotError
 from ..execution import Record
+from ..input_file import read_input_text
 from ..io import read_record, record_robot
 from ..planning import straight_line
 from ..robot import RobotModel, load_robot, recorded_robot
@@ -29,6 +30,7 @@ _TAKES = {
     "a result": (),
     "a record": ("--speed", "--begin", "--end"),
 }
+MAX_RESULT_BYTES = 20_000_000
 _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 
@@ -110,9 +112,9 @@ def _from_record(path: Path, robot: str | None) -> tuple[Record, RobotModel]:
 
 def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Strip]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot read: {error.strerror}") from None
+        document = json.loads(read_input_text(path, "result", MAX_RESULT_BYTES, InputError))
+    except InputError:
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
     if isinstance(document, dict) and document.get("format") == DRIVE_FORMAT:
@@ -129,7 +131,7 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
         strip = Strip(model, document["strip"]["q"])
     except InputError as error:
         raise type(error)(f"{path}: {error}") from None
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: the result is damaged: {type(error).__name__}: {error}") from None
     return model, scene, strip
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..errors import ParameterError, RobotError
+from ..errors import ParameterError, RobotError, SceneError
 from ..robot import RobotModel
 from ..robot.urdf_geometry import resolve_mesh, search_folders
 from ..robot.xml_source import floats, read_xml
+from ..scene.decompose import load_mesh
 
 _ASK = "give wheel_speed=…, track=… and wheel_radius=…"
 _SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
@@ -101,8 +102,6 @@ def _radius(root: Any, link_name: str, path: Path) -> float | None:
         ]
         if radii:
             return float(max(radii))
-    import trimesh  # slow to import, and most wheels have a cylinder
-
     folders = search_folders(path, ())
     sizes = []
     for mesh in link.findall(".//geometry/mesh"):
@@ -110,6 +109,10 @@ def _radius(root: Any, link_name: str, path: Path) -> float | None:
         if file is None:
             continue
         scale = np.array(floats(mesh, "scale", 3, path, f"link {link_name!r}", "1 1 1"))
-        extents = np.sort(np.ptp(trimesh.load(file, force="mesh").vertices, axis=0) * np.abs(scale))
+        try:
+            vertices, _ = load_mesh(file)
+        except SceneError as error:
+            raise ParameterError(f"{path}: a wheel's mesh cannot be read ({error}): {_ASK}") from None
+        extents = np.sort(np.ptp(vertices, axis=0) * np.abs(scale))
         sizes.append(0.5 * float(extents[-1]))  # a wheel is a disc: its two larger extents are its diameter
     return max(sizes, default=None)

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.errors import ScenarioError, SceneError
+from elastic_strips.input_file import read_input_text
 from elastic_strips.scene import checks
 
-MAX_BYTES = 200_000_000
+MAX_BYTES = 20_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +87,9 @@ def read_json(path: str | os.PathLike[str], name: str) -> Entry:
         ScenarioError: The file is missing, cannot be read, or is no JSON.
     """
     file = Path(path)
-    if file.is_dir():
+    if os.path.isdir(file):
         file = file / name
-    try:
-        if file.stat().st_size > MAX_BYTES:
-            raise ScenarioError(f"{file}: the file is larger than {MAX_BYTES} bytes")
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(f"{file}: cannot read the file: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{file}: is not JSON: it is not UTF-8 text") from None
+    text = read_input_text(file, "JSON file", MAX_BYTES, ScenarioError)
     try:
         return Entry(file, "", json.loads(text))
     except (ValueError, RecursionError) as error:

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from elastic_strips.errors import InputError
+from elastic_strips.input_file import open_input
 from elastic_strips.robot.space import Array
 from elastic_strips.sensing import NO_ANSWER, NOTHING, LaserScan
 
-MAX_BYTES = 1_000_000_000
+MAX_BYTES = 200_000_000
+MAX_LINE = 2_000_000  # bytes
+MAX_SCANS = 200_000
+MAX_READINGS = 30_000_000
 LoggedScan = tuple[LaserScan, Array | None]
 """A scan and the base's pose (3,): x [m], y [m], yaw [rad], read-only; None where the log has none."""
 
@@ -51,39 +56,62 @@ def read_laser_log(
     if not (math.isfinite(carmen_range_max) and carmen_range_max > 0.0 and math.isfinite(height)):
         raise InputError(f"carmen_range_max={carmen_range_max!r} must be > 0 m and height={height!r} finite")
     file = Path(path)
-    try:
-        size = file.stat().st_size
-        if size > MAX_BYTES:
-            raise LaserLogError(f"{file}: the log has {size} bytes; at most {MAX_BYTES} are read")
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise LaserLogError(f"{file}: cannot read the log: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise LaserLogError(f"{file}: byte {error.start} is no UTF-8; a log is a text file") from None
-    lines = [(k, line.strip()) for k, line in enumerate(text.split("\n"), start=1)]
-    lines = [(k, line) for k, line in lines if line and not line.startswith("#")]
-    if not lines:
-        raise LaserLogError(f"{file}: the log holds no scans: it is empty")
-    parse: Callable[[str], LoggedScan | None]
-    first = lines[0][1]
-    if first.startswith("{"):
-        parse = lambda line: _json(line, height)  # noqa: E731
-    elif first.startswith("stamp,"):
-        columns = [c.strip() for c in first.split(",")]
-        _at(file, lines[0][0], lambda _: _check_header(columns), first)
-        lines = lines[1:]
-        parse = lambda line: _csv(line, columns, height)  # noqa: E731
-    elif first.split()[0].isupper():
-        parse = lambda line: _carmen(line, carmen_pose, carmen_range_max, height)  # noqa: E731
-    else:
-        raise LaserLogError(
-            f"{file}:{lines[0][0]}: neither a JSON object, nor the header of a CSV log ('stamp,…'), nor a message of a "
-            f"CARMEN log: {first[:40]!r}"
-        )
-    scans = [scan for k, line in lines if (scan := _at(file, k, parse, line)) is not None]
+    scans: list[LoggedScan] = []
+    parse: Callable[[str], LoggedScan | None] | None = None
+    readings = 0
+    with open_input(file, "laser log", MAX_BYTES, LaserLogError) as (stream, _):
+        for number, line in _lines(stream, file):
+            if parse is None:
+                parse = _reader(file, number, line, carmen_pose, carmen_range_max, height)
+                if line.startswith("stamp,"):
+                    continue
+            scan = _at(file, number, parse, line)
+            if scan is None:
+                continue
+            scans.append(scan)
+            readings += len(scan[0].ranges)
+            if len(scans) > MAX_SCANS or readings > MAX_READINGS:
+                most = f"{MAX_SCANS} scans and {MAX_READINGS} ranges"
+                raise LaserLogError(f"{file}:{number}: the log holds more than {most}, which is the most that is read")
     if not scans:
-        raise LaserLogError(f"{file}: the log holds no scans")
+        raise LaserLogError(f"{file}: the log holds no scans{': it is empty' if parse is None else ''}")
     return tuple(scans)
+
+
+def _lines(stream: BinaryIO, file: Path) -> Iterator[tuple[int, str]]:
+    """Number and text of the lines that hold something, without comments."""
+    for number in itertools.count(1):
+        data = stream.readline(MAX_LINE + 1)
+        if not data:
+            return
+        if len(data) > MAX_LINE:
+            raise LaserLogError(f"{file}:{number}: the line has more than {MAX_LINE} bytes; at most so many are read")
+        try:
+            line = data.decode("utf-8-sig" if number == 1 else "utf-8").strip()
+        except UnicodeDecodeError as error:
+            raise LaserLogError(
+                f"{file}:{number}: byte {error.start} of the line is no UTF-8; a log is a text file"
+            ) from None
+        if line and not line.startswith("#"):
+            yield number, line
+
+
+def _reader(
+    file: Path, number: int, first: str, carmen_pose: str, carmen_range_max: float, height: float
+) -> Callable[[str], LoggedScan | None]:
+    """What reads the lines of a log, as its first line tells."""
+    if first.startswith("{"):
+        return lambda line: _json(line, height)
+    if first.startswith("stamp,"):
+        columns = [c.strip() for c in first.split(",")]
+        _at(file, number, lambda _: _check_header(columns), first)
+        return lambda line: _csv(line, columns, height)
+    if first.split()[0].isupper():
+        return lambda line: _carmen(line, carmen_pose, carmen_range_max, height)
+    raise LaserLogError(
+        f"{file}:{number}: neither a JSON object, nor the header of a CSV log ('stamp,…'), nor a message of a "
+        f"CARMEN log: {first[:40]!r}"
+    )
 
 
 def _at(file: Path, number: int, parse: Callable[[str], Any], line: str) -> Any:
@@ -91,7 +119,7 @@ def _at(file: Path, number: int, parse: Callable[[str], Any], line: str) -> Any:
     try:
         return parse(line)
     except (ValueError, IndexError, RecursionError, OverflowError) as error:
-        raise LaserLogError(f"{file}:{number}: {error}") from None
+        raise LaserLogError(f"{file}:{number}: {str(error)[:500]}") from None
 
 
 def _json(line: str, height: float) -> LoggedScan:

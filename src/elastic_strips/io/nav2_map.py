@@ -10,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.errors import ScenarioError
+from elastic_strips.input_file import read_input
 from elastic_strips.io import schema
 from elastic_strips.io.yaml_source import Node, load_yaml
 from elastic_strips.scene import Scene, Voxels
+from elastic_strips.scene.clusters import MAX_CENTERS
 
 _KEYS = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _UNKNOWN = ("free", "occupied")
-MAX_CELLS = 100_000_000
+MAX_BYTES = 100_000_000
+MAX_CELLS = 16_000_000
 
 
 def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height: float = 1.0) -> Scene:
@@ -50,6 +53,8 @@ def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height
     image = read_pgm(entries["image"])
     p = image if negate else 1.0 - image
     filled = p > high if unknown == "free" else p >= low
+    if np.count_nonzero(filled) > MAX_CENTERS:
+        entries["image"].fail(f"{np.count_nonzero(filled)} cells are occupied; at most {MAX_CENTERS} are read")
     rows, columns = np.nonzero(filled[::-1])  # the first row of an image is its upper edge
     if not len(rows):
         return Scene([])
@@ -62,10 +67,7 @@ def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height
 def read_pgm(node: Node) -> NDArray[np.float64]:
     """Brightness (rows, columns) in [0, 1] of the PGM file (P2 or P5) that a node names, relative to its own file."""
     file: Path = node.source.path.parent / schema.string(node)
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        node.fail(f"{file}: cannot read the image: {error.strerror or error}")
+    data = schema.checked(node, read_input, file, "map's image", MAX_BYTES, ScenarioError)
     if data[:2] not in (b"P2", b"P5"):
         node.fail(f"{file}: is no PGM image (P2 or P5)")
     numbers, at = [], 2
@@ -88,16 +90,29 @@ def read_pgm(node: Node) -> NDArray[np.float64]:
         node.fail(f"{file}: {width} × {rows} pixels up to {top} are not read; at most {MAX_CELLS} pixels up to 65535")
     if data[:2] == b"P2":
         try:
-            pixels = np.array(data[at:].split(), dtype=np.float64)
+            pixels = _numbers(data, at, width * rows)
         except ValueError:
             node.fail(f"{file}: the image holds something that is no number")
     else:
         kind = np.dtype(np.uint8 if top < 256 else ">u2")
         body = data[at + 1 :]
-        pixels = np.frombuffer(body[: len(body) // kind.itemsize * kind.itemsize], dtype=kind).astype(np.float64)
+        pixels = np.frombuffer(body, dtype=kind, count=min(len(body) // kind.itemsize, width * rows)).astype(np.float64)
     if len(pixels) < width * rows:
         node.fail(f"{file}: the image has {len(pixels)} pixels; {width} × {rows} = {width * rows} are needed")
     image = pixels[: width * rows].reshape(rows, width) / top
     if not (image.min() >= 0.0 and image.max() <= 1.0):
         node.fail(f"{file}: the image has pixels beyond its largest value, {top}")
     return image
+
+
+def _numbers(data: bytes, at: int, most: int) -> NDArray[np.float64]:
+    """At most so many numbers between blanks, from a place on; piece by piece, for a word takes ten times its bytes."""
+    parts, count = [np.empty(0)], 0
+    while at < len(data) and count < most:
+        end = min(at + 1_000_000, len(data))
+        while end < len(data) and not data[end : end + 1].isspace():
+            end += 1
+        parts.append(np.array(data[at:end].split(), dtype=np.float64))
+        count += len(parts[-1])
+        at = end
+    return np.concatenate(parts)[:most]

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import os
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.input_file import read_input
 from elastic_strips.robot.space import Array
 from elastic_strips.scene import Scene, Voxels
 
-MAX_BYTES = 1_000_000_000
+MAX_BYTES = 200_000_000
+MAX_POINTS = 5_000_000
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -64,18 +69,14 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
         raise SceneError(f"{file}: point clouds of kind {suffix!r} are not read{nearest_name(suffix, SUFFIXES)}")
     if not (np.isfinite(scale) and scale > 0.0):
         raise SceneError(f"scale={scale!r} must be finite and > 0")
-    try:
-        size = file.stat().st_size
-        if not 0 < size <= MAX_BYTES:
-            raise SceneError(f"{file}: the file has {size} bytes; it must have 1 to {MAX_BYTES}")
-        data = file.read_bytes()
-    except OSError as error:
-        raise SceneError(f"{file}: cannot read the point cloud: {error.strerror or error}") from None
+    data = read_input(file, "point cloud", MAX_BYTES, SceneError)
+    if not data:
+        raise SceneError(f"{file}: the point cloud is empty")
     reader = {".ply": _ply, ".pcd": _pcd}.get(suffix, _xyz)
     try:
         raw = reader(data)
     except ValueError as error:
-        raise SceneError(f"{file}{error}") from None
+        raise SceneError(f"{file}{str(error)[:500]}") from None
     points = np.ascontiguousarray(raw, dtype=np.float64) * scale
     finite = np.isfinite(points).all(axis=1)
     points = points[finite]
@@ -192,17 +193,28 @@ def _pcd(data: bytes) -> Array:
 
 
 def _xyz(data: bytes) -> Array:
-    rows = []
-    for k, line in enumerate(data.split(b"\n"), start=1):
+    values = array("d")
+    for k, line in enumerate(_rows(data, 0), start=1):
         text = line.decode("utf-8", "replace").strip()
         if not text or text.startswith(("#", "//")):
             continue
         try:
-            x, y, z = text.replace(",", " ").replace(";", " ").split()[:3]
-            rows.append((float(x), float(y), float(z)))
+            x, y, z = text.replace(",", " ").replace(";", " ").split(None, 3)[:3]
+            values.extend((float(x), float(y), float(z)))
         except ValueError:
             raise ValueError(f":{k}: must begin with three numbers, not {text[:60]!r}") from None
-    return np.array(rows).reshape(-1, 3)
+        if len(values) > 3 * MAX_POINTS:
+            raise ValueError(f":{k}: the file has more than {MAX_POINTS} points, which is the most that is read")
+    return np.array(values).reshape(-1, 3)
+
+
+def _rows(data: bytes, at: int) -> Iterator[bytes]:
+    """The lines from byte ``at`` on, one after another: together they would take many times the file's size."""
+    while at < len(data):
+        end = data.find(b"\n", at)
+        end = len(data) if end < 0 else end
+        yield data[at:end]
+        at = end + 1
 
 
 def _header(data: bytes, last: bytes, kind: str) -> tuple[list[list[str]], int, int]:
@@ -226,6 +238,8 @@ def _table(
     data: bytes, body: int, fields: list[tuple[str, str]], count: int, order: str, line: int, skip: int
 ) -> Array:
     """x, y, z (count, 3) of rows of ``fields``, ``skip`` rows or bytes on; text where there is no byte ``order``."""
+    if count > MAX_POINTS:
+        raise ValueError(f": the file has {count} points; at most {MAX_POINTS} are read")
     names = [name for name, _ in fields]
     for axis in "xyz":
         if axis not in names:
@@ -242,22 +256,22 @@ def _table(
             )
         table = np.frombuffer(data, dtype=kind, count=count, offset=start)
         return np.column_stack([table[f"{i}"].astype(np.float64) for i in places]).reshape(-1, 3)
-    rows = data[body:].split(b"\n")[skip : skip + count]
-    if rows and not rows[-1].strip():
-        rows = rows[:-1]
-    if len(rows) < count:
-        raise ValueError(f":{line + len(rows)}: the file ends after {len(rows)} of {count} points")
-    points = np.empty((count, 3))
-    for k, row in enumerate(rows):
-        words = row.split()
+    values, done = np.empty((count, 3)), 0
+    for number, row in enumerate(islice(_rows(data, body), skip, None), start=line + 1):
+        if done == count:
+            break
         try:
+            words = row.split(None, len(fields))
             if len(words) < len(fields):
                 raise ValueError
-            points[k] = [float(words[i]) for i in places]
+            values[done] = [float(words[i]) for i in places]
         except ValueError:
             text = row[:60].decode("utf-8", "replace")
-            raise ValueError(f":{line + 1 + k}: must hold {len(fields)} numbers, not {text!r}") from None
-    return points
+            raise ValueError(f":{number}: must hold {len(fields)} numbers, not {text!r}") from None
+        done += 1
+    if done < count:
+        raise ValueError(f":{line + done}: the file ends after {done} of {count} points")
+    return values
 
 
 def _whole(entry: tuple[int, list[str]]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import zipfile
 import zlib
@@ -26,13 +27,18 @@ from elastic_strips.execution.record import (
     RecordError,
     frozen,
 )
+from elastic_strips.input_file import open_input
 from elastic_strips.io.files import check_writable, write_whole
+from elastic_strips.io.npy_source import NpzArrays
 from elastic_strips.io.record_table import UNITS, chart_columns, record_csv, velocity_columns
 from elastic_strips.io.record_world import world_documents, world_from_documents
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
 
 FORMAT = "elastic-strips-record"
 FORMAT_VERSION = 1
+MAX_BYTES = 250_000_000
+MAX_ARRAY_BYTES = 250_000_000  # of all arrays, uncompressed: with 30 movers a quarter of an hour
+MAX_TEXT = 10_000_000  # characters of the metadata
 _CONTROL = tuple(f.name for f in fields(ControlRows))
 _PLANNING = tuple(f.name for f in fields(PlanningRows) if f.name not in ("phases", "statuses", "reasons"))
 _TABLES = ("phases", "statuses", "reasons")
@@ -73,21 +79,20 @@ def read_record(path: str | os.PathLike[str]) -> Record:
             is cut off or damaged; the message names the file and what is wrong with it.
     """
     file = Path(path)
-    try:
-        with file.open("rb") as stream:
+    with open_input(file, "record", MAX_BYTES, RecordError) as (stream, size):
+        try:
             if stream.read(2) != b"PK":
                 if file.suffix.lower() == ".csv":
                     raise RecordError("a .csv file holds the control rows alone; a .npz file holds the whole record")
                 raise RecordError("is no record, and no .npz file at all")
-            stream.seek(0)
-            with np.load(stream, allow_pickle=False) as loaded:
-                return _unpacked(_metadata(loaded), loaded)
-    except zipfile.BadZipFile as error:
-        raise RecordError(f"{file}: is damaged or cut off: {error}") from None
-    except InputError as error:
-        raise RecordError(f"{file}: {error}") from None
-    except (OSError, EOFError, ValueError, KeyError, zlib.error, MemoryError, NotImplementedError) as error:
-        raise RecordError(f"{file}: cannot read: {getattr(error, 'strerror', None) or error}") from None
+            loaded = NpzArrays(stream, size, MAX_ARRAY_BYTES)
+            return _unpacked(_metadata(loaded), loaded)
+        except zipfile.BadZipFile as error:
+            raise RecordError(f"{file}: is damaged or cut off: {error}") from None
+        except InputError as error:
+            raise RecordError(f"{file}: {error}") from None
+        except (EOFError, ValueError, KeyError, zlib.error, NotImplementedError) as error:
+            raise RecordError(f"{file}: cannot read: {error}") from None
 
 
 def record_robot(record: Record, robot: str | None = None) -> RobotModel:
@@ -155,6 +160,8 @@ def _metadata(loaded: Mapping[str, Any]) -> dict[str, Any]:
     if "metadata" not in loaded:
         raise RecordError("holds no array 'metadata': it is no record")
     text = loaded["metadata"]
+    if text.nbytes > 4 * MAX_TEXT:
+        raise RecordError(f"the metadata have {text.nbytes // 4} characters; at most {MAX_TEXT} are read")
     try:
         document = json.loads(str(text)) if text.ndim == 0 and text.dtype.kind == "U" else None
     except (ValueError, RecursionError):
@@ -173,11 +180,15 @@ def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
         nv = len(joints) + (3 if base.planar else 0)
         tables = {name: _names(document, name) for name in _TABLES}
         goal = None if document["goal"] is None else np.array(document["goal"], dtype=float)
-        events = tuple(Event(float(time), str(kind), str(reason)) for time, kind, reason in document["events"])
-        locked = {str(name): float(value) for name, value in document["locked"].items()}
+        if goal is not None and not np.isfinite(goal).all():
+            raise ValueError(f"goal {goal.tolist()!s:.80} must be finite")
+        events = tuple(
+            Event(_finite("an event's time", time), str(kind), str(reason)) for time, kind, reason in document["events"]
+        )
+        locked = {str(name): _finite(f"locked[{name!r}]", value) for name, value in document["locked"].items()}
         obstacles, tracks, metadata = document["obstacles"], len(document["tracks"]), dict(document["metadata"])
         robot, urdf = document["robot"], document["urdf"]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise RecordError(f"the metadata are damaged: {type(error).__name__}: {error}") from None
     if goal is not None and goal.shape != (nv,):
         raise RecordError(f"the goal has shape {goal.shape}; it must be ({nv},)")
@@ -208,6 +219,13 @@ def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
     )
 
 
+def _finite(what: str, value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{what} is {number}; it must be finite")
+    return number
+
+
 def _names(document: dict[str, Any], key: str) -> tuple[str, ...]:
     names = document[key]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -216,6 +234,20 @@ def _names(document: dict[str, Any], key: str) -> tuple[str, ...]:
 
 
 _KINDS = {"state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i"}
+_MAY_BE_NAN = frozenset(
+    (
+        "reference",
+        "reference_v",
+        "estimate",
+        "drive",
+        "joints",
+        "motors",
+        "tick_ms",
+        "phase_ms",
+        "clearance",
+        "horizon_end",
+    )
+)
 _KIND_NAMES = {"u": "unsigned integers", "b": "truth values", "i": "integers", "f": "floating point numbers"}
 
 
@@ -226,10 +258,17 @@ def _array(loaded: Mapping[str, Any], key: str, shape: tuple[int | None, ...]) -
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if n is None else str(n) for n in shape)
         raise RecordError(f"the array {key!r} has shape {array.shape}, not ({wanted})")
-    kind = _KINDS.get(key.partition("_")[2], "f")
+    name = key.partition("_")[2]
+    kind = _KINDS.get(name, "f")
     if array.dtype.kind != kind:
         raise RecordError(f"the array {key!r} holds {array.dtype}, not {_KIND_NAMES[kind]}")
-    return frozen(array)
+    if kind == "f":
+        bad = np.isinf(array) if name in _MAY_BE_NAN else ~np.isfinite(array)
+        if bad.any():
+            at = [int(i) for i in np.unravel_index(int(np.argmax(bad)), bad.shape)]
+            others = "" if name in _MAY_BE_NAN else "; NaN may stand for what was not known, but not here"
+            raise RecordError(f"the array {key!r} holds {array[tuple(at)]} at {at}{others}")
+    return array
 
 
 def _check_rows(control: ControlRows, planning: PlanningRows, states: tuple[str, ...]) -> None:

@@ -13,6 +13,9 @@ from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.robot.space import Array
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Keyframes, Obstacle, Scene, Sphere, World
 
+MAX_ROWS = 4_000_000
+"""Most poses of moving pieces that a record's world is made of: their number times the control rows."""
+
 
 def world_documents(world: World, time: Array) -> tuple[list[dict[str, Any]], list[str], Array, Array]:
     """A world as obstacle documents and tracks.
@@ -60,6 +63,9 @@ def world_from_documents(documents: Any, time: Array, position: Array, quaternio
     appears: dict[str, float] = {}
     vanishes: dict[str, float] = {}
     try:
+        rows = len(time) * sum(document["track"] is not None for document in documents)
+        if rows > MAX_ROWS:
+            raise RecordError(f"the pieces of the obstacles that move need {rows} rows; at most {MAX_ROWS} are read")
         for document in documents:
             name, track = document["name"], document["track"]
             place = _matrix(document["pose"])
@@ -76,7 +82,7 @@ def world_from_documents(documents: Any, time: Array, position: Array, quaternio
             for times, key in ((appears, "appears"), (vanishes, "vanishes")):
                 if document[key] is not None:
                     times[name] = document[key]
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, RecordError):
             raise
         raise RecordError(f"an obstacle is damaged: {type(error).__name__}: {error}") from None

@@ -117,7 +117,7 @@ def _robot(node: Node) -> str:
     if not robot.lower().endswith(".urdf") and "/" not in robot and "\\" not in robot:
         return robot
     path = (node.source.path.parent / robot).absolute()
-    if not path.is_file():
+    if not os.path.isfile(path):
         node.fail(f"there is no URDF file {path}")
     return str(path)
 

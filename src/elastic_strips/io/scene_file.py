@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
+from array import array
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_strips.errors import nearest_name
+from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.input_file import open_input
 from elastic_strips.io import schema
+from elastic_strips.io.npy_source import NpyError, read_npy
 from elastic_strips.io.point_cloud import read_point_cloud
 from elastic_strips.io.yaml_source import Node, load_yaml
 from elastic_strips.scene import (
@@ -34,10 +38,12 @@ from elastic_strips.scene import (
     World,
     checks,
 )
+from elastic_strips.scene.clusters import MAX_CENTERS
 from elastic_strips.scene.motion import MAX_SPEED
 
 VERSION = 1
-MAX_ARRAY_BYTES = 500_000_000
+MAX_ARRAY_BYTES = 100_000_000
+MAX_LINE = 10_000  # bytes
 _COMMON = ("shape", "name", "at", "quat", "rpy", "motion", "appears", "vanishes")
 _MOTIONS = ("twist", "keyframes", "unknown")
 _SHAPES: dict[str, tuple[str, ...]] = {
@@ -242,17 +248,44 @@ def _cloud(node: Node) -> NDArray[np.float64]:
         node.fail(f"{path}: files of kind {path.suffix!r} are not read{nearest_name(path.suffix, suffixes)}")
     if path.suffix.lower() in (".ply", ".pcd"):
         return schema.checked(node, lambda: read_point_cloud(path).points)
-    try:
-        size = path.stat().st_size
-        if not 0 < size <= MAX_ARRAY_BYTES:
-            node.fail(f"{path}: the file has {size} bytes; it must have 1 to {MAX_ARRAY_BYTES}")
-        if path.suffix.lower() == ".npy":
-            cloud = np.load(path, allow_pickle=False)
-        else:
-            cloud = np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None, ndmin=2, comments="#")
-    except (OSError, ValueError, EOFError, MemoryError, OverflowError) as problem:
-        node.fail(f"{path}: cannot read points: {getattr(problem, 'strerror', None) or problem}")
+    read = _npy if path.suffix.lower() == ".npy" else _table
+    cloud = schema.checked(node, read, path)
     return schema.checked(node, checks.array, str(path), cloud, (None, 3))
+
+
+def _npy(path: Path) -> NDArray[Any]:
+    with open_input(path, "file of points", MAX_ARRAY_BYTES, SceneError) as (stream, size):
+        try:
+            points = read_npy(stream, size, MAX_ARRAY_BYTES)
+        except NpyError as problem:
+            raise SceneError(f"{path}: the array {problem}") from None
+    if points.shape[:1] > (MAX_CENTERS,):
+        raise SceneError(f"{path}: the file has {len(points)} points; at most {MAX_CENTERS} are read")
+    return points
+
+
+def _table(path: Path) -> NDArray[np.float64]:
+    comma = b"," if path.suffix.lower() == ".csv" else None
+    values = array("d")
+    with open_input(path, "file of points", MAX_ARRAY_BYTES, SceneError) as (stream, _):
+        for number in itertools.count(1):
+            line = stream.readline(MAX_LINE)
+            if not line:
+                break
+            words = line.removeprefix(b"\xef\xbb\xbf").partition(b"#")[0].strip()
+            if not words:
+                continue
+            try:
+                x, y, z = words.split(comma, 3)
+                values.extend((float(x), float(y), float(z)))
+            except ValueError:
+                shown = words[:60].decode("utf-8", "replace")
+                raise SceneError(f"{path}:{number}: must hold three numbers, not {shown!r}") from None
+            if len(values) > 3 * MAX_CENTERS:
+                raise SceneError(f"{path}: the file has more than {MAX_CENTERS} points, which is the most that is read")
+    if not values:
+        raise SceneError(f"{path}: the file holds no points")
+    return np.array(values).reshape(-1, 3)
 
 
 def _quat_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -16,9 +15,10 @@ from typing import Any, NoReturn
 import yaml
 
 from elastic_strips.errors import InputError, SceneError
+from elastic_strips.input_file import read_input_text
 
-MAX_BYTES = 50_000_000
-MAX_NODES = 3_000_000
+MAX_BYTES = 20_000_000
+MAX_NODES = 1_000_000
 MAX_DEPTH = 32
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -43,6 +43,7 @@ class Source:
 
     def fail(self, message: str, line: int | None = None) -> NoReturn:
         """Raise the source's error: ``file:line: message``."""
+        message = message if len(message) <= 800 else message[:797] + "..."
         where = f"{self.path}" if line is None else f"{self.path}:{line}"
         problem = self.error(f"{where}: {message}")
         problem.__dict__["located"] = True
@@ -81,7 +82,7 @@ def load_yaml(path: str | os.PathLike[str], *, error: type[InputError] = SceneEr
         The root node.
     """
     source = Source(Path(path), error)
-    return parse_yaml(_read(source), source)
+    return parse_yaml(read_input_text(source.path, "YAML file", MAX_BYTES, error), source)
 
 
 def parse_yaml(text: str, source: Source) -> Node:
@@ -94,27 +95,6 @@ def parse_yaml(text: str, source: Source) -> Node:
         source.fail(f"not valid YAML: {said}", None if mark is None else mark.line + 1)
     except yaml.YAMLError as problem:  # characters that YAML forbids
         source.fail(f"not valid YAML: {' '.join(str(problem).split())}")
-
-
-def _read(source: Source) -> str:
-    try:
-        status = os.stat(source.path)
-        if not stat.S_ISREG(status.st_mode):
-            kind = "directory" if stat.S_ISDIR(status.st_mode) else "special file"
-            source.fail(f"is a {kind}, not a YAML file")
-        with open(source.path, "rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except InputError:
-        raise
-    except (OSError, ValueError) as problem:
-        source.fail(f"cannot read the file: {getattr(problem, 'strerror', None) or problem}")
-    if len(data) > MAX_BYTES:
-        source.fail(f"the file is larger than {MAX_BYTES} bytes")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as problem:
-        line = data.count(b"\n", 0, problem.start) + 1
-        source.fail(f"not UTF-8: byte 0x{data[problem.start]:02x} at offset {problem.start}", line)
 
 
 @dataclass(slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -60,7 +61,7 @@ def load_robot(
     """
     text = str(name_or_path)
     path = Path(text).expanduser()
-    by_path = path.suffix.lower() in (".urdf", ".xml") or "/" in text or path.exists()
+    by_path = path.suffix.lower() in (".urdf", ".xml") or "/" in text or os.path.exists(path)
     if is_known(text) or not text or not by_path:
         known = find_robot(text)
         source = read_urdf(known.urdf, package_dirs=(*package_dirs, *known.package_dirs))

@@ -167,7 +167,7 @@ def _check_tree(root: Any, links: set[str], source: Path) -> dict[str, tuple[str
         parents[ends[1]] = (name, ends[0])
     roots = links - set(parent_of)
     if len(roots) != 1:
-        found = ", ".join(sorted(roots)) if roots else "none, so the joints form a loop"
+        found = ", ".join(sorted(roots)[:10]) if roots else "none, so the joints form a loop"
         raise RobotError(f"{source}: a robot has exactly one root link; found {len(roots)} ({found})")
     for link in links:
         seen = {link}

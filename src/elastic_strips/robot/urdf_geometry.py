@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError, nearest_name
+from ..input_file import check_input
 from .mends import Mends
 from .xml_source import floats
 
 _MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
+MAX_MESH_BYTES = 100_000_000
+MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
 _SHAPES = {
     "box": ("size", 3),
     "sphere": ("radius", 1),
@@ -27,21 +30,22 @@ def search_folders(source: Path, extra: tuple[str | Path, ...]) -> list[Path]:
     for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         for entry in filter(None, os.environ.get(variable, "").split(os.pathsep)):
             folders += [Path(entry), Path(entry) / "share"]
-    return list(dict.fromkeys(f for f in folders if f.is_dir()))
+    return list(dict.fromkeys(f for f in folders if os.path.isdir(f)))
 
 
 def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
     """The file that a URDF mesh name means, or None."""
+    # os.path.isfile is false where Path.is_file raises: a name that is too long, a folder that may not be entered
     if name.startswith("file://"):
         candidate = Path(name[len("file://") :])
-        return candidate if candidate.is_file() else None
+        return candidate if os.path.isfile(candidate) else None
     if name.startswith("package://"):
         rest = name[len("package://") :].lstrip("/")  # some name no package
-        return next((f / rest for f in folders if (f / rest).is_file()), None)
+        return next((f / rest for f in folders if os.path.isfile(f / rest)), None)
     candidate = Path(name)
     if candidate.is_absolute():
-        return candidate if candidate.is_file() else None
-    return next((f / name for f in [source.parent, *folders] if (f / name).is_file()), None)
+        return candidate if os.path.isfile(candidate) else None
+    return next((f / name for f in [source.parent, *folders] if os.path.isfile(f / name)), None)
 
 
 def check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) -> None:
@@ -108,10 +112,11 @@ def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> Non
     if found is None:
         searched = ", ".join(str(f) for f in folders[:4])
         raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh {name!r} not found (searched {searched}, …)")
-    try:
-        with found.open("rb") as handle:
-            if not handle.read(16):
-                raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
-    except OSError as error:
-        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found}: {error.strerror}") from None
+    if found.suffix.lower() not in MESH_SUFFIXES:
+        hint = nearest_name(found.suffix.lower(), MESH_SUFFIXES)
+        raise RobotError(
+            f"{source}:{shape.sourceline}: {what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}"
+        )
+    if not check_input(found, "mesh file", MAX_MESH_BYTES, RobotError):
+        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
     shape.set("filename", f"file://{found}")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-import stat
 from pathlib import Path
 from typing import Any
 
 from lxml import etree
 
 from ..errors import RobotError
+from ..input_file import read_input
 
-MAX_BYTES = 32 * 1024 * 1024
+MAX_BYTES = 8_000_000
 
 
 def read_xml(path: Path, *, root: str, kind: str) -> Any:
@@ -26,21 +26,7 @@ def read_xml(path: Path, *, root: str, kind: str) -> Any:
     Raises:
         RobotError: missing, unreadable, too large, with a document type or entities, malformed, or another root.
     """
-    try:
-        if path.is_dir():
-            raise RobotError(f"{path}: is a folder, not a {kind} file")
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):  # reading a pipe or a device may never end
-            raise RobotError(f"{path}: is not a regular file, so no {kind} file")
-        if status.st_size > MAX_BYTES:
-            raise RobotError(f"{path}: {status.st_size} bytes; a {kind} file may have at most {MAX_BYTES}")
-        text = path.read_bytes()
-    except RobotError:
-        raise
-    except FileNotFoundError:
-        raise RobotError(f"{path}: no such {kind} file") from None
-    except (OSError, ValueError) as error:
-        raise RobotError(f"{path}: cannot read the {kind} file: {getattr(error, 'strerror', None) or error}") from None
+    text = read_input(path, f"{kind} file", MAX_BYTES, RobotError)
     if not text.strip():
         raise RobotError(f"{path}: the {kind} file is empty")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:

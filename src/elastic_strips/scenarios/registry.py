@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -68,6 +69,6 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     path = Path(text)
     if path.suffix.lower() == ".npz":
         raise ScenarioError(f"{text}: is no scenario; 'elastic-strips view' replays the record of a drive")
-    if text and (path.suffix.lower() in (".yaml", ".yml") or "/" in text or path.exists()):
+    if text and (path.suffix.lower() in (".yaml", ".yml") or "/" in text or os.path.exists(path)):
         return Scenario.from_spec(read_scenario(path))
     raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, REGISTRY)} Or give a .yaml file.")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_strips.errors import SceneError
 from elastic_strips.scene.checks import Array
 from elastic_strips.scene.parts import Part, Solid, coal
 
@@ -19,6 +20,10 @@ BLOCK = 0.45
 
 SNAP = 1e-3
 """Centres within this share of a voxel's edge of a regular grid are snapped to it (boxes grow by what was snapped)."""
+
+MAX_CENTERS = 2_000_000
+MAX_BOXES = 500_000  # a kilobyte each
+"""Most boxes of one obstacle: as they are given, and after merging."""
 
 _IDENTITY = np.eye(4)
 _IDENTITY.flags.writeable = False
@@ -31,8 +36,17 @@ def cluster_solid(centers: Array, size: Array) -> Solid:
 
     Duplicates are dropped. If the centres lie on a grid of that size, full larger boxes replace groups of them;
     otherwise every box stays. The boxes are grouped by cells of about `BLOCK` metres.
+
+    Raises:
+        SceneError: more than `MAX_CENTERS` boxes, or more than `MAX_BOXES` after merging.
     """
+    if len(centers) > MAX_CENTERS:
+        raise SceneError(f"{len(centers)} boxes are given; at most {MAX_CENTERS} are accepted: thin them out first")
     lows, highs, block = merged_boxes(centers, size)
+    if len(lows) > MAX_BOXES:
+        raise SceneError(
+            f"{len(lows)} boxes are left after merging; at most {MAX_BOXES} are accepted: take a coarser grid"
+        )
     return Solid(_blocks(lows, highs, block))
 
 

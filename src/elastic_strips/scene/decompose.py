@@ -18,6 +18,7 @@ the outside. The result is deterministic, and is kept in memory: the same mesh i
 from __future__ import annotations
 
 import hashlib
+import io
 import logging
 import threading
 from collections import OrderedDict
@@ -30,6 +31,7 @@ from scipy.spatial import ConvexHull as _Qhull
 from scipy.spatial import QhullError
 
 from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.input_file import read_input
 from elastic_strips.scene.checks import Array
 from elastic_strips.scene.parts import MIN_THICKNESS, flatness
 
@@ -89,19 +91,15 @@ def load_mesh(path: Path) -> tuple[Array, Faces]:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise SceneError(f"{path}: mesh files of kind {suffix!r} are not read{nearest_name(suffix, SUFFIXES)}")
-    try:
-        size = path.stat().st_size
-        with path.open("rb") as stream:
-            stream.read(1)
-    except OSError as error:
-        raise SceneError(f"{path}: cannot read the mesh file: {error.strerror or error}") from None
-    if not 0 < size <= MAX_MESH_BYTES:
-        raise SceneError(f"{path}: the mesh file has {size} bytes; it must have 1 to {MAX_MESH_BYTES}")
+    data = read_input(path, "mesh file", MAX_MESH_BYTES, SceneError)
+    if not data:
+        raise SceneError(f"{path}: the mesh file is empty")
     options: dict[str, Any] = {"skip_materials": True} if suffix == ".obj" else {}
-    try:
-        mesh = trimesh.load_mesh(str(path), process=False, **options)
+    try:  # from memory: so no other file is opened by what this one names
+        mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False, **options)
     except Exception as error:  # trimesh raises whatever its parsers trip over
-        raise SceneError(f"{path}: not a readable {suffix[1:].upper()} file: {type(error).__name__}: {error}") from None
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise SceneError(f"{path}: not a readable {suffix[1:].upper()} file: {said}") from None
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise SceneError(f"{path}: the file holds no triangles")
     vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)

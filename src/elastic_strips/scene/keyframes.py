@@ -57,11 +57,14 @@ class Keyframes(Motion):
             raw = checks.array("Keyframes quats", quats, (None, 4), limit=1e3)
             if len(raw) != len(t):
                 raise SceneError(f"Keyframes need one quaternion per time: {len(raw)} quaternions, {len(t)} times")
-            q = np.array([checks.quaternion(f"Keyframes quats[{k}]", row) for k, row in enumerate(raw)])
-            for k in range(1, len(q)):  # slerp the short way
-                if q[k] @ q[k - 1] < 0.0:
-                    q[k] = -q[k]
-            rotations = np.array([_angle(q[k], q[k + 1]) for k in range(len(q) - 1)])
+            norm = np.linalg.norm(raw, axis=1)
+            bad = np.flatnonzero(np.abs(norm - 1.0) > checks.QUAT_TOLERANCE)
+            if bad.size:
+                checks.quaternion(f"Keyframes quats[{int(bad[0])}]", raw[bad[0]])  # raises, and says what is needed
+            q = raw / norm[:, None]
+            q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))[:, None]  # slerp the short way
+            a, b = q[:-1], q[1:]
+            rotations = 4.0 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
             q.flags.writeable = False
         spans = np.diff(t)
         linear, angular = np.linalg.norm(np.diff(p, axis=0), axis=1) / spans, rotations / spans

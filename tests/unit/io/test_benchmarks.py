@@ -167,7 +167,7 @@ def test_a_wrong_file_names_file_and_place(tmp_path, load, document, message):
     assert str(caught.value).startswith(str(path))
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"NaN,"])
+@pytest.mark.parametrize("content", [b"", b"{", b"[" * 100_000, b"NaN,"])
 def test_what_is_no_json_is_refused(tmp_path, content):
     (tmp_path / "barn_worlds.json").write_bytes(content)
     with pytest.raises(ScenarioError, match=r"barn_worlds\.json: is not JSON"):
@@ -176,9 +176,9 @@ def test_what_is_no_json_is_refused(tmp_path, content):
 
 def test_a_missing_file_is_named(tmp_path):
     for load in (lambda p: load_barn(p, 0), lambda p: load_dynabarn(p, 0), load_bridge):
-        with pytest.raises(ScenarioError, match=r"gone\.json: cannot read the file: No such file"):
+        with pytest.raises(ScenarioError, match=r"gone\.json: cannot read the JSON file: No such file"):
             load(tmp_path / "gone.json")
-        with pytest.raises(ScenarioError, match=r"\.json: cannot read the file: No such file"):
+        with pytest.raises(ScenarioError, match=r"\.json: cannot read the JSON file: No such file"):
             load(tmp_path)
 
 

@@ -150,9 +150,9 @@ def test_a_wrong_log_names_file_and_line(tmp_path, text, message):
 
 
 def test_missing_and_binary_files_and_wrong_arguments(tmp_path):
-    with pytest.raises(LaserLogError, match=r"gone\.log: cannot read the log: No such file"):
+    with pytest.raises(LaserLogError, match=r"gone\.log: cannot read the laser log: No such file"):
         read_laser_log(tmp_path / "gone.log")
-    with pytest.raises(LaserLogError, match="cannot read the log"):
+    with pytest.raises(LaserLogError, match="is a folder, not a laser log"):
         read_laser_log(tmp_path)
     (tmp_path / "log.txt").write_bytes(b"FLASER \xff\xfe")
     with pytest.raises(LaserLogError, match="byte 7 is no UTF-8"):

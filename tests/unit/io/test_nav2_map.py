@@ -87,7 +87,10 @@ def test_a_map_of_free_cells_is_an_empty_scene(tmp_path):
 
 BAD_YAML = [
     (YAML.replace("image: map.pgm\n", ""), "the key 'image' is missing"),
-    (YAML.replace("map.pgm", "gone.pgm"), r"map\.yaml:1: image: .*gone\.pgm: cannot read the image: No such file"),
+    (
+        YAML.replace("map.pgm", "gone.pgm"),
+        r"map\.yaml:1: image: .*gone\.pgm: cannot read the map's image: No such file",
+    ),
     (YAML.replace("map.pgm", "map.yaml"), r"map\.yaml: is no PGM image"),
     (YAML.replace("trinary", "scale"), r"map\.yaml:2: mode: unknown value 'scale'.*Valid: trinary"),
     (YAML.replace("0.5\n", "0\n"), r"map\.yaml:3: resolution: the value is 0"),
@@ -138,7 +141,7 @@ def test_wrong_arguments_and_missing_files(tmp_path):
         load_nav2_map(write(tmp_path), unknown="wall")
     with pytest.raises(ScenarioError, match="Voxels size"):
         load_nav2_map(write(tmp_path), height=0.0)
-    with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the file"):
+    with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the YAML file"):
         load_nav2_map(tmp_path / "gone.yaml")
 
 

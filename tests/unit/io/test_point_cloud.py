@@ -94,7 +94,7 @@ def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path, make):
 
 BAD = [
     ("c.las", b"1", r"c\.las: point clouds of kind '\.las' are not read"),
-    ("c.xyz", b"", "has 0 bytes"),
+    ("c.xyz", b"", "is empty"),
     ("c.xyz", b"# nothing\n", "holds no points"),
     ("c.xyz", b"1 2 3\n1 2\n", r"c\.xyz:2: must begin with three numbers, not '1 2'"),
     ("c.xyz", b"1 2 x\n", r"c\.xyz:1: must begin with three numbers"),

@@ -159,7 +159,11 @@ BAD = [
         4,
         r"centers\[0\]\[2\]: must be a number",
     ),
-    ("obstacles:\n- shape: voxels\n  size: 0.1\n  file: gone.npy\n", 4, "gone.npy: cannot read points"),
+    (
+        "obstacles:\n- shape: voxels\n  size: 0.1\n  file: gone.npy\n",
+        4,
+        "gone.npy: cannot read the file of points: No such file",
+    ),
     ("obstacles:\n- shape: voxels\n  size: 0.1\n  file: gone.pkl\n", 4, "not read"),
     ("obstacles:\n- shape: points\n  radius: 0.1\n  points: [[0, 0, 0]]\n  file: a.csv\n", 2, "only one of"),
     ("obstacles:\n- shape: mesh\n  file: gone.stl\n", 3, "gone.stl: cannot read"),
@@ -277,7 +281,7 @@ def test_broken_clouds_are_refused(tmp_path, content):
 
 def test_pickled_cloud_is_refused(tmp_path):
     np.save(tmp_path / "cloud.npy", np.array([[{}]], dtype=object), allow_pickle=True)
-    with pytest.raises(SceneError, match="cannot read points"):
+    with pytest.raises(SceneError, match="holds Python objects, not numbers"):
         read(tmp_path, "obstacles:\n- {shape: points, radius: 0.1, file: cloud.npy}\n")
 
 

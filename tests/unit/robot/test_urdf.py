@@ -134,7 +134,7 @@ def test_messages_give_the_line(tmp_path):
 
 def test_paths_that_are_no_files(tmp_path):
     assert "is a folder, not a URDF file" in refused(tmp_path / ".." / tmp_path.name)
-    assert "no such URDF file" in refused(tmp_path / "missing.urdf")
+    assert "cannot read the URDF file: No such file" in refused(tmp_path / "missing.urdf")
     with pytest.raises(RobotError, match="URDF"):
         load_robot("bad\0name.urdf")
 
@@ -330,7 +330,7 @@ def test_srdf_files_that_are_none(tmp_path, content, words):
     path = write(tmp_path, GOOD)
     with pytest.raises(RobotError, match=words):
         load_robot(path, srdf=write(tmp_path, content, "test.srdf"))
-    with pytest.raises(RobotError, match="no such SRDF file"):
+    with pytest.raises(RobotError, match="cannot read the SRDF file: No such file"):
         load_robot(path, srdf=tmp_path / "none.srdf")
 
 

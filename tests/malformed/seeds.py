@@ -1,0 +1,304 @@
+"""Sound small files of every kind that is read, and how each kind is read: what the mutations start from."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from urdf_cases import SOUND, SOUND_SRDF
+from yaml_cases import SCENARIO
+
+import elastic_strips as es
+from elastic_strips import io
+from elastic_strips.cli.view_command import _from_result
+from elastic_strips.errors import InputError
+from elastic_strips.execution.record import Record
+from elastic_strips.execution.recorder import Recorder
+from elastic_strips.io.sensor_file import silvermate_sensors
+from elastic_strips.scene import Keyframes, World
+
+PLAN_SECONDS = 0.3
+Use = Callable[[Path], object]
+
+
+@dataclass(frozen=True, slots=True)
+class Seed:
+    """A sound input.
+
+    Attributes:
+        kind: what it is, for the table; reader: how it is read.
+        file: name of the file that is mutated; content: what it holds.
+        beside: further files by name, which stay as they are.
+        weight: share of the inputs that are made of it.
+    """
+
+    kind: str
+    file: str
+    content: bytes
+    reader: Use
+    beside: Mapping[str, bytes]
+    weight: float = 1.0
+
+
+def _plan(robot: es.RobotModel, scene: es.Scene) -> None:
+    """A tiny plan with what was accepted: a report, or a typed error about its ends."""
+    home = robot.space.to_chart(robot.home_q)
+    if not len(home):
+        return
+    goal = home.copy()
+    goal[0] += 1.0 if robot.space.base_nv else 0.05
+    try:
+        es.plan(robot, scene, robot.home_q, robot.space.from_chart(goal), timeout=PLAN_SECONDS)
+    except InputError:
+        pass  # it collides at home, say
+
+
+def _robot(path: Path) -> None:
+    """Under every kind of base in turn, by the file's own size: a mutation is reproducible."""
+    size = path.stat().st_size if path.is_file() else 0
+    _plan(es.load_robot(path, base=("omni", "diff_drive", "fixed")[size % 3]), es.Scene([]))
+
+
+@cache
+def _small() -> es.RobotModel:
+    return es.load_robot("jackal-box")
+
+
+def _scene(path: Path) -> None:
+    world = io.read_world(path)
+    _plan(_small(), world.at(world.scene.time + 0.5))
+
+
+def _scenario(path: Path) -> None:
+    problem = es.get_scenario(path)
+    robot = problem.load_robot()
+    _plan(robot, problem.scene)
+
+
+def _cloud(path: Path) -> None:
+    cloud = io.read_point_cloud(path)
+    try:
+        io.cloud_scene(cloud, 0.1)
+    except InputError:
+        pass  # too far away, or more cells than a scene may hold
+
+
+def _record(path: Path) -> None:
+    record = io.read_record(path)
+    record.world.at(float(record.control.time[-1]))
+    io.record_csv(record)
+
+
+def _ply(*, binary: bool) -> bytes:
+    points = np.random.default_rng(1).uniform(-2, 2, (40, 3))
+    head = "ply\nformat {} 1.0\ncomment made\nelement vertex 40\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    if binary:
+        return head.format("binary_little_endian").encode() + points.astype("<f4").tobytes()
+    return (head.format("ascii") + "".join(f"{x:.3f} {y:.3f} {z:.3f}\n" for x, y, z in points)).encode()
+
+
+def _pcd(*, binary: bool) -> bytes:
+    points = np.random.default_rng(2).uniform(-2, 2, (40, 3))
+    head = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 40\nHEIGHT 1\n"
+        f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\nDATA {'binary' if binary else 'ascii'}\n"
+    )
+    rows = points.astype("<f4").tobytes() if binary else "".join(f"{x} {y} {z}\n" for x, y, z in points).encode()
+    return head.encode() + rows
+
+
+def _npy(array: np.ndarray) -> bytes:
+    stream = BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0.2]]) * 0.2
+_FACES = np.array([[0, 2, 1], [1, 2, 4], [0, 1, 3], [0, 3, 2], [1, 4, 3], [2, 3, 4]])
+
+
+def meshes() -> dict[str, bytes]:
+    """The same small solid in every format that is read, by name."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(_CORNERS, _FACES, process=False)
+    plain = mesh.export(file_type="obj")
+    return {
+        "binary.stl": mesh.export(file_type="stl"),
+        "text.stl": str(mesh.export(file_type="stl_ascii")).encode(),
+        "m.obj": (plain if isinstance(plain, bytes) else str(plain).encode()),
+        "m.ply": mesh.export(file_type="ply"),
+        "text.ply": mesh.export(file_type="ply", encoding="ascii"),
+        "m.dae": mesh.export(file_type="dae"),
+    }
+
+
+def _record_bytes() -> bytes:
+    robot = es.load_robot("jackal-box")
+    cart = Keyframes([0.0, 1.0], [[2, 0, 0.5], [2, 1, 0.5]])
+    world = World(
+        es.Scene([es.Box((1, 1, 1), at=(0, 3, 0.5), name="table"), es.Sphere(0.2, motion=cart, name="ball")]),
+        appears={"ball": 0.1},
+    )
+    recorder = Recorder(robot, world, metadata={"scenario": "made"})
+    row = robot.space.to_chart(robot.home())
+    for k in range(12):
+        recorder.control(0.01 * k, chart=row, v=0 * row, reference=row)
+        if k % 4 == 0:
+            recorder.planning(0.01 * k, tick_ms=3.0, phase_ms={"solve": 1.0}, status="x", strip=np.array([row, row]))
+    recorder.event(0.02, "start", "ahead")
+    return _record_file(recorder.finish())
+
+
+def _record_file(record: Record) -> bytes:
+    from elastic_strips.io.record_file import _packed
+
+    return _packed(record)
+
+
+_MAP = "image: map.pgm\nmode: trinary\nresolution: 0.05\norigin: [-1.0, -2.0, 0.3]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+_PGM = b"P5\n# made\n8 6\n255\n" + bytes([0, 255, 205, 0, 90, 255] * 8)
+_PGM_TEXT = b"P2\n4 3\n255\n" + b"\n".join(b"0 255 205 90" for _ in range(3)) + b"\n"
+
+_BARN = {
+    "cylinder_radius": 0.075, "cylinder_length": 1.0, "cylinder_center_z": 0.0, "goal_tolerance": 1.0, "timeout": 100.0,
+    "worlds": [
+        {"id": 0, "start": [-2.25, 3.0, 1.57], "goal": [-2.25, 13.0], "cylinders_xy": [[-0.1, 0.1], [-0.2, 0.1]],
+         "path": [[-2.25, 3.0], [-2.0, 8.0], [-3.0, 9.0]], "path_length": 10.5},
+    ],
+}  # fmt: skip
+_DYNABARN = {
+    "cylinder_radius": 0.5, "cylinder_length": 1.0, "cylinder_center_z": 0.0, "goal_tolerance": 1.0, "timeout": 100.0,
+    "worlds": [
+        {"id": 0, "start": [11, 0, 3.14], "goal": [-9, 0], "difficulty": "easy",
+         "walls": [{"name": "back", "pose": [-10.0, 0.0, 0.5, 0.0, 0.0, 0.0], "size": [0.5, 20.0, 1.0]}],
+         "obstacles": [{"name": "disc", "period": 20.0, "keyframes": [[0.0, -8, -10], [10.0, 0, -3], [20.0, 8, 4]]}]},
+    ],
+}  # fmt: skip
+_BRIDGE = {
+    "robot": {"max_joint_acc": 3.14},
+    "start": {"xy": [-2, 1.5], "yaw_deg": 0, "arm_deg": [0, -90, 110, 0, -110, 0]},
+    "goals": [{"xy": [2, 1.5], "yaw_deg": 0}, {"xy": [-2, 1.5], "yaw_deg": 180}],
+    "boxes": [{"name": "deck", "size": [0.6, 1.5, 0.1], "position": [0.0, 0.0, 0.75]}],
+}
+_SCENE = {
+    "version": 1, "time": 0.0,
+    "obstacles": [
+        {"shape": "box", "name": "table", "size": [1, 1, 1], "at": [0, 3, 0.5], "rpy": [0, 0, 0.3]},
+        {"shape": "sphere", "radius": 0.3, "at": [3, 2, 1], "motion": {"twist": {"linear": [0.1, 0, 0], "angular": [0, 0, 1]}}},
+        {"shape": "cylinder", "radius": 0.2, "length": 1.0, "at": [4, -2, 0.5], "appears": 0.1, "vanishes": 9.0,
+         "motion": {"keyframes": {"times": [0, 1, 2], "positions": [[4, -2, 0.5], [4, -1, 0.5], [4, 0, 0.5]], "loop": False}}},
+        {"shape": "capsule", "radius": 0.2, "length": 1.0, "at": [4, 3, 0.5], "quat": [0, 0, 0, 1], "motion": {"unknown": {"max_speed": 1.0}}},
+        {"shape": "cone", "radius": 0.2, "length": 1.0, "at": [-4, 3, 0.5]},
+        {"shape": "convex", "vertices": [[5, 5, 0], [6, 5, 0], [5, 6, 0], [5, 5, 1]]},
+        {"shape": "mesh", "vertices": [[5, -5, 0], [6, -5, 0], [5, -4, 0], [5, -5, 1]], "faces": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]},
+        {"shape": "voxels", "size": 0.1, "centers": [[7, 7, 0], [7, 7, 0.1], [7.1, 7, 0]]},
+        {"shape": "points", "radius": 0.05, "points": [[-7, 7, 0], [-7, 7.3, 0.1]]},
+    ],
+}  # fmt: skip
+_SCAN = {
+    "stamp": 12.5, "angle_min": -0.5, "angle_increment": 0.25, "range_min": 0.1, "range_max": 8.0,
+    "ranges": [1.5, None, 9.0, 2.0, 0.0], "pose": [1.0, 2.0, 0.3], "mount": [0.2, 0.0, 0.3, math.pi], "sensor": "rear",
+}  # fmt: skip
+_CSV = (
+    "stamp,angle_min,angle_increment,range_min,range_max,x,y,yaw,ranges\n" + "1.0,-0.5,0.5,0.1,8,1,2,0.3,1.5,,2.5\n" * 4
+)
+_CARMEN = (
+    "# made\nPARAM robot_length 0.5\n"
+    + "FLASER 4 1.0 2.0 81.9 0.0 5.0 6.0 0.5 4.0 6.0 0.5 976052857.3 host 0.7\n" * 2
+    + "ROBOTLASER1 0 -1.57 3.14 1.0 8.0 0.01 0 4 1.0 2.0 3.0 4.0 0 1 2 0.1 1 2 0.1 0 0 0 0 0 12.5 host 0.7\n"
+    + "RAWLASER1 0 -1.57 3.14 1.0 8.0 0.01 0 4 1.0 2.0 3.0 4.0 0 12.5 host 0.7\n"
+)
+_RESULT: dict[str, Any] = {
+    "format": "elastic-strips-result", "version": 1, "robot": "small", "base": "omni", "locked": {}, "urdf": "small.urdf",
+    "obstacles": [{"name": "b", "shape": "box", "size": [1, 1, 1], "pose": [3, 3, 0, 0, 0, 0, 1]}],
+    "strip": {"q": [[0, 0, 1, 0, 0, 0.1], [1, 0, 1, 0, 0, 0.1]]},
+}  # fmt: skip
+_MIMIC = SOUND.replace("</robot>", (
+    '<link name="pad"><inertial><mass value="1"/><origin xyz="0 0 0.1" rpy="0 0.1 0"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    '<collision><geometry><cylinder radius="0.05" length="0.1"/></geometry></collision></link>'
+    '<joint name="turn" type="continuous"><parent link="base"/><child link="pad"/><origin xyz="-0.5 0 0.5"/><axis xyz="0.6 0 0.8"/></joint>'
+    '<link name="finger"/><joint name="follow" type="revolute"><parent link="tool"/><child link="finger"/><axis xyz="0 1 0"/>'
+    '<limit lower="-1" upper="1" velocity="1" effort="9"/><mimic joint="slide" multiplier="2" offset="0.1"/></joint></robot>'
+))  # fmt: skip
+
+
+def _json(document: object) -> bytes:
+    return json.dumps(document, indent=1).encode()
+
+
+def seeds() -> tuple[Seed, ...]:
+    """All of them."""
+
+    def seed(
+        kind: str, file: str, content: bytes | str, reader: Use, weight: float = 1.0, **beside: bytes | str
+    ) -> Seed:
+        def binary(text: bytes | str) -> bytes:
+            return text.encode() if isinstance(text, str) else text
+
+        others = {name.replace("__", "."): binary(text) for name, text in beside.items()}
+        return Seed(kind, file, binary(content), reader, others, weight)
+
+    def srdf(path: Path) -> None:
+        es.load_robot(path.parent / "small.urdf", base="omni", srdf=path)
+
+    def cloud_file(path: Path) -> None:
+        io.read_scene(path.parent / f"{path.suffix[1:]}.yaml")
+
+    def robot_mesh(path: Path) -> None:
+        _robot(path.parent / "small.urdf")
+
+    box = '<box size="0.5 0.06 0.06"/>'
+    result = [
+        seed("URDF", "r.urdf", SOUND, _robot, 6.0),
+        seed("URDF", "r.urdf", _MIMIC, _robot, 6.0),
+        seed("SRDF", "r.srdf", SOUND_SRDF, srdf, 3.0, small__urdf=SOUND),
+        seed("scene", "s.yaml", json.dumps(_SCENE), _scene, 4.0),
+        seed("scene", "s.yaml", yaml_text(_SCENE), _scene, 5.0),
+        seed("scenario", "s.yaml", SCENARIO.replace("silvermate", "jackal-box"), _scenario, 4.0),
+        seed("scenario", "s.yaml", json.dumps({"robot": "jackal-box", "base": "omni", "preset": "default", "seed": 3, "params":
+             {"influence": 0.4}, "scene": "s2.yaml", "start": {"x": 0, "yaw": 0.1}, "goal": {"x": 3, "y": 1}}), _scenario, 2.0,
+             s2__yaml=json.dumps({"obstacles": _SCENE["obstacles"][:1]})),
+        seed("sensors", "s.yaml", silvermate_sensors().read_bytes(), io.read_sensors, 5.0),
+        seed("point cloud", "c.ply", _ply(binary=False), _cloud),
+        seed("point cloud", "c.ply", _ply(binary=True), _cloud, 1.5),
+        seed("point cloud", "c.pcd", _pcd(binary=False), _cloud),
+        seed("point cloud", "c.pcd", _pcd(binary=True), _cloud, 1.5),
+        seed("point cloud", "c.xyz", "# made\n" + "1.0 2.0 0.5 9\n2.0,1.0;0.5\n" * 20, _cloud),
+        seed("scene's points", "p.npy", _npy(np.random.default_rng(3).uniform(-1, 1, (30, 3))), cloud_file, 2.0,
+             npy__yaml="obstacles: [{shape: points, radius: 0.05, file: p.npy}]"),
+        seed("scene's points", "p.csv", "# made\n" + "1.0,2.0,0.5\n" * 20, cloud_file, 1.0,
+             csv__yaml="obstacles: [{shape: voxels, size: 0.1, file: p.csv}]"),
+        seed("laser log", "l.jsonl", (json.dumps(_SCAN) + "\n") * 3, io.read_laser_log, 2.0),
+        seed("laser log", "l.csv", _CSV, io.read_laser_log),
+        seed("laser log", "l.log", _CARMEN, io.read_laser_log, 2.0),
+        seed("Nav2 map", "m.yaml", _MAP, io.load_nav2_map, 2.0, map__pgm=_PGM),
+        seed("Nav2 map", "map.pgm", _PGM, lambda p: io.load_nav2_map(p.parent / "m.yaml"), 1.5, m__yaml=_MAP),
+        seed("Nav2 map", "map.pgm", _PGM_TEXT, lambda p: io.load_nav2_map(p.parent / "m.yaml"), 1.5, m__yaml=_MAP),
+        seed("BARN", "barn.json", _json(_BARN), lambda p: (io.barn_ids(p), io.load_barn(p, 0)), 2.0),
+        seed("DynaBARN", "dyna.json", _json(_DYNABARN), lambda p: (io.dynabarn_ids(p), io.load_dynabarn(p, 0)), 2.0),
+        seed("bridge", "bridge.json", _json(_BRIDGE), io.load_bridge, 2.0),
+        seed("result", "r.json", _json(_RESULT), lambda p: _from_result(p, str(p.parent / "small.urdf")), 4.0, small__urdf=SOUND),
+        seed("record", "r.npz", _record_bytes(), _record, 8.0),
+    ]  # fmt: skip
+    for name, content in meshes().items():
+        result.append(seed("mesh", name, content, es.Mesh.from_file, 0.7))
+        if name.endswith(".ply"):  # not read for robots
+            continue
+        urdf = SOUND.replace(box, f'<mesh filename="{name}"/>')
+        result.append(seed("robot's mesh", name, content, robot_mesh, 1.0, small__urdf=urdf))
+    return tuple(result)
+
+
+def yaml_text(document: object) -> str:
+    """The document in YAML's own style."""
+    import yaml
+
+    return yaml.safe_dump(document, sort_keys=False)
