@@ -103,7 +103,7 @@ class KinematicTree:
             placed = [data.oMi[i].homogeneous[:3] @ _turned(self.align[i]) for i in range(1, model.njoints)]
             off = max(
                 float(np.abs(kin.T[1:, n] - np.reshape(placed, (-1, 3, 4))).max(initial=0.0)),
-                float(np.abs(kin.J[n].T - np.reshape(data.J, (6, -1))).max(initial=0.0)),
+                float(np.abs(kin.J[n].T - np.reshape(data.J, (6, space.nv))).max(initial=0.0)),
             )
             size = 1.0 + float(np.abs(kin.T[:, n]).max())
             if not off <= 1e-9 * size:
