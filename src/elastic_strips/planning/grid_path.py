@@ -139,12 +139,12 @@ def grid_frame(low: Array, high: Array, resolution: float, most_cells: int) -> t
         resolution: edge that is wanted [m]; a multiple of it where there would be more than ``most_cells``.
         most_cells: largest number of cells.
     """
-    wanted, edge = resolution, resolution
+    wanted, edge, most_cells = resolution, resolution, max(most_cells, 16)
     while True:
         first = np.floor(low / edge) * edge
         shape = np.ceil((high - first) / edge).astype(np.int64) + 1
         cells = float(shape[0]) * float(shape[1])
-        if cells <= max(most_cells, 16):
+        if cells <= most_cells:
             return first, shape, edge
         edge = wanted * max(np.ceil(edge / wanted * np.sqrt(cells / most_cells)), np.rint(edge / wanted) + 1.0)
 

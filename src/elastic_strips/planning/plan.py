@@ -36,6 +36,9 @@ _FINEST = 4.0  # times as many samples on an edge as usual, at most
 _MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 _STUCK = 6  # most ticks in a row in which a strip along a grid's way gets no clearer
 _GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
+_DETOUR, _ASIDE = 3.0, 5.0  # a grid's way of more than 3 times the direct way and 5 m [m] waits for OMPL
+_SHORTER_SHARE, _SHORTER = 0.25, 2.0  # of the time, and most [s], is OMPL's then
+_MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
 _WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
 
@@ -116,8 +119,13 @@ def plan_report(
     search = _Search(robot, scene, start, goal, params, deformer, bounds, deadline, watch)
     report = search.given_path(path) if path is not None else None
     report = report or search.straight(int(line_ticks) if line else 0)
-    if report is None and grid and robot.space.planar:
-        report = search.over_the_grid()
+    if report is None and grid and search.region is not None:
+        direct = float(np.hypot(*np.diff(search.region.ends, axis=0)[0]))
+        report = search.over_the_grid(_DETOUR * direct + _ASIDE)
+        if report is None and search.put_off:  # is there no shorter one that the base alone does not find?
+            report = search.with_ompl(
+                int(seed), min(_SHORTER_SHARE * search.deadline.left, _SHORTER)
+            ) or search.over_the_grid(np.inf)
     return report or search.with_ompl(int(seed)) or search.failed()
 
 
@@ -143,7 +151,11 @@ class _Search:
         self.hit = ""  # what was last in the way
         self.initial: Strip | None = None
         self.box: tuple[Array, Array] | None = None  # where the base was last looked for
-        self.way: Array | None = None  # the grid's
+        self.ways: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
+        self.relaxed_ways: set[float | None] = set()
+        self.put_off = False  # whether a way is longer than others should be looked for first
+        self.calls = self.searches = 0  # of OMPL
+        self.fineness = 1.0
 
     def given_path(self, path: npt.ArrayLike) -> PlanReport | None:
         """A path that the caller knows."""
@@ -164,14 +176,25 @@ class _Search:
         self.timings["line"] += perf_counter() - mark
         return self._judged(initial, report, "line", "straight line")
 
-    def over_the_grid(self) -> PlanReport | None:
-        """The way over a grid: first as narrow as the base, then, where that did not relax, as wide as the robot."""
+    def over_the_grid(self, longest: float) -> PlanReport | None:
+        """The way over a grid: first as narrow as the base, then, where that did not relax, as wide as the robot.
+
+        A way longer than ``longest`` [m] is put off.
+        """
         over = Deadline(_GRID_SHARE * self.deadline.left).over
         folded = min(footprint(self.robot, q).outer for q in (self.start, self.robot.home_q))
         for inner in (None, folded + self.params.clearance):
-            way = self._way(inner, over)
+            if inner not in self.ways:
+                self.ways[inner] = self._way(inner, over)
+            way = self.ways[inner]
             if way is None:
                 return None  # nor is there a wider one
+            self.put_off = _length(way) > longest
+            if self.put_off:
+                return None
+            if inner in self.relaxed_ways:
+                continue
+            self.relaxed_ways.add(inner)
             for rows, what in way_rows(self.robot, self.start, self.goal, way, self.spacing, self.params.max_nodes):
                 report = self._relaxed(rows, "grid", f"grid's path{what}", _STUCK, over)
                 if report is not None or over():
@@ -180,8 +203,10 @@ class _Search:
 
     def _way(self, inner: float | None, over: Callable[[], bool]) -> Array | None:
         """A way (K, 2) on the smallest grid that has one."""
-        no_way = ""
+        no_way = "the time was over before the grid was searched"
         for box in self.region.boxes(_WIDEN) if self.region else ():
+            if over():
+                break
             self.attempts += 1
             self.box = box
             cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
@@ -189,30 +214,30 @@ class _Search:
                 self.robot, self.scene, self.start, self.goal, box=box, inner=inner, most_cells=cells, over=over
             )
             self.timings["planner"] += found.seconds
-            self.way = self.way if found.way is None else found.way
-            if found.way is not None or over():
+            if found.way is not None:
                 return found.way
             no_way = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
         self.reasons.append(no_way)
         return None
 
-    def with_ompl(self, seed: int) -> PlanReport | None:
-        """Paths of RRTConnect, each with another seed, in boxes of several sizes, until the time is over."""
-        fineness, searches, futile = 1.0, 0, 0
-        for attempt in range(64):
-            if self.deadline.over():
-                break
+    def with_ompl(self, seed: int, seconds: float = np.inf) -> PlanReport | None:
+        """Paths of RRTConnect, each with another seed, in boxes of several sizes, for some of the time."""
+        deadline = Deadline(min(seconds, self.deadline.left))
+        futile, last = 0, ""
+        while self.calls < _MOST_CALLS and not deadline.over():
+            attempt, searches = self.calls, self.searches
+            self.calls += 1
             self.attempts += 1
             mark = perf_counter()
             self.box = self._ompl_box(searches)
             found = ompl_path(
                 self.robot, self.scene, self.start, self.goal, seed=seed + 7919 * attempt,
                 margin=_MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance),
-                timeout=1.0 + 0.5 * searches, spacing=self.spacing, box=self.box, fineness=fineness,
-                most=self.params.max_nodes, deadline=self.deadline,
+                timeout=1.0 + 0.5 * searches, spacing=self.spacing, box=self.box, fineness=self.fineness,
+                most=self.params.max_nodes, deadline=deadline,
             )  # fmt: skip
             self.timings["planner"] += perf_counter() - mark
-            searches += found.searched
+            self.searches += found.searched
             if found.chart is None:
                 futile += found.searched
                 last = found.reason
@@ -220,19 +245,21 @@ class _Search:
             report = self._relaxed(found.chart, "ompl", f"OMPL path {self.attempts}", None)
             if report is not None:
                 return report
-            if fineness < _FINEST and not certify_path(self.deformer, self.scene, found.chart).certified:
-                fineness *= 2.0  # the planner's samples had missed something on an edge
+            if self.fineness < _FINEST and not certify_path(self.deformer, self.scene, found.chart).certified:
+                self.fineness *= 2.0  # the planner's samples had missed something on an edge
         if futile:
             self.reasons.append(f"{last} ({futile} searches without a path)" if futile > 1 else last)
         return None
 
     def _ompl_box(self, search: int) -> tuple[Array, Array] | None:
-        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's way."""
+        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's ways."""
         if self.region is None:
             return None
         low, high = self.region.box(2.0 + 0.5 * (search % 4) if search % 3 == 0 else 2.0 * 1.6**search)
-        if self.way is not None and self.region.given is None:
-            low, high = np.minimum(low, self.way.min(axis=0) - 1.0), np.maximum(high, self.way.max(axis=0) + 1.0)
+        if self.region.given is None and not self.put_off:
+            for way in self.ways.values():
+                if way is not None:
+                    low, high = np.minimum(low, way.min(axis=0) - 1.0), np.maximum(high, way.max(axis=0) + 1.0)
         return low, high
 
     def failed(self) -> PlanReport:
@@ -288,6 +315,10 @@ class _Search:
             report=report, attempts=self.attempts, ticks=self.ticks, seconds=self.deadline.spent,
             timings=self.timings,
         )  # fmt: skip
+
+
+def _length(way: Array) -> float:
+    return float(np.hypot(*np.diff(way, axis=0).T).sum())
 
 
 def plan(

@@ -101,7 +101,6 @@ def test_no_strip_at_all_is_said(silvermate, caplog) -> None:
     assert report.alternatives == ()
     assert report.reason.startswith("0 certified strips")
     assert "across" in report.reason
-    assert report.seconds < 3.0
     assert any("0 certified strips" in r.message for r in caplog.records)
 
 
