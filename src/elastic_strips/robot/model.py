@@ -187,7 +187,7 @@ class RobotModel:
                     f"{what}: joint {name!r} = {chart[index]:.6g} is outside its limits "
                     f"[{self.space.lower[k]:.6g}, {self.space.upper[k]:.6g}]"
                 )
-            for k in np.flatnonzero((beyond > 0.0).reshape(-1, self.nv).any(axis=0)):
+            for k in np.flatnonzero((beyond > 0.0).any(axis=tuple(range(array.ndim - 1)))):
                 i = int(self.space.idx_q[k - self.space.base_nv])
                 array[..., i] = np.clip(array[..., i], self.space.lower[k], self.space.upper[k])
         return array
