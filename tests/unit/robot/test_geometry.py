@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import ConvexHull
 
+from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.geometry import (
@@ -23,7 +24,6 @@ from elastic_strips.robot.geometry import (
     link_geometries,
     support_points,
 )
-from elastic_strips.catalogue import find_robot
 
 SHAPES = [
     coal.Box(0.2, 0.4, 0.6),
