@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -129,9 +130,11 @@ def find_robot(name: str) -> KnownRobot:
         return known[sharing[0]]
     if sharing:
         raise RobotError(f"robot {name!r} is ambiguous; give one of {', '.join(sharing)}")
+    close = difflib.get_close_matches(name, [*known, *_shared()], n=3, cutoff=0.5)
+    missing = "" if example_robot_data() is not None else " The package example-robot-data is not installed."
     raise RobotError(
-        f"unknown robot {name!r}{nearest_name(name, known)} Or give the path of a URDF file. "
-        "'elastic-strips list --robots' shows all."
+        f"unknown robot {name!r}{nearest_name(name, {*own_robots(), *close})} 'elastic-strips list --robots' shows "
+        f"all; or give the path of a URDF file.{missing}"
     )
 
 

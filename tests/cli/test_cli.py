@@ -59,7 +59,10 @@ def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     """Scenarios, robots and presets, by the names that the options take."""
     assert call("list") == 0
     names = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("  ")}
-    assert names == {*scenario_names(), *robot_names(), "default", "paper"}
+    own = {"silvermate", "jackal-box", "bridge-arm", "tiago"}
+    assert names == {*scenario_names(), *own, "and", "default", "paper"}
+    assert call("list", "--robots") == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(robot_names())
 
 
 def test_a_certified_run_ends_with_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

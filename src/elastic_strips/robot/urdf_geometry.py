@@ -97,6 +97,11 @@ def _check_element(element: Any, source: Path, folders: list[Path], what: str) -
             if min(values) < _MIN_SIZE:
                 least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
                 raise RobotError(f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}")
+        if shape.tag == "capsule":
+            raise RobotError(
+                f"{source}:{shape.sourceline}: {what}: Pinocchio reads no <capsule> from a URDF; give a <cylinder> and "
+                "two <sphere>s"
+            )
     else:
         hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
         raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")

@@ -20,7 +20,7 @@ ARM = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
 
 def test_named_robots(silvermate, tiago):
-    assert set(robot_names()) == {"silvermate", "tiago", "jackal-box", "bridge-arm"}
+    assert {"silvermate", "tiago", "jackal-box", "bridge-arm"} < set(robot_names())
     for robot in (silvermate, tiago):
         assert robot.base_kind is BaseKind.DIFF_DRIVE
         assert robot.model.joints[1].shortname() == "JointModelPlanar"

@@ -98,7 +98,6 @@ def test_the_good_file_is_good(tmp_path):
         (robot(BASE, link(), joint(more='<axis xyz="0 1"/>' + LIMIT)), "<axis xyz='0 1'> is not 3 finite number"),
         (robot(BASE, link(), joint(more='<origin xyz="0 nan 0"/>' + LIMIT)), "<origin xyz='0 nan 0'>"),
         (robot(BASE, link(), joint(more='<origin rpy="0 0 inf"/>' + LIMIT)), "<origin rpy='0 0 inf'>"),
-        (robot(BASE, link(), joint(more=LIMIT + '<mimic joint="hing"/>')), "mimics unknown joint 'hing'; did you mean"),
         (robot(BASE, link(geometry=""), joint()), "link 'arm' <collision> has no <geometry>"),
         (robot(BASE, link(geometry='<ball radius="1"/>'), joint()), "link 'arm' <collision> has unknown shape <ball>"),
         (robot(BASE, link(geometry='<sphere radius="-1"/>'), joint()), "has radius [-1.0]; it must be > 0"),
@@ -119,7 +118,6 @@ def test_the_good_file_is_good(tmp_path):
             robot(BASE, link(more='<inertial><mass value="1"/><inertia ixx="-1"/></inertial>'), joint()),
             "ixx = -1.0; it must be",
         ),
-        (GOOD.replace(' name="test"', ""), "not a valid URDF"),
         (robot(BASE, link(geometry='<capsule radius="0.1" length="1"/>'), joint()), "capsule"),
     ],
 )  # fmt: skip
@@ -306,9 +304,7 @@ def test_srdf_pairs_and_home(tmp_path):
     "element, words",
     [
         ('<disable_collisions link1="base"/>', "<disable_collisions> has no attribute 'link2'"),
-        ('<disable_collisions link1="base" link2="amr"/>', "names unknown link 'amr'; did you mean 'arm'"),
         ('<group_state group="g"/>', "<group_state> has no name"),
-        ('<group_state name="home"><joint name="hing" value="0"/></group_state>', "unknown joint 'hing'; did you mean"),
         ('<group_state name="home"><joint name="hinge" value="x"/></group_state>', "has value 'x', not a number"),
         ('<group_state name="home"><joint name="hinge" value="nan"/></group_state>', "has value 'nan', not a number"),
         ('<group_state name="home"><joint name="hinge"/></group_state>', "has value None, not a number"),
@@ -332,10 +328,3 @@ def test_srdf_files_that_are_none(tmp_path, content, words):
         load_robot(path, srdf=write(tmp_path, content, "test.srdf"))
     with pytest.raises(RobotError, match="cannot read the SRDF file: No such file"):
         load_robot(path, srdf=tmp_path / "none.srdf")
-
-
-def test_a_home_outside_the_limits_names_the_file(tmp_path):
-    path = write(tmp_path, GOOD)
-    semantics = srdf(tmp_path, '<group_state name="home"><joint name="hinge" value="2"/></group_state>')
-    with pytest.raises(RobotError, match=r"test\.srdf.*'hinge' = 2"):
-        load_robot(path, srdf=semantics)
