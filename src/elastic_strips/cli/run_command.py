@@ -23,7 +23,7 @@ EXIT_CERTIFIED = 0
 EXIT_NOT_CERTIFIED = 3
 
 
-@click.command(short_help="Run a scenario: plan, deform, certify.")
+@click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml")
 @click.option(
     "--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default."

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import ElasticStripsError
 from ..robot import RobotModel
 from ..robot.space import Array
 from .following import follow
@@ -25,7 +25,7 @@ _MIN_GRID = 16
 _RANGE_SLACK = 1e-6  # [rad or m]
 
 
-class RetimingError(InputError):
+class RetimingError(ElasticStripsError):
     """A path cannot be driven as asked: no room to brake, a start velocity off the path, limits that cannot be kept."""
 
 

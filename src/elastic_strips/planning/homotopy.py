@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt, label, maximum_position
 
 from ..errors import ParameterError
 from ..robot import RobotModel
@@ -88,6 +87,8 @@ def component_map(
     Raises:
         ParameterError: a fixed base, points of another shape or not finite, or a length that is not positive.
     """
+    from scipy.ndimage import distance_transform_edt, label, maximum_position  # late: slow to import
+
     xy = _points(points, least=1)
     if not robot.space.planar:
         raise ParameterError(f"the base of {robot.name!r} is fixed; diff_drive or omni is needed for classes of paths")

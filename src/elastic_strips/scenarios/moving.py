@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..catalogue import SCENARIOS
 from ..errors import ScenarioError
 from ..io import PoseSpec
 from ..scene import Box, Cylinder, Keyframes, Motion, Obstacle, Scene, Sphere, World, Yielding, checks
@@ -126,8 +127,7 @@ def moving_corridor(
     world = World(Scene(obstacles), appears, vanishes)
     return Scenario(
         name=COURTEOUS if yielding else NAME,
-        summary=f"the corridor with {COUNTS[0]} to {COUNTS[1]} movers that appear, cross and come head-on"
-        + (", and stop for a robot that stands (seeded)" if yielding else " (seeded)"),
+        summary=SCENARIOS[COURTEOUS if yielding else NAME],
         scene=world.at(0.0),
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(LENGTH, 0.0, 0.0),

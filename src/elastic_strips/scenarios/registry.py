@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..catalogue import SCENARIOS
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
 from .closing import NAME as CLOSING
@@ -24,7 +25,7 @@ from .traps import BOTTLENECK, DEAD_END, bottleneck, dead_end
 def _corridor(seed: int) -> Scenario:
     return Scenario(
         name="corridor",
-        summary="8 m of clutter, 32 obstacles of mixed shapes and heights (seeded generator)",
+        summary=SCENARIOS["corridor"],
         scene=corridor_scene(seed),
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(LENGTH, 0.0, 0.0),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.errors import SceneError
+from elastic_strips.validation import shown
 
 Array = NDArray[np.float64]
 
@@ -28,12 +29,6 @@ QUAT_TOLERANCE = 1e-6
 
 POSE_TOLERANCE = 1e-6
 """A rotation matrix whose columns are orthonormal to this is accepted."""
-
-
-def shown(value: object) -> str:
-    """Return a short representation of ``value`` for an error message."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def number(

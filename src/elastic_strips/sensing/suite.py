@@ -43,7 +43,7 @@ class SensorSuite:
 
     Raises:
         RobotError: the robot has not the links that the sensors sit on.
-        NoRayTracer: the extra ``sensing`` is needed for the shapes there are, and not installed.
+        MissingExtraError: the extra ``sensing`` is needed for the shapes there are, and not installed.
     """
 
     def __init__(

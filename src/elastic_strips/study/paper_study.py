@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..control.sequencing import MissingExtraError
-from ..errors import InputError, ScenarioError, nearest_name
+from ..errors import InputError, ScenarioError, missing_extra, nearest_name
 from ..io.files import check_writable, write_whole
 from ..robot.space import Array
 from ..scenarios import drive_scenario, get_scenario
@@ -103,7 +102,7 @@ def paper_study(
     try:
         import matplotlib.figure  # noqa: F401 - before anything is run
     except ImportError as error:
-        raise MissingExtraError("the study needs matplotlib: pip install 'elastic-strips[study]'") from error
+        raise missing_extra("the study", "matplotlib", "study") from error
     out = Path(folder)
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from elastic_strips.errors import InputError
 from elastic_strips.robot import RobotModel
@@ -167,6 +166,8 @@ def counted(path: str, count: NDArray[np.intp]) -> Mapping[str, Any]:
 
 def motion(path: str, times: ArrayLike, matrices: Floats) -> list[Mapping[str, Any]]:
     """Tracks of position and orientation through (F, 16) column-major matrices."""
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
     T = np.swapaxes(matrices.reshape(-1, 4, 4), -1, -2)
     quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat()
     flips = np.cumprod(np.where(np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0, -1.0, 1.0))
