@@ -14,8 +14,8 @@ SCENARIOS = {
     "bottleneck": "a wall with a door of 0.75 m, a little beside the line",
     "dead-end": "a dead end, 1.2 m deep and 1.8 m wide, on the line",
     "moving-corridor": "the corridor with 1 to 8 movers that appear, cross and come head-on (seeded)",
-    "courteous-corridor": "the corridor with 1 to 8 movers that appear, cross and come head-on, and stop for a robot that "
-    "stands (seeded)",
+    "courteous-corridor": "the corridor with 1 to 8 movers that appear, cross and come head-on, and stop for a robot "
+    "that stands (seeded)",
 }
 
 PRESETS = {

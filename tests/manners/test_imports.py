@@ -45,9 +45,7 @@ def test_importing_the_package_loads_nothing_heavy():
 
 def test_planning_loads_nothing_that_it_does_not_use():
     """The names of the ten-line program, asked for; loading a robot is another matter: its meshes have to be read."""
-    names = loaded(
-        "import elastic_strips as es; es.plan, es.Deformer, es.Scene, es.Strip, es.read_scene, es.run_scenario"
-    )
+    names = loaded("import elastic_strips as es; es.plan, es.Deformer, es.Scene, es.read_scene, es.run_scenario")
     unused = {"matplotlib", "mujoco", "meshcat", "tornado", "ompl", "toppra", "py_trees", "rich"}
     unused |= {"elastic_strips.execution", "elastic_strips.sensing", "elastic_strips.control", "elastic_strips.viewer"}
     assert not names & unused
@@ -83,9 +81,7 @@ def test_names_that_load_late_are_all_there(package):
 
 def test_names_can_be_completed_before_they_are_loaded():
     assert set(es.__all__) <= set(dir(es))
-    done = python(
-        "import elastic_strips as es; assert set(es.__all__) <= set(dir(es)); from elastic_strips import *; Box"
-    )
+    done = python("import elastic_strips as es; assert {*es.__all__} <= {*dir(es)}; from elastic_strips import *; Box")
     assert done.returncode == 0, done.stderr
 
 

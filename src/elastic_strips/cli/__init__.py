@@ -26,8 +26,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 @contextmanager
 def interruptible_imports() -> Iterator[None]:
-    """Ctrl-C ends the process here and now: nothing is begun yet, and a ``KeyboardInterrupt`` amid an import may be lost
-    in a callback of the interpreter, or printed by one."""
+    """Ctrl-C ends the process here and now: nothing is begun yet, and a ``KeyboardInterrupt`` amid an import may be
+    lost in a callback of the interpreter, or printed by one."""
     try:
         mine = signal.getsignal(signal.SIGINT) is signal.default_int_handler
         if mine:

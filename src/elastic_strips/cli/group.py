@@ -1,5 +1,5 @@
-"""The command group, which loads a command when it is called, and how errors end one: a message and exit code 2, never a
-traceback."""
+"""The command group, which loads a command when it is called, and how errors end one: a message and exit code 2, never
+a traceback."""
 
 from __future__ import annotations
 

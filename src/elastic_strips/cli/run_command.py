@@ -89,7 +89,7 @@ def _run(problem: Scenario, model: RobotModel, preset: str | None, seed: int | N
     with LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:
-            bar.step(f"{report.status.value}, clearance {report.clearance:.3f} m")
+            bar.step(f"{report.status.value}, clearance of the nodes {report.node_clearance:.3f} m")
 
         return run_scenario(problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch)
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from ..robot.space import Array
+from ..scene import Scene
 from ..strip import Strip
-from ..tunnel import Certificate, Tunnel
+from ..tunnel import Certificate, Tunnel, strip_clearance
 
 
 class DeformStatus(str, Enum):
@@ -54,7 +55,9 @@ class DeformReport:
         strip: the deformed strip.
         status, reason: what state it is in, and why.
         certificate: proof of its clearance, segment by segment.
-        clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance.
+        node_clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance; of use in
+            control loops. People are shown :attr:`clearance`, that of the whole strip.
+        scene: the obstacles that it is about.
         energies: potential by force.
         timings: seconds by phase; they sum to ``seconds``.
         seconds: duration of the tick.
@@ -74,7 +77,8 @@ class DeformReport:
     status: DeformStatus
     reason: str
     certificate: Certificate
-    clearance: float
+    node_clearance: float
+    scene: Scene
     energies: dict[str, float] = field(default_factory=dict)
     timings: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
@@ -88,6 +92,17 @@ class DeformReport:
     connectivity_counts: bool = False
     heading_step: float = 0.0
     task_errors: Array | None = None
+    _clearance: list[float] = field(default_factory=list, init=False, repr=False)
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip, between its nodes too: :func:`strip_clearance`.
+
+        Infinite without obstacles. Measured when it is first asked for, which takes longer than a tick.
+        """
+        if not self._clearance:
+            self._clearance.append(strip_clearance(self.strip, self.scene))
+        return self._clearance[0]
 
     @property
     def certified(self) -> bool:

@@ -234,7 +234,7 @@ class Runner:
             phase_ms={k: 1e3 * s for k, s in proposal.timings.items()} if proposal else {},
             status=proposal.report.status.value if proposal else "",
             certified=bool(proposal and proposal.report.certified),
-            clearance=proposal.report.clearance if proposal else np.nan,
+            clearance=proposal.report.node_clearance if proposal else np.nan,
             horizon_end=supervisor.held.end_time,
             strip=self.pilot.strip.chart,
             reason=(proposal.reason if proposal else "") or supervisor.reason,

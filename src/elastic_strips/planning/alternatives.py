@@ -74,7 +74,7 @@ class AlternativesReport:
 
 def strip_cost(report: DeformReport, params: DeformParams) -> float:
     """What a strip costs [m]: its length, and up to 1 m more the less of the influence distance it keeps clear."""
-    return report.strip.length + _TIGHT * max(0.0, 1.0 - report.clearance / params.influence)
+    return report.strip.length + _TIGHT * max(0.0, 1.0 - report.node_clearance / params.influence)
 
 
 def strip_path(strip: Strip) -> Array:
@@ -227,7 +227,7 @@ class _Search:
             self.notes.append(f"{what}: relaxed into a class that is there already")
         else:
             self.found[word] = Alternative(
-                report.strip, report, word, method, report.strip.length, report.clearance, cost
+                report.strip, report, word, method, report.strip.length, report.node_clearance, cost
             )
         return True
 

@@ -151,7 +151,7 @@ def plan_report(
     timings["line"] += perf_counter() - mark
     if report.usable:
         return done(report, "line", f"the straight line relaxed to a certified strip in {report.ticks} ticks")
-    best = report if best is None or report.clearance > best.clearance else best
+    best = report if best is None or report.node_clearance > best.node_clearance else best
     reasons.append(f"straight line: {report.reason}")
 
     if grid and robot.space.planar:
@@ -169,7 +169,7 @@ def plan_report(
                         report, "grid", f"the grid's path{what} relaxed to a certified strip in {report.ticks} ticks"
                     )
                 reasons.append(f"grid's path{what}: {report.reason}")
-                best = report if report.clearance > best.clearance else best
+                best = report if report.node_clearance > best.node_clearance else best
 
     fineness = 1.0
     for attempt in range(64):
@@ -195,7 +195,7 @@ def plan_report(
         reasons.append(f"path {attempts}: {report.reason}")
         if fineness < _FINEST and not certify_path(deformer, scene, found.chart).certified:
             fineness *= 2.0  # the planner's samples had missed something on an edge
-        best = report if report.clearance > best.clearance else best
+        best = report if report.node_clearance > best.node_clearance else best
     reason = "no certified strip: " + "; ".join(reasons[-4:])
     _log.warning("%s", reason)
     return done(best, "none", reason)

@@ -33,7 +33,7 @@ def relax_line(
         report = replace(step, ticks=tick)
         if watch is not None:
             watch(step)
-        if step.clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
+        if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
             break  # nodes on both sides of an obstacle: more ticks would not bring them together
     return report
 
@@ -91,8 +91,8 @@ def relax_while_clearer(
         ticks, strip = ticks + 1, report.strip
         if watch is not None:
             watch(report)
-        since = 0 if report.clearance > clearest + _GAIN else since + 1
-        clearest = max(clearest, report.clearance)
+        since = 0 if report.node_clearance > clearest + _GAIN else since + 1
+        clearest = max(clearest, report.node_clearance)
         if report.usable:
             return _cleared(deformer, report, scene, extra_ticks, watch)
         rest = report.moved < deformer.params.rest_step
@@ -105,12 +105,12 @@ def _cleared(
 ) -> DeformReport:
     """A few ticks more where a certified strip is still very near an obstacle."""
     for _ in range(ticks):
-        if not report.usable or report.clearance >= deformer.params.near:
+        if not report.usable or report.node_clearance >= deformer.params.near:
             break
         further = deformer.step(report.strip, scene)
         if watch is not None:
             watch(further)
-        if not further.usable or further.clearance <= report.clearance:
+        if not further.usable or further.node_clearance <= report.node_clearance:
             break
         report = replace(further, ticks=report.ticks + 1, reason=report.reason)
     return report

@@ -16,7 +16,6 @@ from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..strip import Strip
-from ..tunnel import strip_clearance
 from .passage import passage
 from .scenario import Scenario
 
@@ -31,7 +30,6 @@ class RunResult:
         report: last report; its strip is the result.
         method: where the initial strip came from: ``"line"``, ``"ompl"`` or ``"none"``.
         reason: what happened, for people.
-        clearance: of the interpolated strip [m].
         passage: see :func:`passage`.
         seed: of the planner.
         ticks: all ticks; tick_seconds: the duration of each.
@@ -46,13 +44,17 @@ class RunResult:
     report: DeformReport
     method: str
     reason: str
-    clearance: float
     passage: str | None
     seed: int
     ticks: int
     tick_seconds: Array
     time_to_certified: float | None
     frames: tuple[Strip, ...] = field(default_factory=tuple)
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip: the report's."""
+        return self.report.clearance
 
     @property
     def certified(self) -> bool:
@@ -106,10 +108,9 @@ def run_scenario(
         if scenario.name in str(error):
             raise
         raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
-    clearance = strip_clearance(report.strip, scenario.scene)
     return RunResult(
         scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
-        clearance=clearance, passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
+        passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
         tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
     )  # fmt: skip
 

@@ -132,7 +132,7 @@ class Viewer:
         if scene is not None:
             self._scene = scene
         strip = getattr(report, "strip", report)
-        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report, q=q)
+        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report, q=q, live=True)
         if self._lost:
             self._missed = job  # nobody looks; save_html may want it
         else:
