@@ -11,10 +11,11 @@ import numpy.typing as npt
 from .errors import ConfigurationError
 from .robot import BaseKind, RobotModel
 from .robot.space import Array
+from .summary import Summary
 
 
-@dataclass(frozen=True, eq=False)
-class Strip:
+@dataclass(frozen=True, eq=False, repr=False)
+class Strip(Summary):
     """An elastic strip: configurations q (N, nq) of one robot, N ≥ 2, start and goal included.
 
     Between two nodes the robot follows ``pin.interpolate``: a screw arc of the base and a straight line of the joints.
@@ -58,6 +59,10 @@ class Strip:
         frozen.setflags(write=False)
         strip.__dict__["chart"] = frozen
         return strip
+
+    def _summary(self) -> dict[str, object]:
+        unit = "m" if self.robot.space.planar else "rad"
+        return {"robot": self.robot.name, "nodes": len(self), "length": f"{self.length:.3f} {unit}"}
 
     def __len__(self) -> int:
         return len(self.q)

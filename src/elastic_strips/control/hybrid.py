@@ -15,6 +15,7 @@ from ..execution.perception import Perceiver
 from ..execution.replanning import standing
 from ..robot import RobotModel
 from ..scene import Scene, World
+from ..summary import Summary
 from .deliberative import Deliberation, DeliberativeLayer
 from .director import Director
 from .sequencing import Facts, Order, SequencingLayer
@@ -22,8 +23,8 @@ from .task_watch import TaskEvent, TaskWatch
 from .tasks import Task
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HybridResult:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class HybridResult(Summary):
     """What became of a task.
 
     Attributes:

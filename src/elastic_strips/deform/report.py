@@ -8,6 +8,7 @@ from enum import Enum
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from ..summary import Summary
 from ..tunnel import Certificate, Tunnel, strip_clearance
 
 
@@ -24,8 +25,8 @@ class DeformStatus(str, Enum):
     BLOCKED = "blocked"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ForceField:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ForceField(Summary):
     """External forces of the last update, to look at.
 
     Attributes:
@@ -36,8 +37,8 @@ class ForceField:
     vectors: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TickResult:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TickResult(Summary):
     """What the iterations of a tick came to: certificate, sideways slip [m], motion, energies, external forces."""
 
     certificate: Certificate
@@ -47,8 +48,8 @@ class TickResult:
     field: ForceField
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DeformReport:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DeformReport(Summary):
     """Result of one tick, or of :meth:`Deformer.settle`.
 
     Attributes:
@@ -93,6 +94,18 @@ class DeformReport:
     heading_step: float = 0.0
     task_errors: Array | None = None
     _clearance: list[float] = field(default_factory=list, init=False, repr=False)
+
+    def _summary(self) -> dict[str, object]:
+        segments = self.certificate.segments
+        return {
+            "status": self.status.value, "reason": self.reason, "robot": self.strip.robot.name,
+            "nodes": len(self.strip), "certified": f"{int(segments.sum())} of {len(segments)} segments",
+            "ticks": self.ticks,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        length = f"{self.strip.length:.3f} {'m' if self.strip.robot.space.planar else 'rad'}"
+        return {"clearance": f"{self.clearance:.3f} m", "length": length, "time": f"{1e3 * self.seconds:.1f} ms"}
 
     @property
     def clearance(self) -> float:

@@ -16,14 +16,15 @@ import numpy.typing as npt
 from ..errors import ParameterError, nearest_name
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
+from ..summary import Summary
 from .wheels import read_wheels
 
 _UNLIMITED = 1e6
 """Speeds [rad/s or m/s] above this are a description's way to say that there is no limit."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MotionLimits:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class MotionLimits(Summary):
     """Symmetric box limits of a robot's motors.
 
     Attributes:

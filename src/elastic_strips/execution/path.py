@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import ElasticStripsError
 from ..robot import RobotModel
 from ..robot.space import Array
+from ..summary import Summary
 from .following import follow
 from .limits import MotionLimits
 from .polyline import Polyline, spread
@@ -29,8 +30,8 @@ class RetimingError(ElasticStripsError):
     """A path cannot be driven as asked: no room to brake, a start velocity off the path, limits that cannot be kept."""
 
 
-@dataclass(frozen=True, eq=False)
-class DrivePath:
+@dataclass(frozen=True, eq=False, repr=False)
+class DrivePath(Summary):
     """A smooth path in drive coordinates.
 
     Attributes:

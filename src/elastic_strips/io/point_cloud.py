@@ -12,6 +12,7 @@ import numpy as np
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.robot.space import Array
 from elastic_strips.scene import Scene, Voxels
+from elastic_strips.summary import Summary
 
 MAX_BYTES = 1_000_000_000
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
@@ -32,8 +33,8 @@ _PCD_TYPES = {(k, s): f"{t}{s}" for k, t in (("I", "i"), ("U", "u")) for s in (1
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PointCloud:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointCloud(Summary):
     """Points of a file.
 
     Attributes:

@@ -16,6 +16,7 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from ..summary import Summary
 from .ends import check_ends
 from .homotopy import BaseClass, Component, ComponentMap, base_class, component_map
 from .line import straight_line
@@ -30,8 +31,8 @@ _LINE_TICKS = 6
 _MARGINS = (0.04, 0.02, 0.01, 0.005)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Alternative:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Alternative(Summary):
     """One certified strip among others.
 
     Attributes:
@@ -51,9 +52,15 @@ class Alternative:
     clearance: float
     cost: float
 
+    def _summary(self) -> dict[str, object]:
+        return {
+            "base_class": self.base_class, "method": self.method, "length": f"{self.length:.3f} m",
+            "clearance_of_nodes": f"{self.clearance:.3f} m", "cost": self.cost, "nodes": len(self.strip),
+        }  # fmt: skip
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AlternativesReport:
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AlternativesReport(Summary):
     """Strips of different classes.
 
     Attributes:
@@ -70,6 +77,12 @@ class AlternativesReport:
     attempts: int
     seconds: float
     timings: dict[str, float] = field(default_factory=dict)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "alternatives": len(self.alternatives), "costs": [round(a.cost, 3) for a in self.alternatives],
+            "reason": self.reason, "attempts": self.attempts, "seconds": self.seconds,
+        }  # fmt: skip
 
 
 def strip_cost(report: DeformReport, params: DeformParams) -> float:

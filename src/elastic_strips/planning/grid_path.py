@@ -18,6 +18,7 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array, Indices
 from ..scene import Scene
+from ..summary import Summary
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -44,8 +45,8 @@ class Footprint:
     height: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GridPath:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class GridPath(Summary):
     """What was found on the grid.
 
     Attributes:

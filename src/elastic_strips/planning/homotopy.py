@@ -17,6 +17,7 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array, Indices
 from ..scene import Scene
+from ..summary import Summary
 from .grid_path import FLOOR, footprint, owner_map
 
 BaseClass = tuple[tuple[str, int], ...]
@@ -42,8 +43,8 @@ class Component:
     area: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ComponentMap:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ComponentMap(Summary):
     """The components of a scene on a grid.
 
     Attributes:

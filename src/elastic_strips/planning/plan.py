@@ -20,6 +20,7 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from ..summary import Summary
 from .edges import certify_path
 from .ends import check_ends
 from .grid_path import grid_path
@@ -33,8 +34,8 @@ _FINEST = 4.0  # times as many samples on an edge as usual, at most
 _MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlanReport:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlanReport(Summary):
     """How an initial strip came about.
 
     Attributes:
@@ -60,6 +61,15 @@ class PlanReport:
     ticks: int
     seconds: float
     timings: dict[str, float] = field(default_factory=dict)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "certified": self.certified, "method": self.method, "reason": self.reason, "robot": self.strip.robot.name,
+            "nodes": len(self.strip), "attempts": self.attempts, "ticks": self.ticks, "seconds": self.seconds,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        return {"clearance": f"{self.report.clearance:.3f} m"}
 
 
 def plan_report(

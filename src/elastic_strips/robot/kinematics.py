@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from ..summary import Summary
 from .space import Array, ConfigurationSpace
 
 
@@ -24,8 +25,8 @@ def _rotation_to_axis(axis: Array) -> Array:
     return np.column_stack((x, np.cross(z, x), z))
 
 
-@dataclass(frozen=True, slots=True)
-class KinematicTree:
+@dataclass(frozen=True, slots=True, repr=False)
+class KinematicTree(Summary):
     """A Pinocchio model's joints as plain arrays, each joint's frame turned so that it moves about or along its z.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import ConfigurationError, RobotError, nearest_name
+from ..summary import Summary
 from .base import BaseKind
 from .control_points import ControlPoints, default_control_points, find_frame, parse_control_points
 from .geometry import LinkGeometry, link_geometries
@@ -20,8 +21,8 @@ from .self_pairs import self_pairs
 from .space import Array, ConfigurationSpace
 
 
-@dataclass(frozen=True, eq=False)
-class RobotModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotModel(Summary):
     """A robot ready for planning: locked joints are gone, every collision shape is convex.
 
     Attributes:
@@ -54,6 +55,12 @@ class RobotModel:
     locked: Mapping[str, float] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "name": self.name, "base": self.base_kind.value, "joints": len(self.joint_names),
+            "pieces": len(self.geometries), "self_pairs": len(self.self_pairs), "locked": len(self.locked),
+        }  # fmt: skip
 
     @property
     def nq(self) -> int:

@@ -35,6 +35,7 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import World
 from ..sensing import SensorConfig
+from ..summary import Summary
 from .scenario import Scenario
 from .sight import unseen_contacts
 
@@ -44,8 +45,8 @@ DRIVE_METHODS = (STRIP, *BASE_METHODS)
 """What steers: the elastic strip, or one of the methods for a base alone that the paper names."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DriveOutcome:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriveOutcome(Summary):
     """What driving a scenario came to.
 
     Attributes:
@@ -73,6 +74,14 @@ class DriveOutcome:
     physical_contacts: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     seen_collisions: int = 0
+
+    def _summary(self) -> dict[str, object]:
+        clearance = f"{self.verdict.min_clearance_m:.3f} m"
+        return {
+            "scenario": self.scenario.name, "robot": self.robot.name, "plant": self.plant, "method": self.method,
+            "reached": self.reached, "collisions": len(self.verdict.collisions), "least_clearance": clearance,
+            "time": f"{self.verdict.time_s:.1f} s", "stops": len(self.result.stops), "reason": self.result.reason,
+        }  # fmt: skip
 
     @property
     def tracking_error(self) -> float | None:

@@ -16,12 +16,13 @@ from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..strip import Strip
+from ..summary import Summary
 from .passage import passage
 from .scenario import Scenario
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RunResult:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RunResult(Summary):
     """What came of a scenario.
 
     Attributes:
@@ -50,6 +51,16 @@ class RunResult:
     tick_seconds: Array
     time_to_certified: float | None
     frames: tuple[Strip, ...] = field(default_factory=tuple)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "scenario": self.scenario.name, "robot": self.robot.name, "preset": self.params.preset,
+            "status": self.report.status.value, "certified": self.certified, "reason": self.reason,
+            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passage,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        return {"clearance": f"{self.clearance:.3f} m", "length": f"{self.report.strip.length:.3f} m"}
 
     @property
     def clearance(self) -> float:

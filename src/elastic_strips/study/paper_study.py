@@ -17,6 +17,7 @@ from ..robot.space import Array
 from ..scenarios import drive_scenario, get_scenario
 from ..scenarios.paper_cases import TABLE_1, TABLE_2
 from ..scenarios.traps import BOTTLENECK, DEAD_END
+from ..summary import Summary
 from .comparison import CASES, METHODS, Row, check_methods, compare
 from .document import Document
 from .parameter_map import Cell, parameter_map
@@ -41,8 +42,8 @@ _MARKDOWN, _PAGE = "paper.md", "paper.html"
 _DPI = 70
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PaperStudy:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PaperStudy(Summary):
     """What the study found.
 
     Attributes:
