@@ -4,33 +4,63 @@ from __future__ import annotations
 
 import math
 import numbers
+from collections.abc import Iterable
 from dataclasses import fields
-from typing import Any, TypeVar
+from typing import Any
 
-from .errors import InputError, ParameterError
-
-_T = TypeVar("_T")
+from .errors import InputError, ParameterError, nearest_name
 
 
 def shown(value: object, most: int = 80) -> str:
     """A value in an error message: on one line, and short."""
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # a value that cannot even say what it is
+        text = f"<{type(value).__name__}>"
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def check_type(
-    what: str, value: object, kind: type[_T], error: type[InputError] = ParameterError, *, hint: str = ""
-) -> _T:
-    """The value, if it is of that kind.
+    what: str, value: object, kind: type, error: type[InputError] = ParameterError, *, none: bool = False
+) -> None:
+    """The value is of that kind, or None where ``none`` says that it may be.
 
     Raises:
         error: it is not; the message says what it is instead.
     """
-    if not isinstance(value, kind):
-        article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        got = shown(value) if value is None else f"{type(value).__name__}: {shown(value)}"
-        raise error(f"{what} must be {article} {kind.__name__}{hint}, not {got}")
-    return value
+    if isinstance(value, kind) or (none and value is None):
+        return
+    article = "an" if kind.__name__[0] in "AEIOU" else "a"
+    raise error(f"{what} must be {article} {kind.__name__}{' or None' if none else ''}, not {_told(value)}")
+
+
+def check_able(what: str, value: object, *methods: str, error: type[InputError] = ParameterError) -> None:
+    """The value has these methods; where none is named, it can be called. None passes: it stands for a default.
+
+    Raises:
+        error: it has not.
+    """
+    missing = [name for name in methods if not callable(getattr(value, name, None))]
+    if value is None or (callable(value) if not methods else not missing):
+        return
+    wanted = f"have the method{'s' if len(missing) > 1 else ''} {', '.join(missing)}" if methods else "be a function"
+    raise error(f"{what} must {wanted}; it is {_told(value)}")
+
+
+def check_choice(what: str, value: object, valid: Iterable[str], error: type[InputError] = ParameterError) -> None:
+    """The value is one of the names.
+
+    Raises:
+        error: it is not; the message has the names.
+    """
+    names = tuple(valid)
+    if not isinstance(value, str) or value not in names:
+        raise error(f"{what}={shown(value)} is unknown{nearest_name(shown(value), names)}")
+
+
+def _told(value: object) -> str:
+    """What a value is, for those who handed in another one than they thought."""
+    return "None" if value is None else f"{type(value).__name__}: {shown(value)}"
 
 
 def check_number(
@@ -63,11 +93,11 @@ def check_count(what: str, value: Any, *, low: int = 0, high: int | None = None)
     Raises:
         ParameterError: it is not.
     """
-    good = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    if not good or value < low or (high is not None and value > high):
+    number = int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
+    if number is None or number < low or (high is not None and number > high):
         upto = "" if high is None else f" and ≤ {high}"
         raise ParameterError(f"{what}={shown(value)} must be a whole number ≥ {low}{upto}")
-    return int(value)
+    return number
 
 
 def check_numbers(owner: Any, *, zero: tuple[str, ...] = ()) -> None:
@@ -81,4 +111,4 @@ def check_numbers(owner: Any, *, zero: tuple[str, ...] = ()) -> None:
         if f.type in ("int", int):
             check_count(what, value, low=0 if f.name in zero else 1)
         elif f.type in ("float", float):
-            check_number(what, value, **({"low": 0.0} if f.name in zero else {"above": 0.0}))
+            check_number(what, value, low=0.0, above=-math.inf if f.name in zero else 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from ..catalogue import PRESETS, SCENARIOS
+from ..named import PRESETS, SCENARIOS
 from ..robot import robot_names, robot_summary
 
 

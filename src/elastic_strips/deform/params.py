@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from .. import catalogue
+from .. import named
 from ..errors import ParameterError, nearest_name
-from ..validation import check_numbers
+from ..validation import check_choice, check_numbers, shown
 
-PRESETS = tuple(catalogue.PRESETS)
+PRESETS = tuple(named.PRESETS)
 _POSITIVE = (
     "influence", "clearance", "self_clearance", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks",
     "certificate_depth", "updates",
@@ -85,10 +85,9 @@ class DeformParams:
     updates: int = 10
 
     def __post_init__(self) -> None:
-        if self.preset not in PRESETS:
-            raise ParameterError(f"preset={self.preset!r} is unknown{nearest_name(self.preset, PRESETS)}")
+        check_choice("preset", self.preset, PRESETS)
         if not isinstance(self.mobile_only, bool):
-            raise ParameterError(f"mobile_only={self.mobile_only!r} must be True or False")
+            raise ParameterError(f"mobile_only={shown(self.mobile_only)} must be True or False")
         check_numbers(self, zero=tuple(f.name for f in fields(self) if f.name not in _POSITIVE))
         if self.clearance >= self.influence:
             raise ParameterError(

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ParameterError, nearest_name
+from ..errors import ParameterError, RobotError, nearest_name
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..summary import Summary
+from ..validation import check_type
 from .wheels import read_wheels
 
 _UNLIMITED = 1e6
@@ -105,6 +106,7 @@ class MotionLimits(Summary):
         Raises:
             ParameterError: a limit that is neither stated by the robot's description nor given, or is out of range.
         """
+        check_type("robot", robot, RobotModel, RobotError)
         speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
         if robot.base_kind is BaseKind.DIFF_DRIVE:
             if wheel_speed is None or track is None or wheel_radius is None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..deform import AxisTask, DeformParams
 from ..errors import ParameterError
-from ..validation import check_numbers
+from ..validation import check_number, check_numbers, check_type
 
 DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1, "certificate_depth": 5}
 """Parameters of strips that are driven: nodes may be further apart, and what is tight need not be decided to the last
@@ -135,8 +135,15 @@ class DriveParams:
 
     def __post_init__(self) -> None:
         check_numbers(self, zero=("latency", "settle_time", "recover_iterations"))
-        if not self.speeds or not all(0.0 < s <= 1.0 for s in self.speeds):
-            raise ParameterError(f"DriveParams.speeds={self.speeds!r} must be fractions in (0, 1]")
+        for what, kind, none in (
+            ("deform", DeformParams, False), ("assumptions", ObstacleAssumptions, False),
+            ("evasion", EvasionParams, True), ("task", AxisTask, True), ("speeds", tuple, False),
+        ):  # fmt: skip
+            check_type(f"DriveParams.{what}", getattr(self, what), kind, none=none)
+        if not self.speeds:
+            raise ParameterError("DriveParams.speeds=() must be fractions in (0, 1]; there is none")
+        for speed in self.speeds:
+            check_number("each of DriveParams.speeds, which must be fractions,", speed, above=0.0, high=1.0)
 
     @property
     def clearance(self) -> float:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..catalogue import SCENARIOS
 from ..errors import ScenarioError
 from ..io import PoseSpec
+from ..named import SCENARIOS
 from ..robot.space import Array
 from ..scene import Box, Cylinder, Obstacle, Scene
 from .scenario import Scenario

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..catalogue import SCENARIOS
 from ..errors import ScenarioError
 from ..io import PoseSpec
+from ..named import SCENARIOS
 from ..scene import Box, Cylinder, Keyframes, Motion, Obstacle, Scene, Sphere, World, Yielding, checks
 from .corridor import HALF_WIDTH, LENGTH, PASSAGE, corridor_guide, corridor_scene
 from .scenario import Scenario

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..catalogue import SCENARIOS
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
+from ..named import SCENARIOS
+from ..validation import shown
 from .closing import NAME as CLOSING
 from .closing import closing_side
 from .clutter import NAME as CLUTTER
@@ -61,9 +62,11 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     Raises:
         ScenarioError: an unknown name, or a fault in the file.
     """
+    if not isinstance(name_or_path, (str, Path)):
+        raise ScenarioError(f"a scenario has a name or a file, not {shown(name_or_path)}")
     text = str(name_or_path)
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ScenarioError(f"seed={seed!r} must be an integer ≥ 0")
+        raise ScenarioError(f"seed={shown(seed)} must be an integer ≥ 0")
     if text in REGISTRY:
         return REGISTRY[text](seed)
     path = Path(text)

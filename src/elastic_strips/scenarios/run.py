@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ..deform import Deformer, DeformParams, DeformReport, DeformStatus
-from ..errors import ConfigurationError, ParameterError
+from ..deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
+from ..errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from ..planning import check_ends, plan_report, straight_line
 from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..strip import Strip
 from ..summary import Summary
+from ..validation import check_able, check_choice, check_count, check_number, check_type
 from .passage import passage
 from .scenario import Scenario
 
@@ -97,6 +98,15 @@ def run_scenario(
     Raises:
         InputError: start or goal in collision, unknown parameters, …
     """
+    check_type("scenario", scenario, Scenario, ScenarioError)
+    check_type("robot", robot, RobotModel, RobotError, none=True)
+    check_type("overrides", overrides, dict, none=True)
+    check_able("watch", watch)
+    if preset is not None:
+        check_choice("preset", preset, PRESETS)
+    if seed is not None:
+        check_count("seed", seed)
+    check_number("timeout", timeout, above=0.0, unit="s")
     preset = preset or scenario.preset
     robot = scenario.load_robot(preset=preset) if robot is None else robot
     values = {**scenario.params.get(preset, {}), **(overrides or {})}
