@@ -14,43 +14,45 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from ._late import late_names
 from ._version import __version__
-from .deform import Deformer, DeformParams, DeformReport, DeformStatus
 from .errors import (
     ConfigurationError,
     ElasticStripsError,
     InputError,
+    MissingExtraError,
     ParameterError,
     RobotError,
     ScenarioError,
     SceneError,
 )
-from .io import read_scene, read_world, write_scene, write_world
-from .planning import PlanReport, plan, plan_report
-from .robot import RobotModel, load_robot, robot_names
-from .scenarios import get_scenario, run_scenario, scenario_names
-from .scene import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Keyframes,
-    Mesh,
-    Points,
-    Scene,
-    Sphere,
-    Twist,
-    Unknown,
-    Voxels,
-    World,
-)
-from .strip import Strip
-from .tunnel import Certificate, strip_clearance
 
 if TYPE_CHECKING:
+    from .deform import Deformer, DeformParams, DeformReport, DeformStatus
+    from .io import read_scene, read_world, write_scene, write_world
+    from .planning import PlanReport, plan, plan_report
+    from .robot import RobotModel, load_robot, robot_names
+    from .scenarios import get_scenario, run_scenario, scenario_names
+    from .scene import (
+        Box,
+        Capsule,
+        Cone,
+        ConvexHull,
+        Cylinder,
+        Keyframes,
+        Mesh,
+        Points,
+        Scene,
+        Sphere,
+        Twist,
+        Unknown,
+        Voxels,
+        World,
+    )
+    from .strip import Strip
+    from .tunnel import Certificate, strip_clearance
     from .viewer import Viewer
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())  # who uses the library decides what is shown
@@ -94,6 +96,7 @@ __all__ = [
     "Viewer",
     "ElasticStripsError",
     "InputError",
+    "MissingExtraError",
     "RobotError",
     "SceneError",
     "ScenarioError",
@@ -102,9 +105,23 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name == "Viewer":  # loaded when asked for: planning needs no viewer
-        from .viewer import Viewer
+_ROOMS = {
+    "deform": ("Deformer", "DeformParams", "DeformReport", "DeformStatus"),
+    "io": ("read_scene", "read_world", "write_scene", "write_world"),
+    "planning": ("PlanReport", "plan", "plan_report"),
+    "robot": ("RobotModel", "load_robot", "robot_names"),
+    "scenarios": ("get_scenario", "run_scenario", "scenario_names"),
+    "scene": (
+        "Box", "Capsule", "Cone", "ConvexHull", "Cylinder", "Keyframes", "Mesh", "Points", "Scene", "Sphere", "Twist",
+        "Unknown", "Voxels", "World",
+    ),
+    "strip": ("Strip",),
+    "tunnel": ("Certificate", "strip_clearance"),
+    "viewer": ("Viewer",),
+    **{room: () for room in ("bench", "control", "execution", "methods", "sensing", "study")},
+}  # fmt: skip
+__getattr__ = late_names(__name__, _ROOMS)  # who wants the version need not wait for Pinocchio
 
-        return Viewer
-    raise AttributeError(f"module 'elastic_strips' has no attribute {name!r}")
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

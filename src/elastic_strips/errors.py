@@ -1,6 +1,7 @@
 """Errors: the one tree of typed errors that wrong input raises.
 
-An *expected* failure (a blocked or broken strip) is never an error: it is a status on a report.
+An *expected* failure (a blocked or broken strip) is never an error that wrong input raises: it is a status on a report,
+or, where there is nothing to report on, an error that is no :class:`InputError`.
 """
 
 from __future__ import annotations
@@ -35,6 +36,16 @@ class ConfigurationError(InputError):
 
 class ParameterError(InputError):
     """A parameter is outside its range."""
+
+
+class MissingExtraError(ElasticStripsError, ImportError):
+    """A package that only some uses need is not installed; the message has the command that installs it."""
+
+
+def missing_extra(user: str, package: str, extra: str | None = None) -> MissingExtraError:
+    """The error of ``user``, who needs a ``package`` of an ``extra`` of this library, or of none."""
+    wanted = package if extra is None else f"'elastic-strips[{extra}]'"
+    return MissingExtraError(f"{user} needs {package}, which is not installed: pip install {wanted}")
 
 
 def nearest_name(name: object, valid: Iterable[str]) -> str:

@@ -8,13 +8,15 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from .errors import ConfigurationError
+from .errors import ConfigurationError, RobotError
 from .robot import BaseKind, RobotModel
 from .robot.space import Array
+from .summary import Summary
+from .validation import check_number, check_type
 
 
-@dataclass(frozen=True, eq=False)
-class Strip:
+@dataclass(frozen=True, eq=False, repr=False)
+class Strip(Summary):
     """An elastic strip: configurations q (N, nq) of one robot, N ≥ 2, start and goal included.
 
     Between two nodes the robot follows ``pin.interpolate``: a screw arc of the base and a straight line of the joints.
@@ -34,6 +36,7 @@ class Strip:
             ConfigurationError: fewer than two nodes, wrong size, not finite, not normalised, or outside the joint
                 limits.
         """
+        check_type("robot", robot, RobotModel, RobotError)
         array = robot.check_q(q, what="strip q")
         if array.ndim != 2 or len(array) < 2:
             raise ConfigurationError(f"a strip has at least 2 nodes, given as (N, {robot.nq}); got shape {array.shape}")
@@ -58,6 +61,10 @@ class Strip:
         frozen.setflags(write=False)
         strip.__dict__["chart"] = frozen
         return strip
+
+    def _summary(self) -> dict[str, object]:
+        unit = "m" if self.robot.space.planar else "rad"
+        return {"robot": self.robot.name, "nodes": len(self), "length": f"{self.length:.3f} {unit}"}
 
     def __len__(self) -> int:
         return len(self.q)
@@ -90,7 +97,8 @@ class Strip:
         return np.abs(self.velocities[:, 1])
 
     def sample(self, step: float) -> Array:
-        """Configurations (M, nq) along the strip, at most ``step`` [m or rad] of any coordinate apart."""
+        """Configurations (M, nq) along the strip, at most ``step`` [m or rad] > 0 of any coordinate apart."""
+        check_number("step", step, above=0.0)
         v = self.velocities
         counts = np.maximum(np.ceil(np.abs(v).max(axis=1) / step).astype(int), 1)
         rows = [

@@ -11,7 +11,8 @@ from pathlib import Path
 import click
 import pytest
 
-from elastic_strips.cli.main import cli, main
+from elastic_strips.cli import main
+from elastic_strips.cli.group import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

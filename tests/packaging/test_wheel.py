@@ -80,7 +80,7 @@ def test_the_wheel_holds_what_it_needs(wheel: Path) -> None:
     meshes = {str(p.relative_to(ROOT)) for p in (ROOT / "urdf" / "meshes").glob("*.obj")}
     assert len(robots) >= 5
     assert meshes
-    for name in ("py.typed", "__init__.py", "cli/main.py", *robots, *meshes):
+    for name in ("py.typed", "__init__.py", "cli/group.py", *robots, *meshes):
         assert f"elastic_strips/{name}" in names
     sources = {f"elastic_strips/{p.relative_to(ROOT / 'src/elastic_strips')}" for p in (ROOT / "src").rglob("*.py")}
     assert sources <= names

@@ -1,5 +1,49 @@
-"""Command line: ``elastic-strips run | drive | view | bench | list``."""
+"""Command line: ``elastic-strips run | drive | view | bench | study | list``."""
 
-from .main import main
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+EXIT_INTERRUPTED = 130
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; ends the process with the exit codes of its help text.
+
+    What it needs is imported here: Ctrl-C ends it quietly from the first moment on.
+    """
+    try:
+        with interruptible_imports():
+            from .group import run_cli
+
+        run_cli(arguments)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        sys.exit(EXIT_INTERRUPTED)
+
+
+@contextmanager
+def interruptible_imports() -> Iterator[None]:
+    """Ctrl-C ends the process here and now: nothing is begun yet, and a ``KeyboardInterrupt`` amid an import may be
+    lost in a callback of the interpreter, or printed by one."""
+    try:
+        mine = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        if mine:
+            signal.signal(signal.SIGINT, _leave)
+    except ValueError:  # not the main thread, which alone gets signals
+        mine = False
+    try:
+        yield
+    finally:
+        if mine:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _leave(number: int, frame: object) -> None:
+    os.write(2, b"interrupted\n")
+    os._exit(EXIT_INTERRUPTED)
+
 
 __all__ = ["main"]

@@ -22,7 +22,7 @@ _seeds = click.option(
 _json = click.option("--json", "json_file", type=click.Path(), metavar="FILE", help="Write all figures.")
 
 
-@click.group(short_help="Measure planning, replanning, the tick and the closed loop.")
+@click.group()
 def bench() -> None:
     """Measure on this machine. The figures are percentiles; on a shared machine trust the ratios."""
 

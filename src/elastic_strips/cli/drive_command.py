@@ -24,6 +24,7 @@ from ..scenarios import (
     make_runner,
 )
 from ..strip import Strip
+from . import EXIT_INTERRUPTED
 from .numbers import Finite
 from .pictures import browser_option, open_viewer, write_page
 from .progress import LateProgress
@@ -32,10 +33,9 @@ from .sensor_option import sensors_of, sensors_option
 
 EXIT_REACHED = 0
 EXIT_NOT_REACHED = 3
-EXIT_INTERRUPTED = 130
 
 
-@click.command(short_help="Drive a scenario: the closed loop in simulated time.")
+@click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml")
 @click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
 @click.option(

@@ -5,11 +5,7 @@ from __future__ import annotations
 import click
 
 from ..catalogue import own_robots, robot_names, robot_summary
-
-_PRESET_TEXT = {
-    "default": "forces at witness points, implicit update, exact rolling constraint",
-    "paper": "Eqs. 2-9 of the paper at its control points; the base moves as if omnidirectional",
-}
+from ..named import PRESETS, SCENARIOS
 
 
 @click.command(name="list", help="Show the scenarios, robots and presets that have names.")
@@ -19,16 +15,13 @@ def list_command(robots: bool) -> None:
         for name in robot_names():
             click.echo(f"{name:<28} {robot_summary(name)}")
         return
-    from ..deform import PRESETS  # slow to import, and the robots' names need neither
-    from ..scenarios import get_scenario, scenario_names
-
     click.echo("Scenarios (elastic-strips run NAME):")
-    for name in scenario_names():
-        click.echo(f"  {name:<18} {get_scenario(name).summary}")
+    for name, summary in SCENARIOS.items():
+        click.echo(f"  {name:<18} {summary}")
     click.echo("\nRobots (--robot NAME, or the path of a URDF):")
     for name in own_robots():
         click.echo(f"  {name:<18} {robot_summary(name)}")
     click.echo(f"  and {len(robot_names()) - len(own_robots())} more: elastic-strips list --robots")
     click.echo("\nPresets (--preset NAME):")
-    for name in PRESETS:
-        click.echo(f"  {name:<18} {_PRESET_TEXT[name]}")
+    for name, summary in PRESETS.items():
+        click.echo(f"  {name:<18} {summary}")

@@ -23,7 +23,7 @@ EXIT_CERTIFIED = 0
 EXIT_NOT_CERTIFIED = 3
 
 
-@click.command(short_help="Run a scenario: plan, deform, certify.")
+@click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml")
 @click.option(
     "--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default."
@@ -89,7 +89,7 @@ def _run(problem: Scenario, model: RobotModel, preset: str | None, seed: int | N
     with LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:
-            bar.step(f"{report.status.value}, clearance {report.clearance:.3f} m")
+            bar.step(f"{report.status.value}, clearance of the nodes {report.node_clearance:.3f} m")
 
         return run_scenario(problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch)
 

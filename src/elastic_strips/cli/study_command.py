@@ -7,7 +7,7 @@ import click
 from .progress import LateProgress
 
 
-@click.group(short_help="Run the paper's simulations again, and write the report.")
+@click.group()
 def study() -> None:
     """Studies that end in a report."""
 

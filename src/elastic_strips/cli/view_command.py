@@ -34,7 +34,7 @@ MAX_RESULT_BYTES = 20_000_000
 _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 
-@click.command(short_help="Look at a scenario, a result (run --json) or a record (drive --record).")
+@click.command()
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz")
 @click.option(
     "--robot",

@@ -9,7 +9,7 @@ from .director import Director
 from .hybrid import HybridControl, HybridResult
 from .reach import Reach, Reached
 from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensedPerception
-from .sequencing import Facts, MissingExtraError, Order, SequencingLayer
+from .sequencing import Facts, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskState, TaskWatch
 from .tasks import DriveAndReach, DriveTo, ReachHand, Task
 
@@ -38,5 +38,4 @@ __all__ = [
     "TaskWatch",
     "TaskState",
     "TaskEvent",
-    "MissingExtraError",
 ]

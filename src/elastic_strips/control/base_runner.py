@@ -8,7 +8,7 @@ from time import perf_counter, sleep
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConfigurationError
+from ..errors import ConfigurationError, RobotError
 from ..execution import (
     MACHINE,
     DriveParams,
@@ -28,6 +28,7 @@ from ..methods import BaseCommand, BaseLimits, make_base_method
 from ..robot import BaseKind, RobotModel
 from ..scene import Scene, World
 from ..sensing import SensorConfig, SensorSuite
+from ..validation import check_able, check_count, check_type
 from .bumper import Bumper
 from .pose_history import PoseHistory
 
@@ -84,6 +85,12 @@ class BaseRunner:
         realtime: bool = False,
         metadata: dict[str, object] | None = None,
     ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("params", params, DriveParams, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
+        check_able("plant", plant, "reset", "step")
+        check_able("watch", watch)
+        check_count("seed", seed)
         if robot.base_kind is not BaseKind.DIFF_DRIVE:
             raise ConfigurationError(
                 f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"

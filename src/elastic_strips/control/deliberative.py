@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
+from ..summary import Summary
 from .reach import Reach
 from .tasks import DriveAndReach, DriveTo, Task
 
@@ -27,8 +28,8 @@ class Part(str, Enum):
     WHOLE_BODY = "whole body"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Step(Summary):
     """One goal on the way to a task.
 
     Attributes:
@@ -45,8 +46,8 @@ class Step:
         return f"{self.part.value}: {self.text}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Deliberation:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Deliberation(Summary):
     """What the layer made of a task: its steps, none where it cannot be done, and why."""
 
     task: Task

@@ -9,21 +9,23 @@ from typing import Any
 import numpy.typing as npt
 
 from ..deform import AxisTask
-from ..errors import ConfigurationError
+from ..errors import ConfigurationError, ParameterError, RobotError
 from ..execution import DriveParams, DriveResult, PerceptionParams, Runner, RunState
 from ..execution.perception import Perceiver
 from ..execution.replanning import standing
 from ..robot import RobotModel
 from ..scene import Scene, World
+from ..summary import Summary
+from ..validation import check_able, check_count, check_type, shown
 from .deliberative import Deliberation, DeliberativeLayer
 from .director import Director
 from .sequencing import Facts, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskWatch
-from .tasks import Task
+from .tasks import DriveAndReach, DriveTo, ReachHand, Task
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HybridResult:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class HybridResult(Summary):
     """What became of a task.
 
     Attributes:
@@ -88,6 +90,15 @@ class HybridControl:
         watch: Callable[[HybridControl], object] | None = None,
         **options: Any,
     ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("keep", keep, AxisTask, none=True)
+        check_type("params", params, DriveParams, none=True)
+        check_able("watch", watch)
+        check_count("seed", seed)
+        if not isinstance(task, (DriveTo, ReachHand, DriveAndReach)):
+            raise ParameterError(f"task must be a DriveTo, a ReachHand or a DriveAndReach, not {shown(task)}")
+        if not isinstance(perception, PerceptionParams):
+            check_able("perception", perception, "known", "sense")
         self.robot, self.watch = robot, watch
         world = world if isinstance(world, World) else World(world)
         params = replace(params or DriveParams(), task=keep)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from scipy.optimize import least_squares
 
 from ..errors import RobotError, nearest_name
 from ..planning.validity import Validity
@@ -128,6 +127,8 @@ class Reach:
         return self._q(np.concatenate((row[:b], near[b:])))
 
     def _solve(self, begin: Array, near: Array, frame: int, target: Array, turn: Array | None, *, base: bool) -> Array:
+        from scipy.optimize import least_squares  # late: slow to import
+
         space = self.robot.space
         first = 0 if base else space.base_nv
         low, high = space.lower[first:] + 1e-3, space.upper[first:] - 1e-3

@@ -12,17 +12,13 @@ from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..errors import ElasticStripsError, ParameterError
+from ..errors import ParameterError, missing_extra
 
 if TYPE_CHECKING:
     from .tree import Tree
 
 
 Answer = tuple["bool | None", str]
-
-
-class MissingExtraError(ElasticStripsError, ImportError):
-    """A package of an extra is not installed; the message says which extra."""
 
 
 class Order(str, Enum):
@@ -105,9 +101,7 @@ class SequencingLayer:
         try:
             from .tree import Step, Tree
         except ImportError as error:
-            raise MissingExtraError(
-                "the sequencing layer needs py_trees: pip install 'elastic-strips[control]'"
-            ) from error
+            raise missing_extra("the sequencing layer", "py_trees", "control") from error
         return Tree(
             [Step(name, partial(self._there, k)) for k, name in enumerate(self._steps)],
             [("scene is fresh", self._fresh), ("robot knows where it is", self._localized)],

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
+from ..validation import check_type, shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,7 @@ class ReachHand:
 
     def __post_init__(self) -> None:
         _finite("ReachHand.position", self.position, 3)
+        check_type("ReachHand.frame", self.frame, str)
         if self.quaternion is not None:
             _finite("ReachHand.quaternion", self.quaternion, 4)
             if not 0.99 < float(np.linalg.norm(self.quaternion)) < 1.01:
@@ -61,6 +63,10 @@ class DriveAndReach:
     drive: DriveTo
     reach: ReachHand
 
+    def __post_init__(self) -> None:
+        check_type("DriveAndReach.drive", self.drive, DriveTo)
+        check_type("DriveAndReach.reach", self.reach, ReachHand)
+
     def __str__(self) -> str:
         return f"{self.drive} and {self.reach}"
 
@@ -69,6 +75,9 @@ Task = DriveTo | ReachHand | DriveAndReach
 
 
 def _finite(what: str, values: tuple[float, ...], count: int) -> None:
-    array = np.asarray(values, dtype=float)
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise ParameterError(f"{what}={values!r} must be {count} finite numbers")
+        raise ParameterError(f"{what}={shown(values)} must be {count} finite numbers")

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import ConfigurationError, ParameterError
+from ..errors import ConfigurationError, ParameterError, RobotError, SceneError
 from ..maintenance import maintain, node_spacing
 from ..relax import project_rolling
 from ..robot import RobotModel
@@ -15,6 +15,7 @@ from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate, Tunnel, protective_hulls
+from ..validation import check_able, check_choice, check_count, check_number, check_type, shown
 from .clock import PhaseClock
 from .default_step import DefaultStep
 from .paper_step import PaperStep
@@ -46,10 +47,12 @@ class Deformer:
     def __init__(
         self, robot: RobotModel, params: DeformParams | str = "default", *, task: AxisTask | None = None
     ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("task", task, AxisTask, none=True)
         if isinstance(params, str):
             params = DeformParams.for_preset(params)
         if not isinstance(params, DeformParams):
-            raise ParameterError(f"params={params!r} is neither DeformParams nor the name of a preset")
+            raise ParameterError(f"params={shown(params)} is neither DeformParams nor the name of a preset")
         self.robot, self.params = robot, params
         self.clock = PhaseClock()
         self.workspace = Workspace(robot, params, self.clock)
@@ -87,8 +90,10 @@ class Deformer:
             ConfigurationError: the strip belongs to another robot.
             ParameterError: a budget that is not a positive number.
         """
-        if budget is not None and (isinstance(budget, bool) or not isinstance(budget, (int, float)) or not budget > 0):
-            raise ParameterError(f"budget={budget!r} must be a positive number of seconds, or None for one iteration")
+        if budget is not None:
+            check_number("budget", budget, above=0.0, unit="s")
+        check_able("foresight", foresight)
+        check_type("scene", scene, Scene, SceneError)
         self._check(strip)
         self.clock.start()
         work = self.workspace
@@ -139,11 +144,9 @@ class Deformer:
         Raises:
             ParameterError: ``until`` or ``max_ticks`` outside its range.
         """
-        if until not in ("rest", "certified"):
-            raise ParameterError(f"until={until!r}; valid: 'rest', 'certified'")
-        limit = self.params.max_ticks if max_ticks is None else max_ticks
-        if limit < 1:
-            raise ParameterError(f"max_ticks={limit!r} must be at least 1")
+        check_choice("until", until, ("rest", "certified"))
+        limit = self.params.max_ticks if max_ticks is None else check_count("max_ticks", max_ticks, low=1)
+        check_able("watch", watch)
         timings: dict[str, float] = {}
         seconds, asked, turn, ticks = 0.0, 0, 0.0, 0
         while True:
@@ -162,6 +165,7 @@ class Deformer:
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it."""
+        check_type("scene", scene, Scene, SceneError)
         self._check(strip)
         self.workspace.foresight = None
         self.workspace.load(strip, scene)
@@ -172,7 +176,9 @@ class Deformer:
         self, strip: Strip, scene: Scene, *, detail: bool = False, foresight: Foresight | None = None
     ) -> DeformReport:
         """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
+        check_type("scene", scene, Scene, SceneError)
         self._check(strip)
+        check_able("foresight", foresight)
         self.clock.start()
         self.workspace.foresight = foresight
         self.workspace.load(strip, scene)
@@ -211,6 +217,7 @@ class Deformer:
     # the parts of a tick
 
     def _check(self, strip: Strip) -> None:
+        check_type("strip", strip, Strip, ConfigurationError)
         if not self.robot.same_as(strip.robot):
             raise ConfigurationError(
                 f"the strip is of robot {strip.robot.name!r} (nq {strip.robot.nq}), the deformer of "
@@ -322,7 +329,8 @@ class Deformer:
             status=status,
             reason=reason,
             certificate=result.certificate,
-            clearance=clearance,
+            node_clearance=clearance,
+            scene=scene,
             energies=result.energies,
             timings=self.clock.phases,
             seconds=self.clock.total(),

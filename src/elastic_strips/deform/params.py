@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from .. import named
 from ..errors import ParameterError, nearest_name
+from ..validation import check_choice, check_numbers, shown
 
-PRESETS = ("default", "paper")
-_WHOLE = ("max_nodes", "max_ticks", "certificate_depth", "updates")
+PRESETS = tuple(named.PRESETS)
 _POSITIVE = (
     "influence", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks", "certificate_depth", "updates",
 )  # fmt: skip
@@ -84,25 +85,10 @@ class DeformParams:
     updates: int = 10
 
     def __post_init__(self) -> None:
-        if self.preset not in PRESETS:
-            raise ParameterError(f"preset={self.preset!r} is unknown{nearest_name(self.preset, PRESETS)}")
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if f.name == "preset":
-                continue
-            if f.name == "mobile_only":
-                if not isinstance(value, bool):
-                    raise ParameterError(f"mobile_only={value!r} must be True or False")
-                continue
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-                raise ParameterError(f"{f.name}={value!r} is not a number")
-            if f.name in _WHOLE and not isinstance(value, (int, np.integer)):
-                raise ParameterError(f"{f.name}={value!r} must be a whole number")
-            if not np.isfinite(value) or value < 0:
-                raise ParameterError(f"{f.name}={value!r} must be finite and ≥ 0")
-        for name in _POSITIVE:
-            if getattr(self, name) <= 0:
-                raise ParameterError(f"{name}={getattr(self, name)!r} must be > 0")
+        check_choice("preset", self.preset, PRESETS)
+        if not isinstance(self.mobile_only, bool):
+            raise ParameterError(f"mobile_only={shown(self.mobile_only)} must be True or False")
+        check_numbers(self, zero=tuple(f.name for f in fields(self) if f.name not in _POSITIVE))
         if self.clearance >= self.influence:
             raise ParameterError(
                 f"clearance={self.clearance} must be below influence={self.influence}: "

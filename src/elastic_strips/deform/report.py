@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from ..robot.space import Array
+from ..scene import Scene
 from ..strip import Strip
-from ..tunnel import Certificate, Tunnel
+from ..summary import Summary
+from ..tunnel import Certificate, Tunnel, strip_clearance
 
 
 class DeformStatus(str, Enum):
@@ -23,8 +25,8 @@ class DeformStatus(str, Enum):
     BLOCKED = "blocked"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ForceField:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ForceField(Summary):
     """External forces of the last update, to look at.
 
     Attributes:
@@ -35,8 +37,8 @@ class ForceField:
     vectors: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TickResult:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TickResult(Summary):
     """What the iterations of a tick came to: certificate, sideways slip [m], motion, energies, external forces."""
 
     certificate: Certificate
@@ -46,15 +48,17 @@ class TickResult:
     field: ForceField
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DeformReport:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DeformReport(Summary):
     """Result of one tick, or of :meth:`Deformer.settle`.
 
     Attributes:
         strip: the deformed strip.
         status, reason: what state it is in, and why.
         certificate: proof of its clearance, segment by segment.
-        clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance.
+        node_clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance; of use in
+            control loops. People are shown :attr:`clearance`, that of the whole strip.
+        scene: the obstacles that it is about.
         energies: potential by force.
         timings: seconds by phase; they sum to ``seconds``.
         seconds: duration of the tick.
@@ -74,7 +78,8 @@ class DeformReport:
     status: DeformStatus
     reason: str
     certificate: Certificate
-    clearance: float
+    node_clearance: float
+    scene: Scene
     energies: dict[str, float] = field(default_factory=dict)
     timings: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
@@ -88,6 +93,29 @@ class DeformReport:
     connectivity_counts: bool = False
     heading_step: float = 0.0
     task_errors: Array | None = None
+    _clearance: list[float] = field(default_factory=list, init=False, repr=False)
+
+    def _summary(self) -> dict[str, object]:
+        segments = self.certificate.segments
+        return {
+            "status": self.status.value, "reason": self.reason, "robot": self.strip.robot.name,
+            "nodes": len(self.strip), "certified": f"{int(segments.sum())} of {len(segments)} segments",
+            "ticks": self.ticks,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        length = f"{self.strip.length:.3f} {'m' if self.strip.robot.space.planar else 'rad'}"
+        return {"clearance": f"{self.clearance:.3f} m", "length": length, "time": f"{1e3 * self.seconds:.1f} ms"}
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip, between its nodes too: :func:`strip_clearance`.
+
+        Infinite without obstacles. Measured when it is first asked for, which takes longer than a tick.
+        """
+        if not self._clearance:
+            self._clearance.append(strip_clearance(self.strip, self.scene))
+        return self._clearance[0]
 
     @property
     def certified(self) -> bool:

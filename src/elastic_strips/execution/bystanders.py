@@ -14,8 +14,8 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Obstacle, World, Yielding
+from ..validation import check_numbers
 from .footprints import Discs, Footprint
-from .params import check_numbers
 
 _ROUNDING = 1e-6  # [s] rounding of times
 _BRAKING = 0.05  # [s] step in which a stop is looked ahead

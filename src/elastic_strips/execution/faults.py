@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError, nearest_name
+from ..validation import check_type, shown
 
 FAULTS = {
     "scene_frozen": "the scene is not renewed",
@@ -55,6 +56,7 @@ class Fault:
         Raises:
             ParameterError: anything else.
         """
+        check_type("a fault", text, str)
         kind, _, rest = text.partition("@")
         start, _, duration = rest.partition(":")
         try:
@@ -69,7 +71,11 @@ class FaultPlan:
     """The faults of a run, asked by name and time."""
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        if not isinstance(faults, Iterable) or isinstance(faults, (str, bytes)):
+            raise ParameterError(f"faults={shown(faults)} must be a list of Faults")
         self.faults = tuple(faults)
+        for fault in self.faults:
+            check_type("a fault", fault, Fault)
 
     def active(self, kind: str, t: float) -> bool:
         """Whether a fault of that kind is there at time ``t`` [s]."""

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from ..errors import ParameterError
+from ..errors import ParameterError, RobotError, SceneError
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import World
+from ..validation import check_number, check_type
 from .limits import MotionLimits
 from .record import ControlRows, Record, RecordError
 from .sweep import Approach, Sweep
@@ -48,8 +49,11 @@ def judge(
         RecordError: another robot than the recorded one, or a motion that is not finite or not ascending in time.
         ParameterError: no world, an accuracy out of range, or a goal of the wrong size.
     """
-    if not 1e-6 <= accuracy <= 1.0:
-        raise ParameterError(f"accuracy = {accuracy!r} must be between 1e-6 and 1 m")
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("world", world, World, SceneError, none=True)
+    check_type("limits", limits, MotionLimits, none=True)
+    check_type("tolerance", tolerance, Tolerance, none=True)
+    check_number("accuracy", accuracy, low=1e-6, high=1.0, unit="m")
     record = run if isinstance(run, Record) else None
     if record is not None:
         record.check_robot(robot)

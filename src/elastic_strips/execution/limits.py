@@ -13,17 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ParameterError, nearest_name
+from ..errors import ParameterError, RobotError, nearest_name
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
+from ..summary import Summary
+from ..validation import check_type
 from .wheels import read_wheels
 
 _UNLIMITED = 1e6
 """Speeds [rad/s or m/s] above this are a description's way to say that there is no limit."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MotionLimits:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class MotionLimits(Summary):
     """Symmetric box limits of a robot's motors.
 
     Attributes:
@@ -104,6 +106,7 @@ class MotionLimits:
         Raises:
             ParameterError: a limit that is neither stated by the robot's description nor given, or is out of range.
         """
+        check_type("robot", robot, RobotModel, RobotError)
         speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
         if robot.base_kind is BaseKind.DIFF_DRIVE:
             if wheel_speed is None or track is None or wheel_radius is None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from lxml import etree
 
-from ..errors import ParameterError, RobotError
+from ..errors import ParameterError, RobotError, missing_extra
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..robot.xml_source import read_xml
@@ -31,12 +31,12 @@ def import_mujoco() -> Any:
     """The package ``mujoco``.
 
     Raises:
-        ImportError: it is not installed; the message says how to.
+        MissingExtraError: it is not installed.
     """
     try:
         import mujoco  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise ImportError("MujocoPlant needs mujoco: pip install 'elastic-strips[sim]'") from error
+        raise missing_extra("the MuJoCo plant", "mujoco", "sim") from error
     return mujoco
 
 

@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any
-
-import numpy as np
 
 from ..deform import AxisTask, DeformParams
 from ..errors import ParameterError
-
-
-def check_numbers(owner: object, *, zero: tuple[str, ...] = ()) -> None:
-    """Every number of a dataclass is finite and > 0, or ≥ 0 where it is named in ``zero``."""
-    for f in fields(owner):  # type: ignore[arg-type]
-        value = getattr(owner, f.name)
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-            continue
-        if not np.isfinite(value) or value < 0 or (value == 0 and f.name not in zero):
-            bound = "≥ 0" if f.name in zero else "> 0"
-            raise ParameterError(f"{type(owner).__name__}.{f.name}={value!r} must be finite and {bound}")
-
+from ..validation import check_number, check_numbers, check_type
 
 DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1, "certificate_depth": 5}
 """Parameters of strips that are driven: nodes may be further apart, and what is tight need not be decided to the last
@@ -148,11 +135,15 @@ class DriveParams:
 
     def __post_init__(self) -> None:
         check_numbers(self, zero=("latency", "settle_time", "recover_iterations"))
-        for name in ("plan_every", "latency", "motion_every", "maintain_every", "recover_iterations"):
-            if not isinstance(getattr(self, name), (int, np.integer)):
-                raise ParameterError(f"DriveParams.{name}={getattr(self, name)!r} must be a whole number")
-        if not self.speeds or not all(0.0 < s <= 1.0 for s in self.speeds):
-            raise ParameterError(f"DriveParams.speeds={self.speeds!r} must be fractions in (0, 1]")
+        for what, kind, none in (
+            ("deform", DeformParams, False), ("assumptions", ObstacleAssumptions, False),
+            ("evasion", EvasionParams, True), ("task", AxisTask, True), ("speeds", tuple, False),
+        ):  # fmt: skip
+            check_type(f"DriveParams.{what}", getattr(self, what), kind, none=none)
+        if not self.speeds:
+            raise ParameterError("DriveParams.speeds=() must be fractions in (0, 1]; there is none")
+        for speed in self.speeds:
+            check_number("each of DriveParams.speeds, which must be fractions,", speed, above=0.0, high=1.0)
 
     @property
     def clearance(self) -> float:

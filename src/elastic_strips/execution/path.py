@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import ElasticStripsError
 from ..robot import RobotModel
 from ..robot.space import Array
+from ..summary import Summary
 from .following import follow
 from .limits import MotionLimits
 from .polyline import Polyline, spread
@@ -25,12 +26,12 @@ _MIN_GRID = 16
 _RANGE_SLACK = 1e-6  # [rad or m]
 
 
-class RetimingError(InputError):
+class RetimingError(ElasticStripsError):
     """A path cannot be driven as asked: no room to brake, a start velocity off the path, limits that cannot be kept."""
 
 
-@dataclass(frozen=True, eq=False)
-class DrivePath:
+@dataclass(frozen=True, eq=False, repr=False)
+class DrivePath(Summary):
     """A smooth path in drive coordinates.
 
     Attributes:

@@ -7,14 +7,14 @@ from typing import Protocol
 
 import numpy as np
 
-from ..errors import ParameterError, SceneError
+from ..errors import ElasticStripsError, ParameterError
 from ..robot.space import Array
 from ..scene import Scene, Twist, Unknown, World
 from .faults import SCENE_DELAY, FaultPlan
 from .params import ObstacleAssumptions
 
 
-class PerceptionError(SceneError):
+class PerceptionError(ElasticStripsError):
     """No usable scene came; the message says why."""
 
 

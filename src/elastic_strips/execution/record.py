@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import World
+from ..summary import Summary
 
 DRIVE_NAMES = {
     BaseKind.DIFF_DRIVE: ("left", "right"),
@@ -44,8 +45,8 @@ class RunState(IntEnum):
 STATES = tuple(state.name.lower() for state in RunState)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ControlRows:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class ControlRows(Summary):
     """One row a control step (T of them), arrays read-only; NaN where something was not known.
 
     Attributes:
@@ -74,8 +75,8 @@ class ControlRows:
         return len(self.time)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlanningRows:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class PlanningRows(Summary):
     """One row a tick of the planner (P of them), arrays read-only; NaN where something was not known.
 
     Attributes:
@@ -126,8 +127,8 @@ class Event:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Record:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Record(Summary):
     """Everything that a run wrote down.
 
     Attributes:
@@ -154,6 +155,12 @@ class Record:
     goal: Array | None
     states: tuple[str, ...] = STATES
     metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "robot": self.robot, "base": self.base.value, "rows": len(self.control.time),
+            "time": f"{self.duration:.2f} s", "obstacles": len(self.world.scene), "events": len(self.events),
+        }  # fmt: skip
 
     @property
     def drive_names(self) -> tuple[str, ...]:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..summary import Summary
 from .record import Event, Record, RunState
 
 
-@dataclass(slots=True)
-class TickStatistics:
+@dataclass(slots=True, repr=False)
+class TickStatistics(Summary):
     """Durations of planning ticks by the wall clock.
 
     Attributes:
@@ -33,8 +34,8 @@ class TickStatistics:
         return {f"p{p}": float(np.percentile(values, p)) for p in (50, 95, 99)}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DriveResult:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriveResult(Summary):
     """What a run came to.
 
     Attributes:
@@ -55,6 +56,12 @@ class DriveResult:
     replans: int
     statistics: TickStatistics
     seconds: float
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "state": self.state.name.lower(), "reason": self.reason, "time": f"{self.record.duration:.2f} s",
+            "stops": len(self.stops), "events": len(self.events), "replans": self.replans, "seconds": self.seconds,
+        }  # fmt: skip
 
     @property
     def reached(self) -> bool:

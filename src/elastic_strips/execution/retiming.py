@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConfigurationError, ParameterError
+from ..errors import ConfigurationError, ParameterError, RobotError
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array, wrap_angle
 from ..strip import Strip
+from ..validation import check_type
 from .braking import brake
 from .limits import MotionLimits
 from .path import DrivePath, RetimingError, integrate_travel, smooth_path
@@ -60,6 +61,8 @@ class Retimer:
         Raises:
             ParameterError: limits of another robot, or dt outside [1e-4, 0.1].
         """
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("limits", limits, MotionLimits, none=True)
         self.robot = robot
         self.limits = MotionLimits.for_robot(robot) if limits is None else limits
         k = {BaseKind.DIFF_DRIVE: 2, BaseKind.OMNI: 3, BaseKind.FIXED: 0}[robot.base_kind]

@@ -9,10 +9,12 @@ from time import perf_counter, sleep
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import RobotError
 from ..planning import PlanReport
 from ..robot import RobotModel
 from ..scene import Scene, World
 from ..strip import Strip
+from ..validation import check_able, check_count, check_number, check_type
 from .bystanders import Bystanders
 from .estimation import Estimator
 from .faults import Fault, FaultPlan
@@ -89,6 +91,16 @@ class Runner:
         record: bool = True,
         metadata: dict[str, object] | None = None,
     ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("params", params, DriveParams, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
+        check_type("strip", strip, Strip, none=True)
+        check_able("plant", plant, "reset", "step")
+        check_able("replanner", replanner, "plan")
+        check_able("watch", watch)
+        if not isinstance(perception, PerceptionParams):
+            check_able("perception", perception, "known", "sense")
+        check_count("seed", seed)
         self.robot, self.params = robot, params or DriveParams()
         self.world = world if isinstance(world, World) else World(world)
         self.bystanders = Bystanders(robot, self.world)
@@ -154,7 +166,7 @@ class Runner:
     def run(self, *, time_limit: float | None = None) -> DriveResult:
         """Drive until the goal is reached, the time is over, or :meth:`stop` was called."""
         params, supervisor = self.params, self.supervisor
-        limit = params.time_limit if time_limit is None else time_limit
+        limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
         began, first = perf_counter(), self._step
         while True:
             step = self._step
@@ -234,7 +246,7 @@ class Runner:
             phase_ms={k: 1e3 * s for k, s in proposal.timings.items()} if proposal else {},
             status=proposal.report.status.value if proposal else "",
             certified=bool(proposal and proposal.report.certified),
-            clearance=proposal.report.clearance if proposal else np.nan,
+            clearance=proposal.report.node_clearance if proposal else np.nan,
             horizon_end=supervisor.held.end_time,
             strip=self.pilot.strip.chart,
             reason=(proposal.reason if proposal else "") or supervisor.reason,

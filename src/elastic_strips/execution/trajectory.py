@@ -11,6 +11,7 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..strip import Strip
+from ..summary import Summary
 from .limits import MotionLimits
 
 _REST = 1e-9
@@ -34,8 +35,8 @@ class ReferenceState:
     a: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Summary):
     """A timed motion: samples joined by exact arcs of the base and straight lines of the joints.
 
     Between two samples the robot moves on the arc that joins them, evenly in time: what a certificate proves about

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import ParameterError
+from ..summary import Summary
 from .sweep import Approach
 
 REST_SPEED = 0.01
@@ -53,8 +54,8 @@ class Tolerance:
                 raise ParameterError(f"{name} = {value!r} must be at least 0 (inf: any)")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Verdict(Summary):
     """What a run did.
 
     Attributes:

@@ -1,21 +1,26 @@
 """IO room: scene, scenario and benchmark files in and out; every complaint names file and place."""
 
-from elastic_strips.io.barn import barn_ids, load_barn
-from elastic_strips.io.bridge import load_bridge
-from elastic_strips.io.drive_problem import DriveProblem
-from elastic_strips.io.dynabarn import dynabarn_ids, load_dynabarn
-from elastic_strips.io.files import check_writable, write_json
-from elastic_strips.io.laser_log import LaserLogError, LoggedScan, read_laser_log
-from elastic_strips.io.nav2_map import load_nav2_map
-from elastic_strips.io.obstacle_document import obstacle_documents, shape_document
-from elastic_strips.io.point_cloud import PointCloud, cloud_scene, read_point_cloud
-from elastic_strips.io.record_file import check_record_file, read_record, record_robot, write_record
-from elastic_strips.io.record_table import record_columns, record_csv, record_frame
-from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
-from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
-from elastic_strips.io.scene_writer import write_scene, write_world
-from elastic_strips.io.sensor_file import read_sensors, silvermate_sensors
-from elastic_strips.io.yaml_source import Node, load_yaml
+from typing import TYPE_CHECKING
+
+from elastic_strips._late import late_names
+
+if TYPE_CHECKING:
+    from elastic_strips.io.barn import barn_ids, load_barn
+    from elastic_strips.io.bridge import load_bridge
+    from elastic_strips.io.drive_problem import DriveProblem
+    from elastic_strips.io.dynabarn import dynabarn_ids, load_dynabarn
+    from elastic_strips.io.files import check_writable, write_json
+    from elastic_strips.io.laser_log import LaserLogError, LoggedScan, read_laser_log
+    from elastic_strips.io.nav2_map import load_nav2_map
+    from elastic_strips.io.obstacle_document import obstacle_documents, shape_document
+    from elastic_strips.io.point_cloud import PointCloud, cloud_scene, read_point_cloud
+    from elastic_strips.io.record_file import check_record_file, read_record, record_robot, write_record
+    from elastic_strips.io.record_table import record_columns, record_csv, record_frame
+    from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
+    from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
+    from elastic_strips.io.scene_writer import write_scene, write_world
+    from elastic_strips.io.sensor_file import read_sensors, silvermate_sensors
+    from elastic_strips.io.yaml_source import Node, load_yaml
 
 __all__ = [
     "DriveProblem",
@@ -56,3 +61,72 @@ __all__ = [
     "write_scene",
     "write_world",
 ]
+
+__getattr__ = late_names(  # a scene file needs nothing of what records need
+    __name__,
+    {
+        "barn": (
+            "barn_ids",
+            "load_barn",
+        ),
+        "bridge": ("load_bridge",),
+        "drive_problem": ("DriveProblem",),
+        "dynabarn": (
+            "dynabarn_ids",
+            "load_dynabarn",
+        ),
+        "files": (
+            "check_writable",
+            "write_json",
+        ),
+        "laser_log": (
+            "LaserLogError",
+            "LoggedScan",
+            "read_laser_log",
+        ),
+        "nav2_map": ("load_nav2_map",),
+        "obstacle_document": (
+            "obstacle_documents",
+            "shape_document",
+        ),
+        "point_cloud": (
+            "PointCloud",
+            "cloud_scene",
+            "read_point_cloud",
+        ),
+        "record_file": (
+            "check_record_file",
+            "read_record",
+            "record_robot",
+            "write_record",
+        ),
+        "record_table": (
+            "record_columns",
+            "record_csv",
+            "record_frame",
+        ),
+        "scenario_file": (
+            "PoseSpec",
+            "ScenarioSpec",
+            "read_scenario",
+        ),
+        "scene_file": (
+            "read_scene",
+            "read_world",
+            "scene_from_node",
+            "world_from_node",
+        ),
+        "scene_writer": (
+            "write_scene",
+            "write_world",
+        ),
+        "sensor_file": (
+            "read_sensors",
+            "silvermate_sensors",
+        ),
+        "yaml_source": (
+            "Node",
+            "load_yaml",
+        ),
+    },
+)

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from elastic_strips.io.scenario_file import PoseSpec
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
+from elastic_strips.summary import Summary
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DriveProblem:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriveProblem(Summary):
     """Drive from a start to one goal after another.
 
     Attributes:

@@ -20,7 +20,7 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
     try:
         target = Path(path)
         target.exists()  # a name that the system refuses fails here
-    except (OSError, ValueError) as error:
+    except (OSError, TypeError, ValueError) as error:
         raise InputError(f"{path!s:.80}: is no file name: {getattr(error, 'strerror', None) or error}") from None
     if not target.name:
         raise InputError(f"{str(path)!r}: is no file name")
@@ -40,10 +40,13 @@ def write_json(path: str | os.PathLike[str], document: Any) -> Path:
     """Write a document as JSON: the whole file or none (NaN and infinity are refused).
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or the document is no JSON.
     """
     target = check_writable(path)
-    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    try:
+        text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"{target}: what is to be written is no JSON: {error}") from None
     return write_whole(target, text.encode())
 
 

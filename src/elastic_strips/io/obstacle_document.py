@@ -6,7 +6,6 @@ from typing import Any
 
 import coal
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from elastic_strips.scene import Scene
 
@@ -18,6 +17,8 @@ def obstacle_documents(scene: Scene) -> list[dict[str, Any]]:
     caps) or cone, and the vertices [[x, y, z], …] of a convex hull. A mesh or a set of voxels gives one entry a
     convex piece, ``name#k``.
     """
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
     documents = []
     table = scene.table
     counts = np.bincount(table.obstacle_index, minlength=len(scene)) if len(scene) else np.zeros(0, dtype=int)

@@ -16,6 +16,7 @@ from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.input_file import read_input
 from elastic_strips.robot.space import Array
 from elastic_strips.scene import Scene, Voxels
+from elastic_strips.summary import Summary
 
 MAX_BYTES = 200_000_000
 MAX_POINTS = 5_000_000
@@ -37,8 +38,8 @@ _PCD_TYPES = {(k, s): f"{t}{s}" for k, t in (("I", "i"), ("U", "u")) for s in (1
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PointCloud:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointCloud(Summary):
     """Points of a file.
 
     Attributes:

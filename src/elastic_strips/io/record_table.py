@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_strips.errors import InputError
+from elastic_strips.errors import missing_extra
 from elastic_strips.execution.record import Record
 
 UNITS = {
@@ -65,14 +65,12 @@ def record_frame(record: Record) -> Any:
     """The control rows as a ``pandas.DataFrame``.
 
     Raises:
-        InputError: pandas is not installed.
+        MissingExtraError: pandas is not installed.
     """
     try:
         pandas = importlib.import_module("pandas")
     except ModuleNotFoundError:
-        raise InputError(
-            "pandas is not installed: pip install pandas, or use record_columns(record), a dictionary of arrays"
-        ) from None
+        raise missing_extra("record_frame (record_columns gives plain arrays)", "pandas") from None
     return pandas.DataFrame(record_columns(record))
 
 

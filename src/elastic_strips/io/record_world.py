@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from elastic_strips.execution.record import RecordError
 from elastic_strips.io.obstacle_document import obstacle_documents
@@ -29,6 +28,8 @@ def world_documents(world: World, time: Array) -> tuple[list[dict[str, Any]], li
         ``track``: None for a fixed one, else its place among the tracks, whose pose its own ``pose`` is relative to;
         the names of the obstacles that move (M), their positions (T, M, 3) [m] and quaternions (T, M, 4).
     """
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
     documents: list[dict[str, Any]] = []
     moving: list[Obstacle] = []
     taken: set[str] = set()
@@ -59,6 +60,8 @@ def world_from_documents(documents: Any, time: Array, position: Array, quaternio
     Raises:
         RecordError: the documents are damaged; a `SceneError` where an obstacle cannot be made.
     """
+    from scipy.spatial.transform import Rotation
+
     obstacles: list[Obstacle] = []
     appears: dict[str, float] = {}
     vanishes: dict[str, float] = {}
@@ -98,6 +101,8 @@ def _obstacle(shape: str, size: Any, where: dict[str, Any]) -> Obstacle:
 
 
 def _matrix(pose: Any) -> Array:
+    from scipy.spatial.transform import Rotation
+
     values = np.array(pose, dtype=float)
     if values.shape != (7,) or not np.isfinite(values).all() or not math.isclose(np.linalg.norm(values[3:]), 1.0):
         raise RecordError(f"a pose is seven finite numbers with a unit quaternion, not {pose!s:.80}")
@@ -107,4 +112,6 @@ def _matrix(pose: Any) -> Array:
 
 
 def _vector(T: Array) -> list[float]:
+    from scipy.spatial.transform import Rotation
+
     return [*map(float, T[:3, 3]), *map(float, Rotation.from_matrix(T[:3, :3]).as_quat())]

@@ -13,6 +13,7 @@ from elastic_strips.errors import InputError, SceneError
 from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.scene_file import VERSION
 from elastic_strips.scene import Keyframes, Obstacle, Scene, Twist, Unknown, World, checks
+from elastic_strips.validation import check_type
 
 
 def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
@@ -23,6 +24,7 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     Raises:
         SceneError: A motion is neither a twist nor keyframes nor unknown, or the file cannot be written.
     """
+    check_type("scene", scene, Scene, SceneError)
     _write(scene, {}, path)
 
 
@@ -32,6 +34,7 @@ def write_world(world: World, path: str | os.PathLike[str]) -> None:
     Raises:
         SceneError: As for `write_scene`.
     """
+    check_type("world", world, World, SceneError)
     spans: dict[str, dict[str, str]] = {name: {} for name in world.scene.names}
     for key, times in (("appears", world.appears), ("vanishes", world.vanishes)):
         for name, time in times.items():

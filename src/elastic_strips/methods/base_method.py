@@ -6,33 +6,16 @@ what it reaches is none of their business.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, Literal, Protocol, runtime_checkable
-
-import numpy as np
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
 
 from ..errors import ParameterError
 from ..execution.limits import MotionLimits
 from ..robot.space import Array
 from ..sensing import Reading
+from ..validation import check_numbers
 
 Status = Literal["moving", "arrived", "blocked"]
-
-
-def check_numbers(owner: Any, *, zero: tuple[str, ...] = ()) -> None:
-    """Every number of a dataclass is finite and > 0, or ≥ 0 where it is named in ``zero``.
-
-    Raises:
-        ParameterError: a value that is not; the message has the value and its bound.
-    """
-    for f in fields(owner):
-        value = getattr(owner, f.name)
-        if isinstance(value, str):
-            continue
-        bound = "≥ 0" if f.name in zero else "> 0"
-        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-        if not number or not np.isfinite(value) or value < 0 or (value == 0 and f.name not in zero):
-            raise ParameterError(f"{type(owner).__name__}.{f.name}={value!r} must be a finite number {bound}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

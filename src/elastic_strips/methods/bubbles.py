@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..robot.space import Array
 
@@ -18,6 +17,8 @@ class FreeDistance:
     """
 
     def __init__(self, points: Array, radius: float, most: float) -> None:
+        from scipy.spatial import cKDTree  # late: slow to import
+
         self._tree = cKDTree(points) if len(points) else None
         self._radius, self.most = radius, most
 

@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import ParameterError, nearest_name
 from ..robot.space import Array
 from ..sensing import LaserScan, RangeRing, Reading
-from .base_method import check_numbers
+from ..validation import check_count, check_numbers
 from .sensed import Flags, PlanarRays, Whole, planar_rays
 
 CV_MAX = 15
@@ -51,8 +51,7 @@ class GridParams:
         if self.kind not in ("histogram", "bayes"):
             raise ParameterError(f"GridParams.kind={self.kind!r} is unknown{nearest_name(self.kind, _KINDS)}")
         check_numbers(self)
-        if self.size != int(self.size) or self.size < 3:
-            raise ParameterError(f"GridParams.size={self.size!r} must be a whole number ≥ 3")
+        check_count("GridParams.size", self.size, low=3)
         for name in ("hit", "free"):
             if not getattr(self, name) < 1.0:
                 raise ParameterError(f"GridParams.{name}={getattr(self, name)!r} must be < 1")

@@ -17,7 +17,8 @@ from ..errors import ParameterError
 from ..planning.grid_path import cheapest_way, resample
 from ..robot.space import Array
 from ..sensing import Reading
-from .base_method import BaseCommand, BaseLimits, check_numbers
+from ..validation import check_numbers
+from .base_method import BaseCommand, BaseLimits
 from .bubbles import FreeDistance, connected, relaxed, thinned
 from .helm import GoalParams, Helm, angle_between
 from .sensed import SensedPoints
@@ -76,9 +77,6 @@ class ElasticBandParams:
                 )
         if self.overlap > 1.0:
             raise ParameterError(f"ElasticBandParams.overlap={self.overlap!r} must be ≤ 1")
-        for name in ("bubbles", "iterations"):
-            if getattr(self, name) != int(getattr(self, name)):
-                raise ParameterError(f"ElasticBandParams.{name}={getattr(self, name)!r} must be a whole number")
 
 
 class SensedWay:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..robot.space import Array
-from .base_method import BaseCommand, BaseLimits, Status, check_numbers
+from ..validation import check_numbers
+from .base_method import BaseCommand, BaseLimits, Status
 
 _FIRST_PERIOD = 0.1  # [s] taken as time since the last command where there was none, or none for long
 _LONG = 0.5  # [s] since the last command

@@ -16,7 +16,8 @@ import numpy as np
 from ..errors import ParameterError, nearest_name
 from ..robot.space import Array
 from ..sensing import Reading
-from .base_method import BaseCommand, BaseLimits, check_numbers
+from ..validation import check_numbers
+from .base_method import BaseCommand, BaseLimits
 from .certainty_grid import GridParams, make_grid
 from .helm import GoalParams, Helm, angle_between
 from .polar_histogram import (

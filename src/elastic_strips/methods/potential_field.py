@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
 
 from ..robot.space import Array
 from ..sensing import Reading
-from .base_method import BaseCommand, BaseLimits, check_numbers
+from ..validation import check_numbers
+from .base_method import BaseCommand, BaseLimits
 from .helm import GoalParams, Helm, angle_between
 from .sensed import SensedPoints
 
@@ -71,6 +71,8 @@ def nearest_points(offsets: Array) -> Array:
     They stand for the obstacles' nearest points: Khatib's obstacles are known bodies, ours are points. In a corridor
     each wall has one; two at the same distance both count.
     """
+    from scipy.ndimage import minimum_filter1d  # late: slow to import
+
     if not len(offsets):
         return offsets
     distance = np.hypot(offsets[:, 0], offsets[:, 1])

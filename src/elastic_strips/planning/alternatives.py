@@ -16,6 +16,7 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from ..summary import Summary
 from .deadline import Deadline
 from .ends import check_ends, check_search, workspace
 from .homotopy import BaseClass, Component, ComponentMap, base_class, component_map
@@ -32,8 +33,8 @@ _LINE_TICKS = 6
 _MARGINS = (0.04, 0.02, 0.01, 0.005)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Alternative:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Alternative(Summary):
     """One certified strip among others.
 
     Attributes:
@@ -53,9 +54,15 @@ class Alternative:
     clearance: float
     cost: float
 
+    def _summary(self) -> dict[str, object]:
+        return {
+            "base_class": self.base_class, "method": self.method, "length": f"{self.length:.3f} m",
+            "clearance_of_nodes": f"{self.clearance:.3f} m", "cost": self.cost, "nodes": len(self.strip),
+        }  # fmt: skip
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AlternativesReport:
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AlternativesReport(Summary):
     """Strips of different classes.
 
     Attributes:
@@ -73,10 +80,16 @@ class AlternativesReport:
     seconds: float
     timings: dict[str, float] = field(default_factory=dict)
 
+    def _summary(self) -> dict[str, object]:
+        return {
+            "alternatives": len(self.alternatives), "costs": [round(a.cost, 3) for a in self.alternatives],
+            "reason": self.reason, "attempts": self.attempts, "seconds": self.seconds,
+        }  # fmt: skip
+
 
 def strip_cost(report: DeformReport, params: DeformParams) -> float:
     """What a strip costs [m]: its length, and up to 1 m more the less of the influence distance it keeps clear."""
-    return report.strip.length + _TIGHT * max(0.0, 1.0 - report.clearance / params.influence)
+    return report.strip.length + _TIGHT * max(0.0, 1.0 - report.node_clearance / params.influence)
 
 
 def strip_path(strip: Strip) -> Array:
@@ -237,7 +250,7 @@ class _Search:
             self.notes.append(f"{what}: relaxed into a class that is there already")
         else:
             self.found[word] = Alternative(
-                report.strip, report, word, method, report.strip.length, report.clearance, cost
+                report.strip, report, word, method, report.strip.length, report.node_clearance, cost
             )
         return True
 

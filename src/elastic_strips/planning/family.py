@@ -13,6 +13,7 @@ from ..errors import ConfigurationError, ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
+from ..summary import Summary
 from .alternatives import Alternative, plan_alternatives, strip_path
 from .family_params import FamilyParams
 from .homotopy import base_class, component_map, obstacle_points, parted_by
@@ -22,8 +23,8 @@ from .rejoin import parting_angle, rejoined
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FamilyReport:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FamilyReport(Summary):
     """A tick of a family.
 
     Attributes:

@@ -9,19 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import coal
 import numpy as np
 import pinocchio as pin
-from scipy.ndimage import distance_transform_edt, gaussian_filter1d
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array, Indices
 from ..scene import Scene
+from ..summary import Summary
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _DIRECTIONS = 32  # of which half planes hold an obstacle's outline: it is at most 0.5 % of its radius too large
 FLOOR = 0.02  # [m] obstacles that lie lower are driven over
@@ -48,8 +49,8 @@ class Footprint:
     height: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GridPath:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class GridPath(Summary):
     """What was found on the grid.
 
     Attributes:
@@ -223,6 +224,8 @@ def clearance_map(
         height: obstacles that are above it are left out [m].
         over: says whether the time is over; then the rest of the obstacles is left out.
     """
+    from scipy.ndimage import distance_transform_edt  # late: slow to import
+
     taken = owner_map(scene, low, shape, resolution, height, over=over) >= 0
     if not taken.any():
         return np.full(taken.shape, np.inf)
@@ -296,6 +299,8 @@ def cell_cost(clear: Array, inner: float, comfort: float, ends: Array, resolutio
 
 def _cheapest(cost: Array, ends: Array) -> Array | None:
     """Cells (K, 2) of the cheapest way between two cells, or None."""
+    from scipy.sparse.csgraph import dijkstra  # late: slow to import
+
     first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in ends)
     _, before = dijkstra(cell_graph(cost), directed=False, indices=first, return_predecessors=True)
     if first != last and before[last] < 0:
@@ -308,6 +313,8 @@ def _cheapest(cost: Array, ends: Array) -> Array | None:
 
 def cell_graph(cost: Array) -> csr_array:
     """Costs of the moves between neighbouring cells, in both directions, as a sparse matrix of one of them."""
+    from scipy.sparse import csr_array  # late: slow to import
+
     number = np.arange(cost.size).reshape(cost.shape)
     rows, columns, weights = [], [], []
     for di, dj in _MOVES:
@@ -325,6 +332,8 @@ def cell_graph(cost: Array) -> csr_array:
 
 def smooth_way(way: Array, resolution: float) -> Array:
     """The way with even steps and rounded corners; its ends stay."""
+    from scipy.ndimage import gaussian_filter1d  # late: slow to import
+
     step = 0.5 * resolution
     even = resample(way, step)
     if len(even) < 4:

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt, label, maximum_position
 
 from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array, Indices
 from ..scene import Scene
+from ..summary import Summary
 from .grid_path import FLOOR, MOST_CELLS, footprint, grid_frame, owner_map
 
 BaseClass = tuple[tuple[str, int], ...]
@@ -43,8 +43,8 @@ class Component:
     area: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ComponentMap:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ComponentMap(Summary):
     """The components of a scene on a grid.
 
     Attributes:
@@ -97,6 +97,8 @@ def component_map(
     Raises:
         ParameterError: a fixed base, points of another shape or not finite, or a length that is not positive.
     """
+    from scipy.ndimage import distance_transform_edt, label, maximum_position  # late: slow to import
+
     xy = _points(points, least=1)
     if not robot.space.planar:
         raise ParameterError(f"the base of {robot.name!r} is fixed; diff_drive or omni is needed for classes of paths")

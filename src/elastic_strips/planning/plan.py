@@ -21,6 +21,7 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
+from ..summary import Summary
 from .deadline import Deadline
 from .edges import certify_path
 from .ends import check_ends, check_search, workspace
@@ -43,8 +44,8 @@ _CELLS_PER_SECOND = 150_000  # that a slow machine searches
 _WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlanReport:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlanReport(Summary):
     """How an initial strip came about.
 
     Attributes:
@@ -70,6 +71,15 @@ class PlanReport:
     ticks: int
     seconds: float
     timings: dict[str, float] = field(default_factory=dict)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "certified": self.certified, "method": self.method, "reason": self.reason, "robot": self.strip.robot.name,
+            "nodes": len(self.strip), "attempts": self.attempts, "ticks": self.ticks, "seconds": self.seconds,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        return {"clearance": f"{self.report.clearance:.3f} m"}
 
 
 def plan_report(
@@ -303,7 +313,7 @@ class _Search:
         broken = report.certificate.broken
         self.hit = str(broken) if broken is not None else report.reason
         self.reasons.append(f"{what}: {report.reason}")
-        if self.best is None or report.clearance > self.best.clearance:
+        if self.best is None or report.node_clearance > self.best.node_clearance:
             self.best = report
         self.initial = self.initial or initial
         return None

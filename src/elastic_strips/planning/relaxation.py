@@ -40,7 +40,7 @@ def relax_line(
         report = replace(step, ticks=tick)
         if watch is not None:
             watch(step)
-        if step.clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
+        if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
             break  # nodes on both sides of an obstacle: more ticks would not bring them together
     return report
 
@@ -109,8 +109,8 @@ def relax_path(
             timings[phase] = timings.get(phase, 0.0) + value
         if watch is not None:
             watch(report)
-        since = 0 if report.clearance > clearest + _GAIN else since + 1
-        clearest = max(clearest, report.clearance)
+        since = 0 if report.node_clearance > clearest + _GAIN else since + 1
+        clearest = max(clearest, report.node_clearance)
         rest = report.status is not DeformStatus.DEFORMING
         hopeless = rest or ticks >= max_ticks or (stuck is not None and since >= stuck) or over()
         if report.usable or hopeless:
@@ -144,12 +144,12 @@ def _cleared(
 ) -> DeformReport:
     """A few ticks more where a certified strip is still very near an obstacle."""
     for _ in range(ticks):
-        if not report.usable or report.clearance >= deformer.params.near or over():
+        if not report.usable or report.node_clearance >= deformer.params.near or over():
             break
         further = deformer.step(report.strip, scene)
         if watch is not None:
             watch(further)
-        if not further.usable or further.clearance <= report.clearance:
+        if not further.usable or further.node_clearance <= report.node_clearance:
             break
         report = replace(further, ticks=report.ticks + 1, reason=report.reason)
     return report

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
 
 from ..robot import RobotModel
 from ..robot.space import Array, Indices
@@ -52,6 +51,8 @@ def distinct_ways(
         field: the components of the scene, about start and goal; found where None.
         comfort: as in :func:`grid_path`.
     """
+    from scipy.sparse.csgraph import dijkstra  # late: slow to import
+
     ends = robot.space.to_chart(np.stack((start, goal)))[:, :2]
     field = component_map(robot, scene, ends) if field is None else field
     resolution = field.resolution

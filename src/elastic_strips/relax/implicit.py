@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dpbsv
 
 from ..forces import System
 from ..robot.space import Array
@@ -26,6 +25,8 @@ class BandedSolver:
         Raises:
             FloatingPointError: the matrix is not positive definite (an infinite or NaN entry).
         """
+        from scipy.linalg.lapack import dpbsv  # late: slow to import
+
         n, nv = system.force.shape
         inner = n - 2
         delta = np.zeros((n, nv))

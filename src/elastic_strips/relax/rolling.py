@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dptsv
 
 from ..robot import ConfigurationSpace
 from ..robot.space import Array
@@ -35,6 +34,8 @@ def project_rolling(
     Returns:
         The projected nodes, and the largest |v_y| [m] that is left (above ``tolerance`` if it did not converge).
     """
+    from scipy.linalg.lapack import dptsv  # late: slow to import
+
     chart = chart.copy()
     base = chart[:, :3]
     plane = _plane()

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import RobotError
+from ..summary import Summary
 from .space import Array, ConfigurationSpace
 
 
@@ -32,8 +33,8 @@ def _turned(align: Array) -> Array:
     return T
 
 
-@dataclass(frozen=True, slots=True)
-class KinematicTree:
+@dataclass(frozen=True, slots=True, repr=False)
+class KinematicTree(Summary):
     """A Pinocchio model's joints as plain arrays, each joint's frame turned so that it moves about or along its z.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import ConfigurationError, RobotError, nearest_name
+from ..summary import Summary
 from .base import BaseKind
 from .control_points import ControlPoints, default_control_points, find_frame, parse_control_points
 from .geometry import LinkGeometry, link_geometries
@@ -25,8 +26,8 @@ _LONGEST_SLIDE = 1e3
 """[m] to either side, for a sliding joint without limits."""
 
 
-@dataclass(frozen=True, eq=False)
-class RobotModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotModel(Summary):
     """A robot ready for planning: locked joints are gone, every collision shape is convex.
 
     Attributes:
@@ -61,6 +62,12 @@ class RobotModel:
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "name": self.name, "base": self.base_kind.value, "joints": len(self.joint_names),
+            "pieces": len(self.geometries), "self_pairs": len(self.self_pairs), "locked": len(self.locked),
+        }  # fmt: skip
 
     @property
     def nq(self) -> int:

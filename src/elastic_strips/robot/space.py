@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import RobotError
+from ..summary import Summary
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -44,8 +45,8 @@ def _half_cot(theta: Array) -> Array:
     return np.where(small, 1.0 - theta * theta / 12.0, half / np.tan(half))
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigurationSpace:
+@dataclass(frozen=True, slots=True, repr=False)
+class ConfigurationSpace(Summary):
     """Layout of a planned model's configurations.
 
     Attributes:

@@ -1,25 +1,30 @@
 """Scenarios: named problems and YAML files, and running them."""
 
+from typing import TYPE_CHECKING
+
+from .._late import late_names
 from .closing import closing_side
 from .clutter import clutter
 from .corridor import corridor_scene
 from .document import FORMAT, FORMAT_VERSION, result_document
-from .drive import (
-    DRIVE_METHODS,
-    PLANTS,
-    STRIP,
-    DriveOutcome,
-    conclude,
-    drive_scenario,
-    make_base_runner,
-    make_runner,
-)
-from .drive_document import DRIVE_FORMAT, DRIVE_FORMAT_VERSION, drive_document
 from .moving import moving_corridor
 from .passage import passage
 from .registry import get_scenario, scenario_names
 from .run import RunResult, run_scenario
 from .scenario import Scenario
+
+if TYPE_CHECKING:
+    from .drive import (
+        DRIVE_METHODS,
+        PLANTS,
+        STRIP,
+        DriveOutcome,
+        conclude,
+        drive_scenario,
+        make_base_runner,
+        make_runner,
+    )
+    from .drive_result import DRIVE_FORMAT, DRIVE_FORMAT_VERSION, drive_document
 
 __all__ = [
     "DRIVE_FORMAT",
@@ -47,3 +52,14 @@ __all__ = [
     "run_scenario",
     "scenario_names",
 ]
+
+__getattr__ = late_names(  # running a scenario needs nothing of what driving needs
+    __name__,
+    {
+        "drive": (
+            "DRIVE_METHODS", "PLANTS", "STRIP", "DriveOutcome", "conclude", "drive_scenario", "make_base_runner",
+            "make_runner",
+        ),
+        "drive_result": ("DRIVE_FORMAT", "DRIVE_FORMAT_VERSION", "drive_document"),
+    },
+)  # fmt: skip

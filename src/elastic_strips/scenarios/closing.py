@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..io import PoseSpec
+from ..named import SCENARIOS
 from ..scene import Box, Scene
 from ..scene.motion import Twist
 from .scenario import Scenario
@@ -33,7 +34,7 @@ def closing_side(seed: int = 0) -> Scenario:
     )
     return Scenario(
         name=NAME,
-        summary="a box to pass on either side; a cabinet slides into the wider one",
+        summary=SCENARIOS[NAME],
         scene=scene,
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(6.0, 0.0, 0.0),

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..io import PoseSpec
+from ..named import SCENARIOS
 from ..robot.space import Array
 from ..scene import Box, Cylinder, Obstacle, Scene
 from .scenario import Scenario
@@ -42,7 +43,7 @@ def clutter(seed: int = 0) -> Scenario:
     """
     return Scenario(
         name=NAME,
-        summary="a room with pillars, tables, shelves and beams; the arm ends above a table (seeded generator)",
+        summary=SCENARIOS[NAME],
         scene=clutter_scene(seed),
         start=PoseSpec(*START, 0.0),
         goal=PoseSpec(*GOAL, 0.0, joints=REACH),

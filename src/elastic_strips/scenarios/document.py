@@ -11,6 +11,7 @@ from .._version import __version__
 from ..io import obstacle_documents
 from ..robot import BaseKind
 from ..tunnel import BrokenSegment
+from ..validation import check_type
 from .run import RunResult
 
 FORMAT = "elastic-strips-result"
@@ -19,6 +20,7 @@ FORMAT_VERSION = 1
 
 def result_document(result: RunResult) -> dict[str, Any]:
     """A run as plain values, ready for JSON. Lengths in metres, angles in radians."""
+    check_type("result", result, RunResult)
     report, robot, strip = result.report, result.robot, result.report.strip
     paper = result.params.preset == "paper"
     base = BaseKind.OMNI if paper and robot.base_kind is BaseKind.DIFF_DRIVE else robot.base_kind

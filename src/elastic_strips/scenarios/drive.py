@@ -10,7 +10,7 @@ import numpy as np
 
 from ..control import LASER_ASSUMPTIONS, LASER_EASE, BaseRunner, SensedPerception
 from ..deform import DeformParams
-from ..errors import ParameterError, nearest_name
+from ..errors import RobotError, ScenarioError
 from ..execution import (
     DRIVE_STRIP,
     MACHINE,
@@ -35,6 +35,8 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import World
 from ..sensing import SensorConfig
+from ..summary import Summary
+from ..validation import check_choice, check_count, check_type
 from .scenario import Scenario
 from .sight import unseen_contacts
 
@@ -44,8 +46,8 @@ DRIVE_METHODS = (STRIP, *BASE_METHODS)
 """What steers: the elastic strip, or one of the methods for a base alone that the paper names."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DriveOutcome:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriveOutcome(Summary):
     """What driving a scenario came to.
 
     Attributes:
@@ -73,6 +75,14 @@ class DriveOutcome:
     physical_contacts: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     seen_collisions: int = 0
+
+    def _summary(self) -> dict[str, object]:
+        clearance = f"{self.verdict.min_clearance_m:.3f} m"
+        return {
+            "scenario": self.scenario.name, "robot": self.robot.name, "plant": self.plant, "method": self.method,
+            "reached": self.reached, "collisions": len(self.verdict.collisions), "least_clearance": clearance,
+            "time": f"{self.verdict.time_s:.1f} s", "stops": len(self.result.stops), "reason": self.result.reason,
+        }  # fmt: skip
 
     @property
     def tracking_error(self) -> float | None:
@@ -119,6 +129,9 @@ def make_runner(
     Raises:
         InputError: start or goal in collision, an unknown plant, …
     """
+    check_type("params", params, DriveParams, none=True)
+    check_type("sensors", sensors, SensorConfig, none=True)
+    check_count("alternatives", alternatives, low=1)
     problem = _Problem.of(scenario, robot, seed, plant)
     if params is None:
         values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
@@ -184,8 +197,11 @@ class _Problem:
 
     @classmethod
     def of(cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str) -> _Problem:
-        if plant not in PLANTS:
-            raise ParameterError(f"plant={plant!r} is unknown{nearest_name(plant, PLANTS)}")
+        check_type("scenario", scenario, Scenario, ScenarioError)
+        check_type("robot", robot, RobotModel, RobotError, none=True)
+        check_choice("plant", plant, PLANTS)
+        if seed is not None:
+            check_count("seed", seed)
         robot = scenario.load_robot(preset="default") if robot is None else robot
         seed = scenario.seed if seed is None else seed
         limits, world = MotionLimits.for_robot(robot), scenario.world
@@ -242,9 +258,9 @@ def drive_scenario(
         robot, seed, plant, **options: as in :func:`make_runner` or :func:`make_base_runner`.
         time_limit: longest run [s of simulated time].
     """
+    check_type("scenario", scenario, Scenario, ScenarioError)
+    check_choice("method", method, DRIVE_METHODS)
     seed = scenario.seed if seed is None else seed
-    if method not in DRIVE_METHODS:
-        raise ParameterError(f"method={method!r} is unknown{nearest_name(method, DRIVE_METHODS)}")
     if method == STRIP:
         runner = make_runner(scenario, robot=robot, seed=seed, plant=plant, **options)
     else:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..io import PoseSpec
+from ..named import SCENARIOS
 from ..scene import Box, Cylinder, Keyframes, Motion, Obstacle, Scene, Sphere, World, Yielding, checks
 from .corridor import HALF_WIDTH, LENGTH, PASSAGE, corridor_guide, corridor_scene
 from .scenario import Scenario
@@ -126,8 +127,7 @@ def moving_corridor(
     world = World(Scene(obstacles), appears, vanishes)
     return Scenario(
         name=COURTEOUS if yielding else NAME,
-        summary=f"the corridor with {COUNTS[0]} to {COUNTS[1]} movers that appear, cross and come head-on"
-        + (", and stop for a robot that stands (seeded)" if yielding else " (seeded)"),
+        summary=SCENARIOS[COURTEOUS if yielding else NAME],
         scene=world.at(0.0),
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(LENGTH, 0.0, 0.0),

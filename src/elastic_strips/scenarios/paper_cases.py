@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..io import PoseSpec
+from ..named import SCENARIOS
 from ..scene import Box, Cylinder, Obstacle, Scene
 from .scenario import Scenario
 
@@ -37,23 +38,13 @@ TABLE_2 = {
 }
 """Case → transfer tilt [rad], safe distance [m], distance between the two obstacles [m]."""
 
-_SUMMARY = {
-    "case-1": "two obstacles 2.1 m apart, slow turning: pass between",
-    "case-2": "as case 1, fast turning",
-    "case-3": "two obstacles 1.0 m apart, safe distance 1.5 m: the paper's strip is blocked",
-    "case-4": "as case 3 with safe distance 0.8 m: pass between",
-    "case-5": "two obstacles 0.1 m apart: go around both",
-    "case-6": "obstacles scattered at will",
-    "case-7": "the whole robot in 3D: a shelf that the base passes and the arm must avoid",
-}
-
 
 def paper_case(name: str) -> Scenario:
     """One of ``case-1`` … ``case-7``."""
     tilt, safe, gap = TABLE_2[name]
     return Scenario(
         name=name,
-        summary=_SUMMARY[name],
+        summary=SCENARIOS[name],
         scene=Scene(_obstacles(name, gap)),
         start=PoseSpec(*_START),
         goal=PoseSpec(*_GOAL),

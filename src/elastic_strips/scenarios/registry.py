@@ -10,6 +10,8 @@ import numpy as np
 
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
+from ..named import SCENARIOS
+from ..validation import shown
 from .closing import NAME as CLOSING
 from .closing import closing_side
 from .clutter import NAME as CLUTTER
@@ -25,7 +27,7 @@ from .traps import BOTTLENECK, DEAD_END, bottleneck, dead_end
 def _corridor(seed: int) -> Scenario:
     return Scenario(
         name="corridor",
-        summary="8 m of clutter, 32 obstacles of mixed shapes and heights (seeded generator)",
+        summary=SCENARIOS["corridor"],
         scene=corridor_scene(seed),
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(LENGTH, 0.0, 0.0),
@@ -61,9 +63,11 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     Raises:
         ScenarioError: an unknown name, or a fault in the file.
     """
+    if not isinstance(name_or_path, (str, Path)):
+        raise ScenarioError(f"a scenario has a name or a file, not {shown(name_or_path)}")
     text = str(name_or_path)
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ScenarioError(f"seed={seed!r} must be an integer ≥ 0")
+        raise ScenarioError(f"seed={shown(seed)} must be an integer ≥ 0")
     if text in REGISTRY:
         return REGISTRY[text](seed)
     path = Path(text)

@@ -9,20 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from ..deform import Deformer, DeformParams, DeformReport, DeformStatus
-from ..errors import ConfigurationError, ParameterError
+from ..deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
+from ..errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from ..planning import check_ends, plan_report, straight_line
 from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..strip import Strip
-from ..tunnel import strip_clearance
+from ..summary import Summary
+from ..validation import check_able, check_choice, check_count, check_number, check_type
 from .passage import passage
 from .scenario import Scenario
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RunResult:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RunResult(Summary):
     """What came of a scenario.
 
     Attributes:
@@ -31,7 +32,6 @@ class RunResult:
         report: last report; its strip is the result.
         method: where the initial strip came from: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
         reason: what happened, for people.
-        clearance: of the interpolated strip [m].
         passage: see :func:`passage`.
         seed: of the planner.
         ticks: all ticks; tick_seconds: the duration of each.
@@ -46,13 +46,27 @@ class RunResult:
     report: DeformReport
     method: str
     reason: str
-    clearance: float
     passage: str | None
     seed: int
     ticks: int
     tick_seconds: Array
     time_to_certified: float | None
     frames: tuple[Strip, ...] = field(default_factory=tuple)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "scenario": self.scenario.name, "robot": self.robot.name, "preset": self.params.preset,
+            "status": self.report.status.value, "certified": self.certified, "reason": self.reason,
+            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passage,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        return {"clearance": f"{self.clearance:.3f} m", "length": f"{self.report.strip.length:.3f} m"}
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip: the report's."""
+        return self.report.clearance
 
     @property
     def certified(self) -> bool:
@@ -84,6 +98,15 @@ def run_scenario(
     Raises:
         InputError: start or goal in collision, unknown parameters, …
     """
+    check_type("scenario", scenario, Scenario, ScenarioError)
+    check_type("robot", robot, RobotModel, RobotError, none=True)
+    check_type("overrides", overrides, dict, none=True)
+    check_able("watch", watch)
+    if preset is not None:
+        check_choice("preset", preset, PRESETS)
+    if seed is not None:
+        check_count("seed", seed)
+    check_number("timeout", timeout, above=0.0, unit="s")
     preset = preset or scenario.preset
     robot = scenario.load_robot(preset=preset) if robot is None else robot
     values = {**scenario.params.get(preset, {}), **(overrides or {})}
@@ -106,10 +129,9 @@ def run_scenario(
         if scenario.name in str(error):
             raise
         raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
-    clearance = strip_clearance(report.strip, scenario.scene)
     return RunResult(
         scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
-        clearance=clearance, passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
+        passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
         tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
     )  # fmt: skip
 

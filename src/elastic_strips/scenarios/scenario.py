@@ -12,10 +12,11 @@ from ..robot import BaseKind, RobotModel, load_robot
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..scene.yielding import copied
+from ..summary import Summary
 
 
-@dataclass(frozen=True, slots=True)
-class Scenario:
+@dataclass(frozen=True, slots=True, repr=False)
+class Scenario(Summary):
     """A problem to run.
 
     Attributes:

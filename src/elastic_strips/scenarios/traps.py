@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..io import PoseSpec
+from ..named import SCENARIOS
 from ..scene import Box, Obstacle, Scene
 from .scenario import Scenario
 
@@ -22,7 +23,7 @@ def bottleneck(seed: int = 0) -> Scenario:
     """
     return Scenario(
         name=BOTTLENECK,
-        summary=f"a wall with a door of {DOOR:g} m, a little beside the line",
+        summary=SCENARIOS[BOTTLENECK],
         scene=Scene(
             [
                 _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
@@ -50,7 +51,7 @@ def dead_end(seed: int = 0) -> Scenario:
         walls.append(Box((_DEPTH, _THICK, _HEIGHT), at=at, name=name))
     return Scenario(
         name=DEAD_END,
-        summary=f"a dead end, {_DEPTH:g} m deep and {_WIDTH:g} m wide, on the line",
+        summary=SCENARIOS[DEAD_END],
         scene=Scene(walls),
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(6.0, 0.0, 0.0),

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import numbers
-import reprlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.errors import SceneError
+
+from ..validation import shown
 
 Array = NDArray[np.float64]
 
@@ -29,18 +30,6 @@ QUAT_TOLERANCE = 1e-6
 
 POSE_TOLERANCE = 1e-6
 """A rotation matrix whose columns are orthonormal to this is accepted."""
-
-
-_SHORT = reprlib.Repr()  # of a list of a million entries the first ones alone
-_SHORT.maxlevel = 4
-_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = _SHORT.maxfrozenset = _SHORT.maxarray = 40
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
-
-
-def shown(value: object) -> str:
-    """Return a short representation of ``value`` for an error message."""
-    text = " ".join(_SHORT.repr(value).split())
-    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def number(

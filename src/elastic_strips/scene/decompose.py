@@ -27,8 +27,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull as _Qhull
-from scipy.spatial import QhullError
 
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.input_file import read_input
@@ -149,8 +147,10 @@ def _body(vertices: Array, faces: Faces, body: Any) -> list[Array]:
 
 def _fills_hull(vertices: Array, faces: Faces, volume: float) -> bool:
     """Whether the closed body is convex: all of its faces lie on its hull, and the volume is the hull's."""
+    from scipy.spatial import ConvexHull, QhullError  # late: slow to import
+
     try:
-        hull = _Qhull(vertices)
+        hull = ConvexHull(vertices)
     except QhullError:
         return False
     if abs(volume - hull.volume) > 1e-4 * hull.volume:
@@ -175,6 +175,7 @@ def _plates(vertices: Array, faces: Faces) -> list[Array]:
 def _covering(vertices: Array, faces: Faces, hulls: list[Array]) -> list[Array]:
     """Grow ``hulls`` until they hold the surface: each small triangle goes to the hull that it sticks out of least."""
     import trimesh
+    from scipy.spatial import ConvexHull
 
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     split: Any = trimesh.remesh.subdivide_to_size(vertices, faces, max_edge=_SPLIT * size, max_iter=20)
@@ -182,7 +183,7 @@ def _covering(vertices: Array, faces: Faces, hulls: list[Array]) -> list[Array]:
     owner = np.zeros(len(triangles), dtype=np.int64)
     least = np.full(len(triangles), np.inf)
     for k, corners in enumerate(hulls):
-        equations = _Qhull(corners).equations
+        equations = ConvexHull(corners).equations
         out = np.full(len(points), -np.inf)
         for rows in range(0, len(points), 50_000):
             block = slice(rows, rows + 50_000)

@@ -12,10 +12,11 @@ from elastic_strips.errors import SceneError
 from elastic_strips.scene import checks
 from elastic_strips.scene.checks import Array
 from elastic_strips.scene.motion import MAX_SPEED, Motion, check_radius
+from elastic_strips.summary import Summary
 
 
-@dataclass(frozen=True, slots=True, eq=False, init=False)
-class Keyframes(Motion):
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+class Keyframes(Motion, Summary):
     """Absolute poses at given times; between them the position is linear and the orientation slerps.
 
     Before the first and after the last keyframe the obstacle rests there, unless ``loop`` repeats the motion for ever.

@@ -11,6 +11,7 @@ from elastic_strips.scene import checks
 from elastic_strips.scene.checks import Array
 from elastic_strips.scene.motion import Motion, check_motion
 from elastic_strips.scene.parts import Part, Solid
+from elastic_strips.summary import shortened
 
 _put = object.__setattr__
 _Self = TypeVar("_Self", bound="Obstacle")
@@ -140,7 +141,7 @@ class Obstacle:
         )
         moving = "" if self.motion is None else f", motion={type(self.motion).__name__}"
         at = [round(x, 6) for x in self.pose[:3, 3].tolist()]
-        return f"{type(self).__name__}({values}, at={at}, name={self.name!r}{moving})"
+        return f"{type(self).__name__}({shortened(f'{values}, at={at}, name={self.name!r}{moving}')})"
 
     def __setattr__(self, key: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable; {key!r} cannot be set. Use moved, at or named")

@@ -12,8 +12,6 @@ from typing import Any
 
 import coal as _coal
 import numpy as np
-from scipy.spatial import ConvexHull as _Qhull
-from scipy.spatial import QhullError
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene.checks import Array
@@ -115,8 +113,10 @@ def hull_part(vertices: Array, what: str = "vertices") -> Part:
             f"{what}: the {len(vertices)} points are flat ({thickness:.3g} m thick); a convex hull needs at least 4 "
             f"points that do not lie in one plane (thickness at least {MIN_THICKNESS:g} m)"
         )
+    from scipy.spatial import ConvexHull, QhullError  # late: slow to import
+
     try:
-        hull = _Qhull(local)
+        hull = ConvexHull(local)
     except QhullError as error:
         raise SceneError(f"{what}: no convex hull of {len(vertices)} points: {str(error).splitlines()[0]}") from None
     corners = local[hull.vertices]

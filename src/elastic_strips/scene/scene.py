@@ -12,6 +12,7 @@ from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.scene import checks
 from elastic_strips.scene.obstacle import Obstacle
 from elastic_strips.scene.table import PartTable, build_table, update_table
+from elastic_strips.summary import shortened, table
 
 
 class Scene:
@@ -182,8 +183,13 @@ class Scene:
         return name in self._index if isinstance(name, str) else any(o is name for o in self.obstacles)
 
     def __repr__(self) -> str:
-        shown = ", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else "")
+        shown = shortened(", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else ""))
         return f"Scene({len(self.obstacles)} obstacles at t = {self.time:g} s: {shown})"
+
+    def _repr_html_(self) -> str:
+        rows = {o.name or "": f"{o.shape} at {np.round(o.pose[:3, 3], 3).tolist()} m" for o in self.obstacles[:20]}
+        rest = len(self.obstacles) - len(rows)
+        return table(f"Scene at t = {self.time:g} s", {**rows, **({"…": f"{rest} more"} if rest else {})})
 
     def __setattr__(self, key: str, value: object) -> None:
         raise AttributeError(f"Scene is immutable; {key!r} cannot be set. Use moved, at, with_obstacle or without")

@@ -12,12 +12,13 @@ from typing import Any
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.scene import checks
 from elastic_strips.scene.scene import Scene
+from elastic_strips.summary import Summary
 
 _LATEST = 1e12
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class World:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class World(Summary):
     """Obstacles that move, appear and vanish: an obstacle exists from ``appears`` on, until ``vanishes``.
 
     Args:

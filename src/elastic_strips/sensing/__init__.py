@@ -13,7 +13,6 @@ from .scan_rays import ScanRays, rays_of
 from .suite import SensorSuite
 from .tracker import Sighting, Tracker
 from .tracks import TrackedObstacle, TrackState
-from .triangles import NoRayTracer
 from .visibility import Visibility, seen_obstacles, visible_to
 from .voxel_map import VoxelMap
 
@@ -31,7 +30,6 @@ __all__ = [
     "SonarParams",
     "InfraredParams",
     "sensor_frames",
-    "NoRayTracer",
     "SceneEstimator",
     "SceneEstimatorParams",
     "EstimatorReport",

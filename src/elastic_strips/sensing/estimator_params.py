@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from ..errors import ParameterError, nearest_name
+from ..validation import check_numbers
 
 UNSEEN = ("free", "blocked")
 _MAY_BE_ZERO = (
     "wary_time", "stir_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay",
 )  # fmt: skip
-_COUNTS = ("min_points", "confirm_hits", "lost_misses")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,25 +105,10 @@ class SceneEstimatorParams:
     sonar_range: float = 1.0
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if f.name == "unseen":
-                if value not in UNSEEN:
-                    raise ParameterError(f"SceneEstimatorParams.unseen={value!r}{nearest_name(value, UNSEEN)}")
-            elif f.name in _COUNTS:
-                if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                    raise ParameterError(f"SceneEstimatorParams.{f.name}={value!r} must be a whole number ≥ 1")
-            else:
-                self._check_number(f.name, value)
+        if self.unseen not in UNSEEN:
+            raise ParameterError(f"SceneEstimatorParams.unseen={self.unseen!r}{nearest_name(self.unseen, UNSEEN)}")
+        check_numbers(self, zero=_MAY_BE_ZERO)
         self._check_pairs()
-
-    def _check_number(self, name: str, value: object) -> None:
-        zero = name in _MAY_BE_ZERO
-        good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        if not good or value < 0 or (value == 0 and not zero):  # type: ignore[operator]
-            raise ParameterError(
-                f"SceneEstimatorParams.{name}={value!r} must be a finite number {'≥ 0' if zero else '> 0'}"
-            )
 
     def _check_pairs(self) -> None:
         cells = self.tile / self.cell

@@ -24,7 +24,7 @@ class ObstacleRays:
         world: where the obstacles are; what it holds is made ready here.
 
     Raises:
-        NoRayTracer: an obstacle is a hull, a mesh, voxels or points, and Embree is not installed.
+        MissingExtraError: an obstacle is a hull, a mesh, voxels or points, and Embree is not installed.
     """
 
     def __init__(self, world: World) -> None:

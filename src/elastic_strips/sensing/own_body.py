@@ -30,7 +30,7 @@ class OwnBody:
         padding: of the bodies that move before the sensor [m].
 
     Raises:
-        NoRayTracer: a body has no formulas, and Embree is not installed.
+        MissingExtraError: a body has no formulas, and Embree is not installed.
     """
 
     def __init__(self, posture: Posture, joint: npt.NDArray[np.intp], local: Rays, padding: float) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..robot.space import Array, Mask
+from ..summary import Summary
 
 NOTHING = np.inf
 """A range at which nothing is, as far as the sensor reaches."""
@@ -15,8 +16,8 @@ NO_ANSWER = np.nan
 """A range of which nothing is known: dropped out, or the robot itself is in the way."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LaserScan:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LaserScan(Summary):
     """One scan of a planar laser range finder.
 
     Attributes:
@@ -54,8 +55,8 @@ class LaserScan:
         return local @ self.T_base_sensor[:3, :3].T + self.T_base_sensor[:3, 3]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RangeRing:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RangeRing(Summary):
     """One round of a ring of single-range sensors: sonars, or infrared distance sensors.
 
     Attributes:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, RobotError, SceneError
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import World
+from ..validation import check_count, check_type
 from .mounting import Posture
 from .obstacle_rays import ObstacleRays
 from .params import LaserParams, SensorConfig
@@ -43,7 +44,7 @@ class SensorSuite:
 
     Raises:
         RobotError: the robot has not the links that the sensors sit on.
-        NoRayTracer: the extra ``sensing`` is needed for the shapes there are, and not installed.
+        MissingExtraError: the extra ``sensing`` is needed for the shapes there are, and not installed.
     """
 
     def __init__(
@@ -55,6 +56,11 @@ class SensorSuite:
         seed: int | np.random.Generator = 0,
         time: float = 0.0,
     ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("world", world, World, SceneError)
+        check_type("config", config, SensorConfig, none=True)
+        if not isinstance(seed, np.random.Generator):
+            check_count("seed", seed)
         self.config = SensorConfig() if config is None else config
         self._posture = Posture(robot)
         obstacles = ObstacleRays(world)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ..robot.space import Array, Mask
 from .cluster_shapes import Footprint, footprint
@@ -109,6 +108,8 @@ class Tracker:
     def _assign(self, clusters: list[Cluster], shapes: list[Footprint]) -> list[tuple[int, int]]:
         if not clusters or not self._tracks:
             return []
+        from scipy.optimize import linear_sum_assignment  # late: slow to import
+
         params = self.params
         cost = np.full((len(self._tracks), len(clusters)), _FORBIDDEN)
         centers = np.array([s.center for s in shapes])

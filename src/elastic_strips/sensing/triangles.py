@@ -8,9 +8,8 @@ from typing import Any
 import coal as _coal
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
 
-from ..errors import ElasticStripsError
+from ..errors import missing_extra
 from ..robot.geometry import support_points
 from ..robot.space import Array
 from ..scene.parts import Part
@@ -31,24 +30,17 @@ _BOX_FACES = np.array(
 )  # fmt: skip
 
 
-class NoRayTracer(ElasticStripsError, ImportError):
-    """Meshes are to be seen by simulated range sensors, and Embree is not installed."""
-
-
 def import_embree() -> tuple[Any, Any]:
     """The classes ``EmbreeScene`` and ``TriangleMesh`` of the package ``embreex``.
 
     Raises:
-        NoRayTracer: it is not installed; the message says how to.
+        MissingExtraError: it is not installed.
     """
     try:
         from embreex.mesh_construction import TriangleMesh  # pyright: ignore[reportMissingImports]
         from embreex.rtcore_scene import EmbreeScene  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise NoRayTracer(
-            "simulated range sensors need embreex for convex hulls, meshes, voxels and points: "
-            "pip install 'elastic-strips[sensing]'"
-        ) from error
+        raise missing_extra("seeing hulls, meshes, voxels and points by rays", "embreex", "sensing") from error
     return EmbreeScene, TriangleMesh
 
 
@@ -150,6 +142,8 @@ def joined(bodies: Sequence[tuple[Array, Sequence[Corners]]]) -> TriangleBody:
 
 def _hull(points: Array) -> Corners:
     """Triangles of the convex hull of points (V, 3), outside to the right hand."""
+    from scipy.spatial import ConvexHull  # late: slow to import
+
     hull = ConvexHull(points)
     faces = hull.simplices.astype(np.int64)
     a, b, c = (points[faces[:, k]] for k in range(3))

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import coal
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ..proximity import BodySet
 from ..robot import Kinematics, RobotModel
@@ -55,7 +54,7 @@ class Outline:
             _grown((self._points[g][0] @ turn[k].T + move[k])[:, :2], self._points[g][1]) for k, g in enumerate(bodies)
         ]
         cloud = np.vstack(clouds)
-        return cloud[ConvexHull(cloud).vertices]
+        return _outline(cloud)
 
 
 def draw_scene(axes: Axes, scene: Scene, safe: float | None = None) -> None:
@@ -73,7 +72,7 @@ def draw_scene(axes: Axes, scene: Scene, safe: float | None = None) -> None:
             axes.add_patch(Polygon(MM * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
             if safe is not None:
                 hull = _grown(shape, safe)
-                hull = hull[ConvexHull(hull).vertices]
+                hull = _outline(hull)
                 axes.add_patch(Polygon(MM * hull, fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
         x, y = MM * obstacle.pose[:2, 3]
         axes.annotate(obstacle.name or "", (x, y), fontsize=6, ha="center", va="center", zorder=6)
@@ -148,7 +147,7 @@ def _shapes(obstacle: Obstacle) -> Iterable[tuple[Any, Array]]:
             local, radius = support_points(part.geometry)
             points = local + part.T_obstacle_part[:3, 3]
         cloud = _grown((points @ rotation.T + shift)[:, :2], radius)
-        yield cloud[ConvexHull(cloud).vertices], middle
+        yield _outline(cloud), middle
 
 
 def _grown(points: Array, radius: float) -> Array:
@@ -158,3 +157,10 @@ def _grown(points: Array, radius: float) -> Array:
     angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = radius * np.column_stack((np.cos(angle), np.sin(angle)))
     return (points[:, None] + circle[None]).reshape(-1, 2)
+
+
+def _outline(points: Array) -> Array:
+    """Corners of the convex hull of points (K, 2), in turn."""
+    from scipy.spatial import ConvexHull  # late: slow to import
+
+    return points[ConvexHull(points).vertices]

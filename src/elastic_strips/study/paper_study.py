@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..control.sequencing import MissingExtraError
-from ..errors import InputError, ScenarioError, nearest_name
+from ..errors import InputError, ScenarioError, missing_extra, nearest_name
 from ..io.files import check_writable, write_whole
 from ..robot.space import Array
 from ..scenarios import drive_scenario, get_scenario
 from ..scenarios.paper_cases import TABLE_1, TABLE_2
 from ..scenarios.traps import BOTTLENECK, DEAD_END
+from ..summary import Summary
 from .comparison import CASES, METHODS, Row, check_methods, compare
 from .document import Document
 from .parameter_map import Cell, parameter_map
@@ -42,8 +42,8 @@ _MARKDOWN, _PAGE = "paper.md", "paper.html"
 _DPI = 70
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PaperStudy:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PaperStudy(Summary):
     """What the study found.
 
     Attributes:
@@ -103,7 +103,7 @@ def paper_study(
     try:
         import matplotlib.figure  # noqa: F401 - before anything is run
     except ImportError as error:
-        raise MissingExtraError("the study needs matplotlib: pip install 'elastic-strips[study]'") from error
+        raise missing_extra("the study", "matplotlib", "study") from error
     out = Path(folder)
     try:
         out.mkdir(parents=True, exist_ok=True)

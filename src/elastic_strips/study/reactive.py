@@ -19,6 +19,7 @@ from ..robot.space import Array, Indices
 from ..scenarios.scenario import Scenario
 from ..scene import Scene
 from ..strip import Strip
+from ..summary import Summary
 
 SPACING = 0.216
 """From posture to posture of the initial line [m]; 59 segments for its 12.7 m."""
@@ -59,8 +60,8 @@ class Sighting:
     distance: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ReactiveRun:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ReactiveRun(Summary):
     """What came of a run.
 
     Attributes:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import ConfigurationError, SceneError
 from ..proximity import BodySet, MotionBounds, ObstacleProximity
 from ..robot import Kinematics
 from ..robot.space import where_true
 from ..scene import Scene
 from ..strip import Strip
+from ..validation import check_number, check_type
 
 _REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
 
@@ -25,6 +27,9 @@ def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> f
         scene: the obstacles.
         tolerance: accuracy [m].
     """
+    check_type("strip", strip, Strip, ConfigurationError)
+    check_type("scene", scene, Scene, SceneError)
+    check_number("tolerance", tolerance, above=0.0, unit="m")
     if len(scene) == 0:
         return float("inf")
     bodies = BodySet.links(strip.robot)

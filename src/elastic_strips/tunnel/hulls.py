@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..robot.space import Array
+from ..summary import Summary
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tunnel:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Tunnel(Summary):
     """Protective hulls of a strip: spheres about its control points (Brock and Khatib's tunnel).
 
     Attributes:

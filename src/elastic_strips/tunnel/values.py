@@ -8,6 +8,8 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from ..summary import Summary
+
 HALF_TURN = "half turn"
 
 
@@ -46,8 +48,8 @@ class BrokenSegment:
         return f"segment {self.segment}: {self.link} {what} {self.obstacle} ({self.clearance * 1000:.1f} mm)"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Certificate:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Certificate(Summary):
     """Result of certifying a strip.
 
     Attributes:
@@ -63,6 +65,10 @@ class Certificate:
     states: npt.NDArray[np.int8]
     broken: BrokenSegment | None
     checks: int
+
+    def _summary(self) -> dict[str, object]:
+        proven = f"{int(self.segments.sum())} of {len(self.segments)} segments"
+        return {"certified": proven, "clearance": f"{self.clearance:g} m", "broken": str(self.broken)}
 
     @property
     def certified(self) -> bool:

@@ -18,12 +18,17 @@ from elastic_strips.viewer.commands import Command
 from elastic_strips.viewer.geometry import Doubles, Poses
 from elastic_strips.viewer.meshes import linear
 from elastic_strips.viewer.obstacles import Obstacles
+from elastic_strips.viewer.trouble import trouble_spot
 
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
+TROUBLE = "#b5002b"
 FORCE, GHOST, HULL, BASE_THREAD, HAND_THREAD = "#c2257a", "#3f7fb5", "#58a6c9", "#1f5f8b", "#f0902b"
+_BAD = ("BROKEN", "BLOCKED")
 _CHIP = {"SETTLED": CERTIFIED, "DEFORMING": "#b7791f", "BROKEN": REFUSED, "BLOCKED": REFUSED}
 _MAX_HULLS = 600
-STILL = ("/ghosts", "/strip", "/forces")
+_PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
+_MOST = 400  # characters of a reason
+STILL = ("/ghosts", "/strip", "/forces", "/trouble")
 """What a picture shows and what plays may have to hide."""
 
 
@@ -32,6 +37,7 @@ class Snapshot:
     """What is to be drawn: a scene and a strip, with the report about it where there is one.
 
     The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
+    ``live`` is one of many pictures a second: what takes long to measure is left out.
     """
 
     robot: RobotModel
@@ -40,6 +46,7 @@ class Snapshot:
     report: Any = None
     frame: bool = False
     q: Any = None
+    live: bool = False
 
 
 def hexcolor(color: str) -> tuple[float, float, float]:
@@ -65,6 +72,7 @@ class Drawing:
         self.obstacles = Obstacles()
         self.playing = False
         self._made: set[str] = set()
+        self._pinned = False
 
     def draw(self, snapshot: Snapshot) -> list[Command]:
         """Return the commands that turn the picture into this snapshot."""
@@ -79,6 +87,7 @@ class Drawing:
         out += self.markers(chart)
         out += self._forces(snapshot.report)
         out += self._tunnel(snapshot.report, points)
+        out += self._trouble(snapshot.report, chart)
         if snapshot.q is not None:
             poses.update(snapshot.robot.space.to_chart(np.asarray(snapshot.q))[None])
         out.append(self.robot_at(poses.matrices(self.joints, [0])[0]))
@@ -176,12 +185,15 @@ class Drawing:
         if report is not None:
             status = re.sub(r"^.*\.", "", str(getattr(report.status, "name", report.status))).upper()
             chip = [status.lower(), _CHIP.get(status, UNCHECKED)]
-            if np.isfinite(report.clearance):
-                rows.append(["clearance", f"{report.clearance:.3f} m"])
+            clearance = report.node_clearance if snapshot.live else report.clearance
+            if np.isfinite(clearance):
+                rows.append(["clearance of the nodes" if snapshot.live else "clearance", f"{clearance:.3f} m"])
             segments = checked(report, nodes)
             if segments is not None:
                 rows.append(["certified", f"{int(segments.sum())} of {len(segments)} segments"])
             legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
+            if self._pinned:
+                legend.append([f"where it is {status.lower()}" if status in _BAD else "not clear here", TROUBLE])
             if getattr(report, "forces", None) is not None and len(report.forces.points):
                 legend.append(["forces", FORCE])
         else:
@@ -190,7 +202,9 @@ class Drawing:
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         legend.append(["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"])
-        return commands.hud({"title": self.title, "chip": chip, "rows": rows, "legend": legend})
+        bad = report is not None and chip is not None and chip[0].upper() in _BAD
+        note = {"note": report.reason[:_MOST]} if bad else {}
+        return commands.hud({"title": self.title, "chip": chip, "rows": rows, "legend": legend, **note})
 
     def _ghosts(self, poses: Poses, points: Doubles) -> list[Command]:
         matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
@@ -247,6 +261,29 @@ class Drawing:
         centers, radii = points[::every].reshape(-1, 3), radii[::every].reshape(-1)
         keep = np.isfinite(radii) & (radii > 0.0)
         return [*out, commands.instances("/tunnel", geometry.spheres(centers[keep], radii[keep]))]
+
+    def _trouble(self, report: Any, chart: Doubles) -> list[Command]:
+        """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
+        assert self.robot is not None
+        assert self.poses is not None
+        spot = trouble_spot(self.robot, report, chart, self.poses)
+        self._pinned = spot is not None
+        if spot is None and "trouble" not in self._made:
+            return []
+        out: list[Command] = []
+        if "trouble" not in self._made:
+            self._made.add("trouble")
+            clear, solid = (commands.material(hexcolor(TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
+            out.append(commands.mesh("/trouble/spot", meshes.sphere(), clear, instances=1, cast=False))
+            out.append(commands.mesh("/trouble/head", meshes.sphere(), solid, instances=1, cast=False))
+            out.append(commands.mesh("/trouble/pole", meshes.rod(), solid, instances=1, cast=False))
+        spots = np.zeros((0, 3)) if spot is None else spot[None]
+        heads = spots * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN]
+        feet = spots * [1.0, 1.0, 0.0]
+        out.append(commands.instances("/trouble/spot", geometry.spheres(spots, np.full(len(spots), _SPOT))))
+        out.append(commands.instances("/trouble/head", geometry.spheres(heads, np.full(len(spots), _HEAD))))
+        out.append(commands.instances("/trouble/pole", geometry.between(feet, heads, _POLE)))
+        return out
 
 
 def checked(report: Any, nodes: int) -> NDArray[np.bool_] | None:

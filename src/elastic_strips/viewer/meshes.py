@@ -10,7 +10,6 @@ from typing import Any
 import coal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
 
 Floats = NDArray[np.float32]
 _CREASE = np.cos(np.radians(35.0))
@@ -184,6 +183,8 @@ def capsule(radius: float, length: float, segments: int = 24) -> MeshData:
 
 def hull(points: ArrayLike) -> MeshData:
     """Convex hull of (V, 3) points."""
+    from scipy.spatial import ConvexHull  # late: slow to import
+
     points = np.asarray(points, dtype=float)
     found = ConvexHull(points)
     a, b, c = (points[found.simplices[:, i]] for i in range(3))

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
-from elastic_strips.errors import InputError
+from elastic_strips.errors import InputError, RobotError, SceneError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.viewer import commands, geometry
 from elastic_strips.viewer.commands import Command
 from elastic_strips.viewer.drawing import STILL, Drawing, Snapshot, segment_colors
 from elastic_strips.viewer.geometry import Doubles, Floats
+
+from ..validation import check_number, check_type, shown
 
 _FPS, _MAX_FRAMES, _MAX_STRIPS = 30.0, 900, 24
 
@@ -53,15 +54,18 @@ def playback(robot: RobotModel, scene: Scene, subject: Any, duration: float) -> 
     Raises:
         InputError: Nothing to play, a duration that is not positive, or nodes of the wrong size.
     """
-    if not (np.isfinite(duration) and 0.0 < duration <= 3600.0):
-        raise InputError(f"duration = {duration} must be positive and at most 3600 s")
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("scene", scene, Scene, SceneError)
+    check_number("duration", duration, above=0.0, high=3600.0, unit="s")
     if isinstance(subject, np.ndarray) or hasattr(subject, "q") or hasattr(subject, "strip"):
         subject = [subject]
+    if not isinstance(subject, Iterable) or isinstance(subject, (str, bytes)):
+        raise InputError(f"a strip, a report, a path (N, nq) or a sequence of them is played, not {shown(subject)}")
     strips, reports = [], []
     for item in subject:
         report = item if hasattr(item, "strip") else None
         strip = item.strip if report is not None else item
-        strip = strip if hasattr(strip, "q") else Path(np.asarray(strip, dtype=float))
+        strip = strip if hasattr(strip, "q") else _path(strip)
         if strip.q.ndim != 2 or not len(strip.q) or strip.q.shape[1] != robot.nq:
             raise InputError(f"a path has shape {strip.q.shape}; {robot.name!r} wants (N, {robot.nq}) with N >= 1")
         strips.append(strip)
@@ -69,6 +73,13 @@ def playback(robot: RobotModel, scene: Scene, subject: Any, duration: float) -> 
     if not strips:
         raise InputError("there is no strip to play; give a strip, a report, a path (N, nq) or a sequence of them")
     return Playback(robot, scene, tuple(strips), tuple(reports), float(duration))
+
+
+def _path(nodes: Any) -> Path:
+    try:
+        return Path(np.asarray(nodes, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"this is neither a strip nor a report nor configurations (N, nq): {shown(nodes)}") from None
 
 
 def draw(drawing: Drawing, play: Playback, *, frame: bool = True) -> list[Command]:
@@ -167,6 +178,8 @@ def counted(path: str, count: NDArray[np.intp]) -> Mapping[str, Any]:
 
 def motion(path: str, times: ArrayLike, matrices: Floats) -> list[Mapping[str, Any]]:
     """Tracks of position and orientation through (F, 16) column-major matrices."""
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
     T = np.swapaxes(matrices.reshape(-1, 4, 4), -1, -2)
     quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat()
     flips = np.cumprod(np.where(np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0, -1.0, 1.0))

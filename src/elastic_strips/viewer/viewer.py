@@ -11,7 +11,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from elastic_strips.errors import ParameterError
+from elastic_strips.errors import InputError, RobotError, SceneError
 from elastic_strips.execution.record import Record as RunRecord
 from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.robot import RobotModel
@@ -23,6 +23,8 @@ from elastic_strips.viewer.link import Link, LinkError
 from elastic_strips.viewer.playback import Playback
 from elastic_strips.viewer.replay import Replay
 from elastic_strips.viewer.server import Record
+
+from ..validation import check_count, check_type, shown
 
 _log = logging.getLogger(__name__)
 _RATE = 30.0  # pictures per second
@@ -63,10 +65,10 @@ class Viewer:
         Raises:
             ParameterError: A port or a number of ghosts out of range.
         """
-        if port is not None and not 0 < port < 65536:
-            raise ParameterError(f"port = {port} must be between 1 and 65535, or None for a free one")
-        if not 0 <= ghosts <= 50:
-            raise ParameterError(f"ghosts = {ghosts} must be between 0 and 50; more stall browsers")
+        if port is not None:
+            check_count("port", port, low=1, high=65535)
+        check_count("ghosts", ghosts, high=50)  # more stall browsers
+        check_type("title", title, str)
         self._title = title
         self._drawing = Drawing(title=title, ghosts=ghosts)
         self._record = Record()
@@ -113,6 +115,9 @@ class Viewer:
             robot: The robot.
             scene: The obstacles.
             strip_or_report: A ``Strip``, a ``DeformReport`` or configurations (N, nq).
+
+        Raises:
+            InputError: Something else, or in another order.
         """
         play = playback.playback(robot, scene, [strip_or_report], 1.0)
         self._robot, self._scene = robot, scene
@@ -129,10 +134,13 @@ class Viewer:
         """
         if self._failed or self._closed:
             return
+        check_type("scene", scene, Scene, SceneError, none=True)
+        strip = getattr(report, "strip", report)
+        if not hasattr(strip, "robot") or not hasattr(strip, "q"):
+            raise InputError(f"update shows a report or a Strip, not {shown(report)}")
         if scene is not None:
             self._scene = scene
-        strip = getattr(report, "strip", report)
-        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report, q=q)
+        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report, q=q, live=True)
         if self._lost:
             self._missed = job  # nobody looks; save_html may want it
         else:
@@ -178,6 +186,8 @@ class Viewer:
         Raises:
             InputError: Another robot, a speed out of range, or nothing between begin and end.
         """
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("record", record, RunRecord)
         job = replay.replay(robot, record, speed, begin, end)
         self._robot, self._scene = robot, record.world.at(job.end)
         self._post(job)

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from elastic_strips.control import Facts, MissingExtraError, Order, SequencingLayer
-from elastic_strips.errors import ParameterError
+from elastic_strips.control import Facts, Order, SequencingLayer
+from elastic_strips.errors import MissingExtraError, ParameterError
 
 
 @pytest.fixture

@@ -44,8 +44,8 @@ def test_settling_beside_obstacles(name, request):
     np.testing.assert_array_equal(report.strip.q[[0, -1]], strip.q[[0, -1]])
     assert report.strip.lateral_slip.max() <= 1e-6
     nearest = min(link_distances(robot, ASIDE, q).min() for q in report.strip.q)
-    assert report.clearance <= nearest + 1e-9
-    assert report.clearance >= min(nearest, 0.3) - 1e-3
+    assert report.node_clearance <= nearest + 1e-9
+    assert report.node_clearance >= min(nearest, 0.3) - 1e-3
     before = min(link_distances(robot, ASIDE, q).min() for q in strip.q)
     assert nearest > before + 0.02, "the strip did not give way"
 

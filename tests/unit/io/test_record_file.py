@@ -14,7 +14,7 @@ import pytest
 from brute_force import make_scene, scene_pieces
 from synthetic_run import moving_world, straight_run
 
-from elastic_strips.errors import InputError
+from elastic_strips.errors import InputError, MissingExtraError
 from elastic_strips.execution.record import Record, RecordError
 from elastic_strips.execution.recorder import Recorder
 from elastic_strips.io import record_table
@@ -207,7 +207,7 @@ def test_no_frame_where_pandas_is_not(record, monkeypatch):
         raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(record_table.importlib, "import_module", missing)
-    with pytest.raises(InputError, match="pip install pandas"):
+    with pytest.raises(MissingExtraError, match="pip install pandas"):
         record_frame(record)
     assert len(record_columns(record)["x"]) == len(record.control)
 

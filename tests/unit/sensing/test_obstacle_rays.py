@@ -10,6 +10,7 @@ import pytest
 from brute_force import SHAPES, make_obstacle, make_scene
 from free_way import along, outside_scene
 
+from elastic_strips.errors import MissingExtraError
 from elastic_strips.scene import (
     Box,
     Capsule,
@@ -24,7 +25,6 @@ from elastic_strips.scene import (
     Voxels,
     World,
 )
-from elastic_strips.sensing import NoRayTracer
 from elastic_strips.sensing.obstacle_rays import ObstacleRays
 from elastic_strips.sensing.rays import Rays
 
@@ -196,5 +196,5 @@ def test_without_embree_only_meshes_are_refused(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     ObstacleRays(world(Box([1, 1, 1]), Sphere(1), Cylinder(1, 1), Capsule(1, 1), Cone(1, 1)))
-    with pytest.raises(NoRayTracer, match=r"elastic-strips\[sensing\]"):
+    with pytest.raises(MissingExtraError, match=r"elastic-strips\[sensing\]"):
         ObstacleRays(world(ConvexHull(CUBE)))

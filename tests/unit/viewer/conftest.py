@@ -50,6 +50,7 @@ def make_report(robot):
             "status": "DEFORMING",
             "reason": "",
             "clearance": 0.1234,
+            "node_clearance": changes.get("clearance", 0.1234),
             "certificate": SimpleNamespace(certified=False, segments=segments, broken=None),
             "energies": {},
             "timings": {},

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
+from ..validation import check_type
 from .drive import DriveOutcome
 
 DRIVE_FORMAT = "elastic-strips-drive"
@@ -15,6 +16,7 @@ DRIVE_FORMAT_VERSION = 1
 
 def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
     """A drive as plain values, ready for JSON. Lengths in metres, angles in radians, times in seconds."""
+    check_type("outcome", outcome, DriveOutcome)
     result, verdict = outcome.result, outcome.verdict
     judged = verdict.as_dict()
     return {

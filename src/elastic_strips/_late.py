@@ -1,0 +1,25 @@
+"""Late loading: names of a package whose modules are imported when somebody asks for one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+
+
+def late_names(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
+    """The ``__getattr__`` of a package: it loads the module, or one of its names, that is asked for.
+
+    Args:
+        package: ``__name__`` of the package.
+        modules: name of a module in it → names that the package has of it.
+    """
+    where = {name: module for module, names in modules.items() for name in names}
+
+    def load(name: str) -> object:
+        if name in where:
+            return getattr(import_module(f".{where[name]}", package), name)
+        if name in modules:
+            return import_module(f".{name}", package)
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+
+    return load

@@ -1,0 +1,94 @@
+"""What is not installed is said in one way, with the command that installs it; what is expected to fail is no wrong
+input."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import elastic_strips as es
+from elastic_strips.cli import main
+from elastic_strips.errors import InputError, MissingExtraError
+from elastic_strips.execution import ContactError, PerceptionError, RetimingError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    tomllib = pytest.importorskip("tomli")
+
+PROJECT = Path(__file__).parents[2] / "pyproject.toml"
+
+
+def _hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    for name in [m for m in sys.modules if m == package or m.startswith(package + ".")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+
+
+def _mujoco(robot: es.RobotModel) -> object:
+    from elastic_strips.scenarios import make_runner
+
+    return make_runner(es.get_scenario("case-1"), robot=robot, plant="mujoco")
+
+
+def _embree(robot: es.RobotModel) -> object:
+    from elastic_strips.scene import World
+    from elastic_strips.sensing.obstacle_rays import ObstacleRays
+
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    return ObstacleRays(World(es.Scene([es.ConvexHull(corners)])))
+
+
+def _tree(robot: es.RobotModel) -> object:
+    from elastic_strips.control import SequencingLayer
+
+    sys.modules.pop("elastic_strips.control.tree", None)
+    return SequencingLayer(["drive"])
+
+
+def _study(robot: es.RobotModel) -> object:
+    from elastic_strips.study import paper_study
+
+    return paper_study("nowhere")
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "use"),
+    [
+        ("mujoco", "sim", _mujoco),
+        ("embreex", "sensing", _embree),
+        ("py_trees", "control", _tree),
+        ("matplotlib", "study", _study),
+    ],
+)
+def test_a_missing_extra_is_said_with_the_command_that_installs_it(monkeypatch, silvermate, package, extra, use):
+    _hide(monkeypatch, package)
+    with pytest.raises(MissingExtraError) as caught:
+        use(silvermate)
+    assert f"{package}, which is not installed: pip install 'elastic-strips[{extra}]'" in str(caught.value)
+    assert isinstance(caught.value, ImportError)
+
+
+def test_a_drive_without_mujoco_ends_with_the_command_and_no_traceback(monkeypatch, capsys):
+    _hide(monkeypatch, "mujoco")
+    with pytest.raises(SystemExit) as ended:
+        main(["drive", "case-1", "--plant", "mujoco"])
+    told = capsys.readouterr().err.strip()
+    assert ended.value.code == 2
+    assert told.startswith("error: ")
+    assert told.endswith("pip install 'elastic-strips[sim]'")
+    assert "\n" not in told
+
+
+def test_what_the_notebooks_need_is_in_their_extra():
+    extras = tomllib.loads(PROJECT.read_text())["project"]["optional-dependencies"]
+    names = {line.split(">")[0] for line in extras["notebooks"]}
+    assert {"matplotlib", "py_trees", "embreex"} <= names  # what 03 and 04 import, and what rays against meshes need
+
+
+@pytest.mark.parametrize("error", [RetimingError, PerceptionError, ContactError, MissingExtraError])
+def test_an_expected_failure_is_no_wrong_input(error):
+    assert issubclass(error, es.ElasticStripsError)
+    assert not issubclass(error, InputError | ValueError)

@@ -1,0 +1,124 @@
+"""What is imported when: the package and the command line load what is heavy where it is used, and Ctrl-C ends imports
+quietly."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+import elastic_strips as es
+from elastic_strips.named import SCENARIOS
+
+HEAVY = ("coal", "pinocchio", "scipy", "trimesh", "yourdfpy", "networkx", "matplotlib", "mujoco", "meshcat", "tornado")
+
+
+def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    call = [sys.executable, "-c", program, *arguments]
+    return subprocess.run(call, capture_output=True, text=True, timeout=120)
+
+
+def loaded(program: str, *arguments: str) -> set[str]:
+    """Top-level packages, and ``scipy``'s own, that are there after a program."""
+    tail = "\nsys.stdout = sys.__stdout__; print('LOADED', *sorted({m for m in sys.modules if m.count('.') < 2}))"
+    done = python("import sys\n" + program + tail, *arguments)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split("LOADED", 1)[1].split())
+
+
+COMMAND = """
+from elastic_strips.cli import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+"""
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    assert not loaded("import elastic_strips") & {*HEAVY, "numpy"}
+
+
+def test_planning_loads_nothing_that_it_does_not_use():
+    """The names of the ten-line program, asked for; loading a robot is another matter: its meshes have to be read."""
+    names = loaded("import elastic_strips as es; es.plan, es.Deformer, es.Scene, es.read_scene, es.run_scenario")
+    unused = {"matplotlib", "mujoco", "meshcat", "tornado", "ompl", "toppra", "py_trees", "rich"}
+    unused |= {"elastic_strips.execution", "elastic_strips.sensing", "elastic_strips.control", "elastic_strips.viewer"}
+    assert not names & unused
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["--help"]])
+def test_the_command_line_says_who_it_is_without_numpy(arguments):
+    assert not loaded(COMMAND, *arguments) & {*HEAVY, "numpy"}
+
+
+def test_the_list_makes_no_scene_and_reads_no_mesh():
+    names = loaded(COMMAND, "list")
+    assert not names & {"matplotlib", "mujoco", "meshcat", "tornado", "elastic_strips.scene", "elastic_strips.deform"}
+
+
+def test_what_is_listed_is_what_there_is():
+    assert tuple(SCENARIOS) == es.scenario_names()
+    assert all(es.get_scenario(name).summary == summary for name, summary in SCENARIOS.items())
+
+
+@pytest.mark.parametrize("package", ["elastic_strips", "elastic_strips.io", "elastic_strips.scenarios"])
+def test_names_that_load_late_are_all_there(package):
+    """... and stay what they are after every module of the package has been imported."""
+    module = importlib.import_module(package)
+    for found in pkgutil.iter_modules(module.__path__):
+        if not found.name.startswith("__"):
+            importlib.import_module(f"{package}.{found.name}")
+    for name in module.__all__:
+        assert not isinstance(getattr(module, name), ModuleType), name
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = module.nonsense
+
+
+def test_names_can_be_completed_before_they_are_loaded():
+    assert set(es.__all__) <= set(dir(es))
+    done = python("import elastic_strips as es; assert {*es.__all__} <= {*dir(es)}; from elastic_strips import *; Box")
+    assert done.returncode == 0, done.stderr
+
+
+def test_python_m_is_the_command_line():
+    done = subprocess.run([sys.executable, "-m", "elastic_strips", "--version"], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert done.stdout.strip() == f"elastic-strips, version {es.__version__}"
+
+
+HOOK = """
+import signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            {act}
+class Dying:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from elastic_strips.cli import main
+main()
+print("went on")
+"""
+
+
+@pytest.mark.parametrize("module", ["click", "numpy", "elastic_strips.scenarios", "pinocchio"])
+@pytest.mark.parametrize(
+    "act",
+    [
+        "raise KeyboardInterrupt",
+        "signal.raise_signal(signal.SIGINT)",
+        "Dying()",  # there, Python prints and forgets a KeyboardInterrupt
+    ],
+)
+def test_ctrl_c_while_it_imports_ends_quietly(module, act, tmp_path):
+    done = python(HOOK.format(module=module, act=act), "run", "case-1", "--json", str(tmp_path / "r.json"))
+    assert done.returncode == 130, done.stderr
+    assert done.stderr.strip() == "interrupted"
+    assert done.stdout == ""
+    assert not list(tmp_path.iterdir())
