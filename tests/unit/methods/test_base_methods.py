@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from flat_world import World, door, drive, moved, placed, ring, scan
+from flat_world import World, door, drive, moved, patience, placed, ring, scan
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.limits import MotionLimits
@@ -115,7 +115,9 @@ def test_a_wall_across_the_way_blocks_without_contact(name):
     world = World(
         walls=[(1.5, -6.0, 1.5, 6.0), (-1.0, -6.0, -1.0, 6.0), (-1.0, 6.0, 1.5, 6.0), (-1.0, -6.0, 1.5, -6.0)]
     )
-    run = drive(make_base_method(name, LIMITS), world, (0.0, 0.0, 0.0), (3.0, 0.0, 0.0), seconds=19.0, rate=10.0)
+    start, goal = (0.0, 0.0, 0.0), (3.0, 0.0, 0.0)
+    method, enough = make_base_method(name, LIMITS), patience(start, goal)
+    run = drive(method, world, start, goal, seconds=enough, rate=10.0, until_blocked=True)
     assert run.blocked
     assert not run.arrived
     assert run.clearance > 0.0
