@@ -180,7 +180,7 @@ def test_the_documented_check_works(tmp_path: Path) -> None:
         [sys.executable, "-c", program, str(tmp_path / "r.json")],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=True,
     )
     stated, sampled = map(float, re.findall(r"-?\d+\.\d+", ended.stdout))
@@ -301,7 +301,7 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
-    assert process.wait(timeout=20) in (0, 1, 120)
+    assert process.wait(timeout=120) in (0, 1, 120)
     errors = process.stderr.read().decode()
     process.stderr.close()
     assert "Traceback" not in errors

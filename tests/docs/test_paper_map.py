@@ -126,11 +126,20 @@ def of(section: str) -> dict[str, Row]:
     return found
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_name_is_there(name: str) -> None:
-    assert DOTTED.fullmatch(name), f"{name!r} stands in a column {MAPPED!r} and is no dotted name"
-    resolve(name)
-    assert public(name), f"{name} is private"
+def fault(name: str) -> str:
+    """What is wrong with a name; empty where nothing is."""
+    if not DOTTED.fullmatch(name):
+        return f"{name!r} stands in a column {MAPPED!r} and is no dotted name"
+    try:
+        resolve(name)
+    except LookupError as error:
+        return str(error)
+    return "" if public(name) else f"{name} is private"
+
+
+def test_all_names_are_there() -> None:
+    assert len(NAMES) > 100
+    assert [found for name in NAMES if (found := fault(name))] == []
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def interrupted(
             assert printed in process.stdout.readline()
         time.sleep(after)
         process.send_signal(signal.SIGINT)
-        out, errors = process.communicate(timeout=20)
+        out, errors = process.communicate(timeout=120)
     finally:
         process.kill()
     return subprocess.CompletedProcess(arguments, process.returncode, out, errors)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from elastic_strips.methods import GoalParams
 from elastic_strips.sensing import LaserScan, RangeRing
 
 LASER = np.radians(np.linspace(-135.0, 135.0, 137))
@@ -112,8 +113,8 @@ class Run:
         return any(c.status == "blocked" for c in self.commands)
 
 
-def drive(method, world, start, goal, *, seconds=20.0, rate=15.0, radius=0.27):
-    """Close the loop: sense, command, move; until arrived or the time is up."""
+def drive(method, world, start, goal, *, seconds=20.0, rate=15.0, radius=0.27, until_blocked=False):
+    """Close the loop: sense, command, move; until arrived or the time is up, or until the method says "blocked"."""
     pose, velocity, dt = np.array(start, dtype=float), np.zeros(2), 1.0 / rate
     goal = np.array(goal, dtype=float)
     poses, commands, clearance = [pose], [], world.clearance(pose, radius)
@@ -123,13 +124,22 @@ def drive(method, world, start, goal, *, seconds=20.0, rate=15.0, radius=0.27):
         method.update(ring(world, pose, t), pose)
         command = method.command(t, pose, velocity, goal)
         commands.append(command)
-        if command.status == "arrived":
+        if command.status == "arrived" or (until_blocked and command.status == "blocked"):
             break
         pose = arc(pose, command.v, command.omega, dt)
         velocity = np.array([command.v, command.omega])
         poses.append(pose)
         clearance = min(clearance, world.clearance(pose, radius))
     return Run(np.array(poses), commands, clearance)
+
+
+def patience(start, goal, params=None):
+    """Time [s] after which a base that does not arrive is blocked, however it swings.
+
+    The way that remains, at first the one from start to goal, can shorten only so often by what counts as progress.
+    """
+    params = GoalParams() if params is None else params
+    return params.patience * (2.0 + math.dist(start[:2], goal[:2]) / params.progress)
 
 
 def door(gap, x=2.5, side=3.0):

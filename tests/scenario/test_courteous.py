@@ -33,34 +33,34 @@ def outcome() -> DriveOutcome:
     return drive_scenario(get_scenario("courteous-corridor", seed=SEED))
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_the_movers_are_those_of_the_moving_corridor(seed: int) -> None:
+def test_the_movers_are_those_of_the_moving_corridor() -> None:
     """Of that speed, if nobody stands in their way; to a millimetre, as their tracks are smooth."""
-    plain, courteous = (
-        moving_corridor(seed, speed=COURTEOUS_SPEEDS).world,
-        get_scenario("courteous-corridor", seed=seed).world,
-    )
-    assert plain.scene.names == courteous.scene.names
-    assert plain.appears == courteous.appears
-    assert not courteous.vanishes
-    for obstacle, _ in _movers(courteous):
-        name = obstacle.name or ""
-        other = plain.scene.obstacle(name)
-        for t in np.arange(plain.appears.get(name, 0.0), plain.vanishes[name] - 0.1, 0.33):
-            assert np.abs(obstacle.at(float(t)).pose - other.at(float(t)).pose).max() < 1e-3
+    for seed in range(8):
+        plain, courteous = (
+            moving_corridor(seed, speed=COURTEOUS_SPEEDS).world,
+            get_scenario("courteous-corridor", seed=seed).world,
+        )
+        assert plain.scene.names == courteous.scene.names
+        assert plain.appears == courteous.appears
+        assert not courteous.vanishes
+        for obstacle, _ in _movers(courteous):
+            name = obstacle.name or ""
+            other = plain.scene.obstacle(name)
+            for t in np.arange(plain.appears.get(name, 0.0), plain.vanishes[name] - 0.1, 0.33):
+                assert np.abs(obstacle.at(float(t)).pose - other.at(float(t)).pose).max() < 1e-3
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_tracks_are_smooth_and_end_at_rest_outside(seed: int) -> None:
-    for obstacle, motion in _movers(get_scenario("courteous-corridor", seed=seed).world):
-        track = motion.track
-        assert isinstance(track, Keyframes)
-        step = float(track.times[1] - track.times[0])
-        assert _acceleration(track.positions, step, 1) <= ACCELERATION + 1e-6
-        last = np.linalg.norm(track.positions[-1] - track.positions[-2]) / step
-        assert last <= ACCELERATION * step + 1e-9
-        x, y = track.positions[-1, :2]
-        assert max(abs(y) - HALF_WIDTH, -1.5 - x, x - LENGTH - 1.5) > 0.5 * obstacle.parts[0].half_extents[:2].max()
+def test_tracks_are_smooth_and_end_at_rest_outside() -> None:
+    for seed in range(8):
+        for obstacle, motion in _movers(get_scenario("courteous-corridor", seed=seed).world):
+            track = motion.track
+            assert isinstance(track, Keyframes)
+            step = float(track.times[1] - track.times[0])
+            assert _acceleration(track.positions, step, 1) <= ACCELERATION + 1e-6
+            last = np.linalg.norm(track.positions[-1] - track.positions[-2]) / step
+            assert last <= ACCELERATION * step + 1e-9
+            x, y = track.positions[-1, :2]
+            assert max(abs(y) - HALF_WIDTH, -1.5 - x, x - LENGTH - 1.5) > 0.5 * obstacle.parts[0].half_extents[:2].max()
 
 
 def test_each_world_is_a_fresh_one() -> None:

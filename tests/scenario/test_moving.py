@@ -28,11 +28,10 @@ VARIANTS: dict[str, Make] = {
 SEEDS = range(12)
 
 
-@pytest.fixture(scope="module", params=[(name, seed) for name in VARIANTS for seed in SEEDS], ids=str)
-def problem(request: pytest.FixtureRequest) -> Scenario:
-    """Each variant with each seed."""
-    name, seed = request.param
-    return VARIANTS[name](seed)
+@pytest.fixture(scope="module", params=VARIANTS)
+def problems(request: pytest.FixtureRequest) -> list[Scenario]:
+    """Each variant, with all seeds."""
+    return [VARIANTS[request.param](seed) for seed in SEEDS]
 
 
 def _movers(problem: Scenario) -> list[tuple[Obstacle, Keyframes, float, float]]:
@@ -53,65 +52,69 @@ def _radius(obstacle: Obstacle) -> float:
     return float(obstacle.spec["radius"])
 
 
-def test_speeds_and_accelerations_are_bounded(problem: Scenario) -> None:
+def test_speeds_and_accelerations_are_bounded(problems: list[Scenario]) -> None:
     """Between keyframes 0.1 s apart; and the speed class is the bound of all movers, of which one comes near it."""
-    assert problem.speed_class is not None
-    assert SPEEDS[0] <= problem.speed_class <= SPEEDS[1]
-    fastest = 0.0
-    for _, motion, appears, vanishes in _movers(problem):
-        np.testing.assert_allclose(np.diff(motion.times), FRAME, atol=1e-9)
-        velocity = np.diff(motion.positions, axis=0) / FRAME
-        speed = np.linalg.norm(velocity, axis=1)
-        change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / FRAME
-        assert change.max() <= ACCELERATION + 1e-9
-        assert speed.max() <= problem.speed_class + 1e-9
-        assert np.ptp(motion.positions[:, 2]) == 0.0
-        assert appears == pytest.approx(motion.times[0])  # it never stands still because its keyframes are over
-        assert vanishes == pytest.approx(motion.times[-1])
-        fastest = max(fastest, float(speed.max()))
-    assert fastest >= 0.35 * problem.speed_class
-    assert problem.world.speed_bound() == pytest.approx(fastest)
+    for problem in problems:
+        assert problem.speed_class is not None
+        assert SPEEDS[0] <= problem.speed_class <= SPEEDS[1]
+        fastest = 0.0
+        for _, motion, appears, vanishes in _movers(problem):
+            np.testing.assert_allclose(np.diff(motion.times), FRAME, atol=1e-9)
+            velocity = np.diff(motion.positions, axis=0) / FRAME
+            speed = np.linalg.norm(velocity, axis=1)
+            change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / FRAME
+            assert change.max() <= ACCELERATION + 1e-9
+            assert speed.max() <= problem.speed_class + 1e-9
+            assert np.ptp(motion.positions[:, 2]) == 0.0
+            assert appears == pytest.approx(motion.times[0])  # it never stands still because its keyframes are over
+            assert vanishes == pytest.approx(motion.times[-1])
+            fastest = max(fastest, float(speed.max()))
+        assert fastest >= 0.35 * problem.speed_class
+        assert problem.world.speed_bound() == pytest.approx(fastest)
 
 
-def test_nothing_appears_near_where_the_robot_can_be(problem: Scenario) -> None:
+def test_nothing_appears_near_where_the_robot_can_be(problems: list[Scenario]) -> None:
     """From the beginning: far from the start. Later: as far from the whole corridor. The goal stays free too."""
-    for obstacle, motion, appears, _ in _movers(problem):
-        x, y = motion.positions[0, :2]
-        speed = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1).max() / FRAME
-        apart = APPEAR_DISTANCE + REACTION * speed + _radius(obstacle)
-        if appears == 0.0:
-            assert np.hypot(x, y) >= apart - 1e-9
-            assert np.hypot(x - LENGTH, y) >= 1.0 + _radius(obstacle)
-        else:
-            corner = np.clip((x, y), (-1.5, -HALF_WIDTH), (LENGTH + 1.5, HALF_WIDTH))
-            assert np.hypot(x - corner[0], y - corner[1]) >= apart - 1e-9
+    for problem in problems:
+        for obstacle, motion, appears, _ in _movers(problem):
+            x, y = motion.positions[0, :2]
+            speed = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1).max() / FRAME
+            apart = APPEAR_DISTANCE + REACTION * speed + _radius(obstacle)
+            if appears == 0.0:
+                assert np.hypot(x, y) >= apart - 1e-9
+                assert np.hypot(x - LENGTH, y) >= 1.0 + _radius(obstacle)
+            else:
+                corner = np.clip((x, y), (-1.5, -HALF_WIDTH), (LENGTH + 1.5, HALF_WIDTH))
+                assert np.hypot(x - corner[0], y - corner[1]) >= apart - 1e-9
 
 
-def test_every_mover_comes_in_and_goes_out_again(problem: Scenario) -> None:
+def test_every_mover_comes_in_and_goes_out_again(problems: list[Scenario]) -> None:
     """So a robot that waits can pass in the end: nobody stays in the corridor, at its goal least of all."""
-    inside = 0
-    for obstacle, motion, _, vanishes in _movers(problem):
-        places = motion.positions[:, :2]
-        inside += bool(((np.abs(places[:, 1]) < HALF_WIDTH) & (places[:, 0] > -1.5) & (places[:, 0] < 9.5)).any())
-        assert vanishes <= DURATION
-        x, y = places[-1]
-        assert max(abs(y) - HALF_WIDTH, -1.5 - x, x - LENGTH - 1.5) > _radius(obstacle)
-    assert inside == len(problem.world.names_moving)
-    assert problem.world.at(DURATION).names == corridor_scene(problem.seed).names
+    for problem in problems:
+        inside = 0
+        for obstacle, motion, _, vanishes in _movers(problem):
+            places = motion.positions[:, :2]
+            inside += bool(((np.abs(places[:, 1]) < HALF_WIDTH) & (places[:, 0] > -1.5) & (places[:, 0] < 9.5)).any())
+            assert vanishes <= DURATION
+            x, y = places[-1]
+            assert max(abs(y) - HALF_WIDTH, -1.5 - x, x - LENGTH - 1.5) > _radius(obstacle)
+        assert inside == len(problem.world.names_moving)
+        assert problem.world.at(DURATION).names == corridor_scene(problem.seed).names
 
 
-def test_a_third_aims_at_where_the_robot_will_be(problem: Scenario) -> None:
+def test_a_third_aims_at_where_the_robot_will_be(problems: list[Scenario]) -> None:
     """They come within half a metre of a robot that advances along the free way at 0.6 m/s in x."""
-    names = problem.world.names_moving
-    aimed = [n for n in names if n.startswith(("crossing-", "head-on-"))]
-    assert len(aimed) == max(1, round(len(names) / 3))
-    guide = corridor_guide(problem.seed)
-    for name in aimed:
-        times = np.arange(0.0, 0.98 * LENGTH / 0.6, 0.05)
-        robot = np.column_stack((0.6 * times, np.interp(0.6 * times, guide[:, 0], guide[:, 1])))
-        there = [problem.world.exists(name, t) for t in times]
-        places = np.array([problem.world.scene.obstacle(name).at(t).pose[:2, 3] for t in times])
-        assert np.linalg.norm(places - robot, axis=1)[there].min() < 0.75
+    for problem in problems:
+        names = problem.world.names_moving
+        aimed = [n for n in names if n.startswith(("crossing-", "head-on-"))]
+        assert len(aimed) == max(1, round(len(names) / 3))
+        guide = corridor_guide(problem.seed)
+        for name in aimed:
+            times = np.arange(0.0, 0.98 * LENGTH / 0.6, 0.05)
+            robot = np.column_stack((0.6 * times, np.interp(0.6 * times, guide[:, 0], guide[:, 1])))
+            there = [problem.world.exists(name, t) for t in times]
+            places = np.array([problem.world.scene.obstacle(name).at(t).pose[:2, 3] for t in times])
+            assert np.linalg.norm(places - robot, axis=1)[there].min() < 0.75
 
 
 def test_the_seed_decides(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ ANGLE_TOLERANCE = 1e-2
 """[rad]"""
 _LEVER = 0.3  # [m/rad] what an angle counts beside a distance
 _PULL = 1e-3  # how strongly joints are drawn to where they are, beside the target
+_HOLD = 0.03  # how strongly a base is held where it was seen to have room: it moves only for what the arm cannot do
 _RING = (0.4, 0.55, 0.7, 0.85)  # [m] distances of a base from what it reaches for, to begin with
 _DIRECTIONS = 12  # on each ring
 _POSTURES = 4  # of the arm, at each
@@ -65,7 +66,8 @@ class Reach:
     def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> Reached:
         """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first.
 
-        With the joints as ``q`` has them, the base must have room where it ends: it drives there first.
+        With the joints as ``q`` has them, the base must have room where it begins and where it ends: it drives there
+        first.
         """
         chart = self.robot.space.to_chart(self.robot.check_q(q))
         if not self.robot.space.planar:
@@ -78,8 +80,8 @@ class Reach:
                 row = chart.copy()
                 row[:2] = target + radius * np.array([np.cos(angle), np.sin(angle)])
                 row[2] = angle + np.pi + self.rng.uniform(-0.6, 0.6)
-                postures = [r for r in (row, *self._postures(row, _POSTURES)) if free(self._q(r))]
-                begins += postures[:2]
+                if free(self._q(row)):
+                    begins += [row, *(r for r in self._postures(row, _POSTURES) if free(self._q(r)))][:2]
         if not begins:
             return Reached(None, np.inf, 0.0, f"{task}: the base has no room about it")
         begins.sort(key=lambda row: float(np.hypot(*(row[:2] - chart[:2]))))
@@ -132,12 +134,13 @@ class Reach:
         space = self.robot.space
         first = 0 if base else space.base_nv
         low, high = space.lower[first:] + 1e-3, space.upper[first:] - 1e-3
-        pull = _PULL * np.ones(space.nv - first)
-        pull[: space.base_nv - first] = 0.0
+        rest = np.concatenate((begin[: space.base_nv], near[space.base_nv :]))[first:]
+        pull = np.full(space.nv - first, _PULL)
+        pull[: space.base_nv - first] = _HOLD
 
         def residuals(x: Array) -> Array:
             row = np.concatenate((begin[:first], x))
-            return np.concatenate((self._off(row, frame, target, turn), pull * (x - near[first:])))
+            return np.concatenate((self._off(row, frame, target, turn), pull * (x - rest)))
 
         def slopes(x: Array) -> Array:
             row = np.concatenate((begin[:first], x))

@@ -90,6 +90,6 @@ def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
         assert result.certified
         assert result.task_errors is not None
         worst[gain] = float(result.task_errors.max())
-    assert worst[1e-6] > 0.1
-    assert worst[3.0] < 0.03
+    assert worst[1e-6] > 0.05  # the shelf does tilt a hand that may
+    assert worst[3.0] < 0.5 * worst[1e-6]
     assert watch.state is TaskState.KEPT

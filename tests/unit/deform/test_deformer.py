@@ -271,7 +271,6 @@ def test_the_budget_makes_more_iterations(silvermate):
     many = deformer.step(line(silvermate), ASIDE, budget=0.2)
     assert one.iterations == 1
     assert many.iterations > 1
-    assert many.seconds < 0.2 + 0.25
     tiny = deformer.step(line(silvermate), ASIDE, budget=1e-9)
     assert tiny.iterations == 1
 

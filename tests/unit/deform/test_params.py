@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from refusals import taken
 
 from elastic_strips.deform import PRESETS, Deformer, DeformParams
 from elastic_strips.errors import ParameterError
@@ -13,17 +14,15 @@ from elastic_strips.errors import ParameterError
 NUMBERS = [f.name for f in dataclasses.fields(DeformParams) if f.name not in ("preset", "mobile_only")]
 
 
-@pytest.mark.parametrize("name", NUMBERS)
-@pytest.mark.parametrize("value", [-1, -1e-9, np.nan, np.inf, -np.inf, "1", None, True, [1.0], 1j])
-def test_no_parameter_takes_what_is_no_sound_number(name, value):
-    with pytest.raises(ParameterError, match=name):
-        DeformParams(**{name: value})
+def test_no_parameter_takes_what_is_no_sound_number():
+    values = (-1, -1e-9, np.nan, np.inf, -np.inf, "1", None, True, [1.0], 1j)
+    assert taken(DeformParams, [{name: value} for name in NUMBERS for value in values]) == []
 
 
-@pytest.mark.parametrize("name", ["influence", "k_c", "damping", "max_step", "max_spacing", "max_nodes"])
-def test_some_must_be_positive(name):
-    with pytest.raises(ParameterError, match=rf"{name}=0 must be a .*number (>|≥)"):
-        DeformParams(**{name: 0})
+def test_some_must_be_positive():
+    for name in ("influence", "k_c", "damping", "max_step", "max_spacing", "max_nodes"):
+        with pytest.raises(ParameterError, match=rf"{name}=0 must be a .*number (>|≥)"):
+            DeformParams(**{name: 0})
 
 
 @pytest.mark.parametrize(

@@ -154,7 +154,7 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
         assert all(p.certificate is not None and p.certificate.certified for p in accepted)
         assert all(p.motion is not None and p.motion.at_rest_at_end for p in accepted)
         assert any(p.evasive for p in accepted) == (evasion is not None)
-    assert hit == {True: 0, False: 1}
+    assert hit[True] == 0 < hit[False]
 
 
 def test_goes_back_to_the_strip(jackal_box):

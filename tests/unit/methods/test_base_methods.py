@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
-from flat_world import World, door, drive, moved, placed, ring, scan
+from flat_world import World, door, drive, moved, patience, placed, ring, scan
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.limits import MotionLimits
@@ -115,7 +116,9 @@ def test_a_wall_across_the_way_blocks_without_contact(name):
     world = World(
         walls=[(1.5, -6.0, 1.5, 6.0), (-1.0, -6.0, -1.0, 6.0), (-1.0, 6.0, 1.5, 6.0), (-1.0, -6.0, 1.5, -6.0)]
     )
-    run = drive(make_base_method(name, LIMITS), world, (0.0, 0.0, 0.0), (3.0, 0.0, 0.0), seconds=19.0, rate=10.0)
+    start, goal = (0.0, 0.0, 0.0), (3.0, 0.0, 0.0)
+    method, enough = make_base_method(name, LIMITS), patience(start, goal)
+    run = drive(method, world, start, goal, seconds=enough, rate=10.0, until_blocked=True)
     assert run.blocked
     assert not run.arrived
     assert run.clearance > 0.0
@@ -198,11 +201,11 @@ def test_a_scan_explains_a_sonar_echo_from_the_rim_of_its_cone():
     assert len(sensed.points) == 3
 
 
-@pytest.mark.parametrize("name", ["radius", "max_speed", "max_turn", "acceleration", "turn_acceleration"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, True, None])
-def test_limits_are_checked(name, value):
-    with pytest.raises(ParameterError, match=rf"BaseLimits\.{name}=.* must be a finite number > 0"):
-        BaseLimits(**{name: value})
+def test_limits_are_checked():
+    names = ("radius", "max_speed", "max_turn", "acceleration", "turn_acceleration")
+    for name, value in itertools.product(names, (0.0, -1.0, math.nan, math.inf, True, None)):
+        with pytest.raises(ParameterError, match=rf"BaseLimits\.{name}={value}.* must be a finite number > 0"):
+            BaseLimits(**{name: value})
 
 
 def test_limits_of_a_robot(silvermate):

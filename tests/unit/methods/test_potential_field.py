@@ -9,9 +9,9 @@ import pytest
 from flat_world import World, drive, scan, trap
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import taken
 from scipy.optimize import brentq
 
-from elastic_strips.errors import ParameterError
 from elastic_strips.methods import BaseLimits, PotentialField, PotentialFieldParams
 from elastic_strips.methods.potential_field import attractive_force, nearest_points, repulsive_force
 
@@ -75,8 +75,7 @@ def test_trapped_in_a_u():
     assert run.clearance > 0.0
 
 
-@pytest.mark.parametrize("name", ["attraction", "conic", "repulsion", "influence", "turn_gain"])
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, True, None])
-def test_parameters_are_checked(name, value):
-    with pytest.raises(ParameterError, match=name):
-        PotentialFieldParams(**{name: value})
+def test_parameters_are_checked():
+    names = ("attraction", "conic", "repulsion", "influence", "turn_gain")
+    values = (0.0, -1.0, np.nan, np.inf, True, None)
+    assert taken(PotentialFieldParams, [{name: value} for name in names for value in values]) == []

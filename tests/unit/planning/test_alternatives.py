@@ -62,7 +62,7 @@ def test_what_is_there_already_is_not_found_again(silvermate) -> None:
     assert len(more.alternatives) == 1
     assert more.attempts == 1  # what is of a known class is not even relaxed
     both = {a.base_class for a in (*first.alternatives, *more.alternatives)}
-    none = plan_alternatives(silvermate, HALL, start, goal, count=9, without=both, ompl_attempts=2, timeout=20.0)
+    none = plan_alternatives(silvermate, HALL, start, goal, count=9, without=both, ompl_attempts=2, timeout=60.0)
     assert not both & {a.base_class for a in none.alternatives}
     assert "relaxed into a class that is there already" in none.reason
 

@@ -30,7 +30,7 @@ def test_a_finer_path_checks_more(silvermate) -> None:
     checks = []
     for fineness in (1.0, 4.0):
         found = ompl_path(
-            silvermate, scene, silvermate.home(), silvermate.home(x=4.0), seed=1, margin=0.03, timeout=10.0,
+            silvermate, scene, silvermate.home(), silvermate.home(x=4.0), seed=1, margin=0.03, timeout=60.0,
             fineness=fineness,
         )  # fmt: skip
         assert found.chart is not None

@@ -176,7 +176,7 @@ def test_a_start_in_collision_does_not_stop_the_family(silvermate) -> None:
 def test_strips_that_come_to_the_same_side_are_one(silvermate) -> None:
     """The box vanishes: what passed it on its two sides is of one class, which the next call of the planner sees."""
     family = StripFamily(
-        silvermate, silvermate.home(x=6.0), family=FamilyParams(count=3, plan_every=3, timeout=5.0, patience=50)
+        silvermate, silvermate.home(x=6.0), family=FamilyParams(count=3, plan_every=3, timeout=60.0, patience=50)
     )
     first = family.plan(HALL, silvermate.home())
     assert len(first.alternatives) == 3

@@ -28,7 +28,7 @@ from elastic_strips.viewer import Viewer, page
 linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc")
 
 
-def eventually(condition, timeout=10.0):
+def eventually(condition, timeout=60.0):
     end = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > end:
@@ -86,11 +86,11 @@ def test_listens_on_the_loopback_only(viewer, robot, scene, make_report):
 
 
 def test_serves_the_page_and_refuses_foreign_names(viewer):
-    with urllib.request.urlopen(viewer.url, timeout=10) as answer:
+    with urllib.request.urlopen(viewer.url, timeout=60) as answer:
         assert "MeshCat.Viewer" in answer.read().decode()
     request = urllib.request.Request(viewer.url, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError, match="403"):
-        urllib.request.urlopen(request, timeout=10)
+        urllib.request.urlopen(request, timeout=60)
 
 
 def test_a_late_browser_gets_the_whole_picture(viewer, robot, scene, make_report):
@@ -114,9 +114,8 @@ def test_update_leaves_the_drawing_to_the_viewers_thread(viewer, robot, scene, m
     viewer._flush()
     draws, draw = [], viewer._drawing.draw
     viewer._drawing.draw = lambda job: (draws.append(threading.get_ident()), draw(job))[1]
-    end = time.perf_counter() + 2.0
-    k = 0
-    while time.perf_counter() < end:
+    k, end = 0, time.perf_counter() + 1.0
+    while time.perf_counter() < end or (not draws and k < 30_000):  # a busy machine draws late
         viewer.update(reports[k % 50], scenes[k % 50])
         time.sleep(0.002)
         k += 1
@@ -208,11 +207,16 @@ def test_a_killed_server_is_reported_once_and_disturbs_nobody(viewer, robot, sce
 
 def test_a_stopped_server_does_not_block(viewer, robot, scene, make_report):
     os.kill(viewer._link.pid, signal.SIGSTOP)
-    begin = time.perf_counter()
-    for k in range(100):
-        viewer.show(robot, scene, make_report(shift=0.01 * k))
-        viewer.update(make_report())
-    assert time.perf_counter() - begin < 2.0
+    shown = threading.Event()
+
+    def show() -> None:
+        for k in range(100):
+            viewer.show(robot, scene, make_report(shift=0.01 * k))
+            viewer.update(make_report())
+        shown.set()
+
+    threading.Thread(target=show, daemon=True).start()
+    assert shown.wait(60.0), "it waits for a server that does not read"
     os.kill(viewer._link.pid, signal.SIGKILL)
 
 
@@ -255,7 +259,7 @@ def test_the_server_ends_with_its_parent():
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, env=environment, timeout=60
+        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, env=environment, timeout=240
     )
     pid = int(done.stdout)
 
