@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from ..errors import ParameterError, RobotError, SceneError
 from ..robot import RobotModel
@@ -46,7 +48,7 @@ def read_wheels(robot: RobotModel) -> Wheels:
     path = Path(robot.urdf_path)
     try:
         root = read_xml(path, root="robot", kind="URDF")
-        model = pin.buildModelFromUrdf(str(path))
+        model = pin.buildModelFromXML(_skeleton(root))
     except (RobotError, ValueError, RuntimeError) as error:
         raise ParameterError(f"{path} cannot be read for its wheels ({error}): {_ASK}") from None
     data = model.createData()
@@ -86,6 +88,20 @@ def read_wheels(robot: RobotModel) -> Wheels:
         names = "; ".join(f"{a[0]}, {b[0]}" for a, b in pairs)
         raise ParameterError(f"{path} has several different pairs of wheels ({names}): {_ASK}")
     return found[0]
+
+
+def _skeleton(root: Any) -> str:
+    """The URDF's joints alone: what else it holds may not be strict."""
+    bare = deepcopy(root)
+    bare.set("name", bare.get("name") or "robot")
+    for element in list(bare):
+        if element.tag not in ("link", "joint"):
+            bare.remove(element)
+            continue
+        for child in list(element):
+            if child.tag in ("visual", "collision", "inertial", "mimic"):
+                element.remove(child)
+    return etree.tostring(bare, encoding="unicode")
 
 
 def _radius(root: Any, link_name: str, path: Path) -> float | None:

@@ -391,7 +391,7 @@ SLOW = {
 
 @pytest.mark.slow
 def test_the_robots_of_example_robot_data_load():
-    """All but those without links or collision geometry; among them Centauro, whose wheels are hulls with a corner of too many neighbours."""
+    """All but those without links or collision geometry; Centauro has a hull with a corner of too many neighbours."""
     for name in sorted(set(robot_names()) - SLOW):
         if name in REFUSED:
             with pytest.raises(RobotError, match=NOTHING):
