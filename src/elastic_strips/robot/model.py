@@ -302,7 +302,8 @@ def model_from_urdf(
         collision = pin.buildGeomFromUrdf(model, str(path), pin.COLLISION, package_dirs=list(package_dirs))
         visual = pin.buildGeomFromUrdf(model, str(path), pin.VISUAL, package_dirs=list(package_dirs))
     except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
-        raise RobotError(f"{path}: Pinocchio cannot build the model: {error}") from None
+        said = " ".join(str(error).split())[:300]
+        raise RobotError(f"{path}: Pinocchio cannot build the model: {said}") from None
     for obj in collision.geometryObjects:
         if isinstance(obj.geometry, coal.BVHModelBase) and obj.geometry.num_vertices < 4:
             raise RobotError(f"{path}: collision mesh {obj.meshPath} of {obj.name!r} has fewer than 4 vertices")

@@ -144,7 +144,7 @@ def _check_joints(
             floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
         if kind in ("revolute", "continuous", "prismatic"):
             axis = joint.find("axis")
-            if axis is not None and math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0")) < 1e-9:
+            if axis is not None and math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0", bound=1e6)) < 1e-9:
                 raise RobotError(f"{source}:{axis.sourceline}: {what} has the axis 0 0 0; give a direction")
         if kind == "continuous":
             continuous.add(name)
@@ -152,8 +152,8 @@ def _check_joints(
             limit = joint.find("limit")
             if limit is None:
                 raise RobotError(f"{source}:{joint.sourceline}: {what} is {kind} and has no <limit>")
-            (lower,) = floats(limit, "lower", 1, source, what, "0")
-            (upper,) = floats(limit, "upper", 1, source, what, "0")
+            (lower,) = floats(limit, "lower", 1, source, what, "0", bound=1e100)
+            (upper,) = floats(limit, "upper", 1, source, what, "0", bound=1e100)
             for key in ("velocity", "effort"):
                 (value,) = floats(limit, key, 1, source, what, "0")
                 if value < 0:
