@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from malformed_case import Content, FileCase, folder, nothing, sparse
+from malformed_case import Content, FileCase, folder, sparse
 
 from elastic_strips.errors import RobotError
 

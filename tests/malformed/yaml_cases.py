@@ -32,7 +32,7 @@ _FRAMES = "shape: sphere, radius: 1, motion: {keyframes: "
 _DOCUMENTS: tuple[tuple[str, Content, str], ...] = (
     ("empty", "", "empty"),
     ("only a comment", "# nothing here\n", "empty"),
-    ("21 MB", sparse(21_000_000), "at most 20000000"),
+    ("51 MB", sparse(51_000_000), "at most 50000000"),
     ("binary garbage", bytes(range(256)) * 4, "not UTF-8"),
     ("zero bytes", bytes(64), "not valid YAML"),
     ("UTF-16", SCENE.encode("utf-16"), "not UTF-8"),
