@@ -53,5 +53,5 @@ def nearest_name(name: object, valid: Iterable[str]) -> str:
     names = sorted(str(v) for v in valid)
     close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
     hint = f"; did you mean {close[0]!r}?" if close else "."
-    shown = ", ".join(names[:20]) + (", …" if len(names) > 20 else "")
+    shown = ", ".join(n if len(n) <= 60 else n[:57] + "..." for n in names[:20]) + (", …" if len(names) > 20 else "")
     return f"{hint} Valid: {shown}." if names else f"{hint} There are none."

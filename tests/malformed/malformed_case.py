@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 
 from elastic_strips.errors import InputError
 
@@ -62,19 +65,32 @@ def nothing(path: Path) -> None:
     """No file at all."""
 
 
-def pipe(path: Path) -> None:
-    """A FIFO that nobody writes to."""
-    os.mkfifo(path)
+def special(kind: str, path: Path) -> None:
+    """What must never be read: a FIFO that nobody writes to, a device that never ends; or a folder, or nothing."""
+    if kind == "a FIFO":
+        os.mkfifo(path)
+    elif kind == "endless":
+        path.symlink_to("/dev/zero")
+    elif kind == "a folder":
+        path.mkdir()
+    elif kind == "too large":
+        sparse(300_000_000)(path)
 
 
-def endless(path: Path) -> None:
-    """A link to a device that never ends."""
-    path.symlink_to("/dev/zero")
+@contextmanager
+def no_hang(seconds: int = 60) -> Iterator[None]:
+    """Fail instead of waiting for ever."""
 
+    def expire(signum: int, frame: FrameType | None) -> None:
+        raise TimeoutError(f"no answer within {seconds} s")
 
-def circle(path: Path) -> None:
-    """A link to itself: no one can read it, not even root."""
-    path.symlink_to(path)
+    previous = signal.signal(signal.SIGALRM, expire)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, previous)
 
 
 def sparse(size: int) -> Callable[[Path], None]:

@@ -1,6 +1,6 @@
 """Mutated inputs over all readers: each one is accepted, or refused by a typed error; nothing else, and in bounds.
 
-``python tests/malformed/mutate.py --count 10000 --seed 1`` prints the counts by reader and outcome, and what went wrong;
+``python tests/malformed/mutate.py --count 10000 --seed 1`` prints the counts by reader and outcome, and what went wrong.
 ``--only K`` repeats one of them in this process, with its traceback. Input K of a seed is always the same.
 """
 
@@ -21,6 +21,7 @@ import traceback
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from itertools import chain
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -161,13 +162,13 @@ class _Worker:
 
 def run(count: int, seed: int, workers: int = 1, seconds: float = SECONDS) -> Iterator[Outcome]:
     """Outcomes of so many inputs, as they come."""
-    todo = iter(range(count))
+    todo: Iterator[int] = iter(range(count))
     team = [_Worker(seed) for _ in range(workers)]
     kinds = _kinds(seed)
     try:
         while team:
             wait([w.pipe for w in team], timeout=1.0)
-            for k, worker in enumerate(list(team)):
+            for worker in list(team):
                 answer: dict[str, Any] | None = None
                 late = time.monotonic() - worker.since > (seconds if worker.ready else 300.0)
                 try:
@@ -190,7 +191,11 @@ def run(count: int, seed: int, workers: int = 1, seconds: float = SECONDS) -> It
                     yield Outcome(
                         worker.index, kinds(worker.index), what, f"exit code {code}", seconds if late else 0.0, 0
                     )
-                    team[team.index(worker)] = _Worker(seed)
+                    team.remove(worker)
+                    spare = next(todo, None)
+                    if spare is not None:
+                        todo = chain([spare], todo)
+                        team.append(_Worker(seed))
                     continue
                 if worker.ready:
                     yield Outcome(**answer)

@@ -1,5 +1,7 @@
 """Mutations of files: bytes, lines, numbers, words, structure, and what may stand at a path instead of a file."""
 
+# ruff: noqa: E501 - tables
+
 from __future__ import annotations
 
 import json

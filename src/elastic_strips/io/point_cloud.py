@@ -15,7 +15,7 @@ import numpy as np
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.input_file import read_input
 from elastic_strips.robot.space import Array
-from elastic_strips.scene import Scene, Voxels
+from elastic_strips.scene import Scene, Voxels, checks
 from elastic_strips.summary import Summary
 
 MAX_BYTES = 200_000_000
@@ -116,8 +116,11 @@ def cloud_scene(
     if not np.isfinite(cloud).all():
         bad = int(np.argmin(np.isfinite(cloud).all(axis=1)))
         raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be finite")
-    if not (np.isfinite(voxel) and voxel > 0.0):
-        raise SceneError(f"voxel={voxel!r} must be a length > 0 m")
+    if np.abs(cloud).max() > checks.MAX_LENGTH:
+        bad = int(np.argmax(np.abs(cloud).max(axis=1)))
+        raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be within ±{checks.MAX_LENGTH:g} m")
+    if not (np.isfinite(voxel) and voxel >= checks.MIN_LENGTH):
+        raise SceneError(f"voxel={voxel!r} must be a length of at least {checks.MIN_LENGTH:g} m")
     keep = np.ones(len(cloud), dtype=bool)
     if low is not None:
         keep &= cloud[:, 2] >= low

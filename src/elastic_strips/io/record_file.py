@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import math
 import os
 import zipfile
@@ -34,6 +35,7 @@ from elastic_strips.io.record_table import UNITS, chart_columns, record_csv, vel
 from elastic_strips.io.record_world import world_documents, world_from_documents
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
 
+_log = logging.getLogger(__name__)
 FORMAT = "elastic-strips-record"
 FORMAT_VERSION = 1
 MAX_BYTES = 250_000_000
@@ -151,6 +153,12 @@ def _packed(record: Record) -> bytes:
         "track_position": position,
         "track_quaternion": quaternion,
     }
+    size = sum(array.nbytes for array in arrays.values())
+    if size > MAX_ARRAY_BYTES or len(text) > MAX_TEXT:
+        _log.warning(
+            "the record's arrays have %d bytes and its metadata %d characters; read_record takes at most %d and %d",
+            size, len(text), MAX_ARRAY_BYTES, MAX_TEXT,
+        )  # fmt: skip
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
     return stream.getvalue()

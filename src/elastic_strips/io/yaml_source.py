@@ -17,8 +17,8 @@ import yaml
 from elastic_strips.errors import InputError, SceneError
 from elastic_strips.input_file import read_input_text
 
-MAX_BYTES = 20_000_000
-MAX_NODES = 1_000_000
+MAX_BYTES = 50_000_000
+MAX_NODES = 2_000_000
 MAX_DEPTH = 32
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

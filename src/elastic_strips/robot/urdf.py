@@ -196,7 +196,7 @@ def _check_joints(
             floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
         if kind in ("revolute", "continuous", "prismatic"):
             axis = joint.find("axis")
-            length = 1.0 if axis is None else math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0"))
+            length = 1.0 if axis is None else math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0", bound=1e6))
             if axis is not None and length < 1e-9:
                 raise RobotError(f"{source}:{axis.sourceline}: {what} has the axis 0 0 0; give a direction")
             if axis is not None and length > 1e9:  # its square overflows
@@ -210,8 +210,8 @@ def _check_joints(
             limit = joint.find("limit")
             if limit is None:
                 raise RobotError(f"{source}:{joint.sourceline}: {what} is {kind} and has no <limit>")
-            (lower,) = floats(limit, "lower", 1, source, what, "0")
-            (upper,) = floats(limit, "upper", 1, source, what, "0")
+            (lower,) = floats(limit, "lower", 1, source, what, "0", bound=1e100)
+            (upper,) = floats(limit, "upper", 1, source, what, "0", bound=1e100)
             for key in ("velocity", "effort"):
                 (value,) = floats(limit, key, 1, source, what, "0")
                 if value < 0:

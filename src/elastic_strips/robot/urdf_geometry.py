@@ -13,6 +13,7 @@ from .xml_source import floats
 
 _MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
 MAX_MESH_BYTES = 100_000_000
+MAX_SHAPES = 500
 MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
 _SHAPES = {
     "box": ("size", 3),
@@ -52,8 +53,11 @@ def check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) -
     """Check all shapes; mesh names become paths, and a visual shape with a fault is left out.
 
     Raises:
-        RobotError: a collision shape with a fault.
+        RobotError: a collision shape with a fault, or too many of them.
     """
+    count = len(root.findall("link/collision"))
+    if count > MAX_SHAPES:
+        raise RobotError(f"{source}: the robot has {count} collision shapes; at most {MAX_SHAPES} are accepted")
     for link in root.findall("link"):
         for tag in ("collision", "visual"):
             for element in link.findall(tag):

@@ -13,6 +13,7 @@ from ..errors import RobotError
 from ..input_file import read_input
 
 MAX_BYTES = 8_000_000
+MAX_TEXT = 500  # characters of an attribute
 
 
 def read_xml(path: Path, *, root: str, kind: str) -> Any:
@@ -44,6 +45,11 @@ def read_xml(path: Path, *, root: str, kind: str) -> Any:
         raise RobotError(f"{path}: the {kind} file is not UTF-8 text")
     if element.tag != root:
         raise RobotError(f"{path}:{element.sourceline}: root element is <{element.tag}>; a {kind} file has <{root}>")
+    for each in element.iter():  # so that every message that quotes a name stays readable
+        for key, value in each.attrib.items():
+            if len(value) > MAX_TEXT:
+                where = f"{path}:{each.sourceline}: <{each.tag!s:.60}>"
+                raise RobotError(f"{where}: attribute {key!s:.60} has {len(value)} characters; at most {MAX_TEXT}")
     return element
 
 

@@ -22,7 +22,7 @@ SNAP = 1e-3
 """Centres within this share of a voxel's edge of a regular grid are snapped to it (boxes grow by what was snapped)."""
 
 MAX_CENTERS = 2_000_000
-MAX_BOXES = 500_000  # a kilobyte each
+MAX_BOXES = 400_000  # a kilobyte each
 """Most boxes of one obstacle: as they are given, and after merging."""
 
 _IDENTITY = np.eye(4)

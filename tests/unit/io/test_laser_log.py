@@ -155,7 +155,7 @@ def test_missing_and_binary_files_and_wrong_arguments(tmp_path):
     with pytest.raises(LaserLogError, match="is a folder, not a laser log"):
         read_laser_log(tmp_path)
     (tmp_path / "log.txt").write_bytes(b"FLASER \xff\xfe")
-    with pytest.raises(LaserLogError, match="byte 7 is no UTF-8"):
+    with pytest.raises(LaserLogError, match=r"log\.txt:1: byte 7 of the line is no UTF-8"):
         read_laser_log(tmp_path / "log.txt")
     path = write(tmp_path, FLASER)
     with pytest.raises(InputError, match="carmen_pose='truth'; valid: 'laser', 'odometry'"):

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import os
 import stat
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -17,7 +18,7 @@ from synthetic_run import moving_world, straight_run
 from elastic_strips.errors import InputError, MissingExtraError
 from elastic_strips.execution.record import Record, RecordError
 from elastic_strips.execution.recorder import Recorder
-from elastic_strips.io import record_table
+from elastic_strips.io import record_file, record_table, record_world
 from elastic_strips.io.record_file import FORMAT_VERSION, check_record_file, read_record, record_robot, write_record
 from elastic_strips.io.record_table import control_columns, record_columns, record_csv, record_frame
 from elastic_strips.io.record_world import world_from_documents
@@ -351,3 +352,97 @@ def test_a_loop_of_keyframes_is_kept_as_it_was_driven(silvermate, tmp_path):
         np.abs(again.at(t).obstacles[0].pose - world.at(t).obstacles[0].pose).max() for t in np.arange(0, 2.9, 1e-3)
     ]
     assert 0.0 < max(apart) < 0.5 * 3.01 * 0.01
+
+
+def test_what_is_not_finite_is_refused_with_its_place(record, file, tmp_path):
+    """NaN stands for what was not known, in the columns that docs/record-format.md names, and nowhere else."""
+    target = tmp_path / "x.npz"
+    with np.load(file) as loaded:
+        arrays = {name: loaded[name] for name in loaded.files if loaded[name].dtype.kind == "f" and loaded[name].size}
+    unknown = {f"control_{n}" for n in ("reference", "reference_v", "estimate", "drive", "joints", "motors")}
+    unknown |= {f"planning_{n}" for n in ("tick_ms", "phase_ms", "clearance", "horizon_end")}
+    assert unknown < set(arrays)
+    for name, array in arrays.items():
+        place = tuple(n - 1 for n in array.shape)
+        for value in (np.nan, np.inf):
+            array = array.copy()
+            array[place] = value
+            changed(file, target, **{name: array})
+            if np.isnan(value) and name in unknown:
+                read_record(target)
+            else:
+                with pytest.raises(
+                    RecordError, match=rf"x\.npz: the array '{name}' holds {value} at \[.*{place[-1]}\]"
+                ):
+                    read_record(target)
+    for values in (
+        {"goal": [np.nan] * len(record.goal)},
+        {"events": [[np.nan, "start", ""]]},
+        {"locked": {"arm": np.inf}},
+    ):
+        with pytest.raises(RecordError, match="must be finite"):
+            read_record(with_metadata(file, target, **values))
+
+
+def test_a_small_file_of_large_arrays_is_refused_before_memory_is_taken(file, tmp_path, monkeypatch):
+    """What the members claim counts, all together; arrays that no one asks for are not even looked at."""
+    target = changed(file, tmp_path / "x.npz", huge=np.zeros(50_000_000))
+    assert target.stat().st_size < 1_000_000
+    tracemalloc.start()
+    read_record(target)
+    assert tracemalloc.get_traced_memory()[1] < 100_000_000
+    bomb = changed(file, target, control_chart=np.zeros((4_000_000, 10)))
+    tracemalloc.reset_peak()
+    with pytest.raises(RecordError, match="more than 250000000 bytes together"):
+        read_record(bomb)
+    assert tracemalloc.get_traced_memory()[1] < 100_000_000
+    tracemalloc.stop()
+    monkeypatch.setattr(record_file, "MAX_ARRAY_BYTES", 100_000)
+    with pytest.raises(RecordError, match="more than 100000 bytes together"):
+        read_record(file)
+
+
+def test_obstacles_that_follow_one_track_are_bounded(file, tmp_path, monkeypatch):
+    """A line of metadata each, and all of them would hold the track's poses."""
+    entry = {"shape": "sphere", "size": [1.0], "pose": [0, 0, 0, 0, 0, 0, 1], "appears": None, "vanishes": None}
+    many = [{**entry, "name": f"b{k}", "track": 0} for k in range(20)]
+    monkeypatch.setattr(record_world, "MAX_ROWS", 1000)
+    with pytest.raises(RecordError, match=r"need \d+ rows; at most 1000"):
+        read_record(with_metadata(file, tmp_path / "x.npz", obstacles=many))
+
+
+def test_members_that_lie_are_refused(file, tmp_path, monkeypatch):
+    """Another shape than there are bytes, another compression, a list of members without end, too long a text."""
+    target = tmp_path / "x.npz"
+
+    def rewritten(name, data, compression=zipfile.ZIP_DEFLATED):
+        with zipfile.ZipFile(file) as old, zipfile.ZipFile(target, "w") as new:
+            for member in old.namelist():
+                own = member == f"{name}.npy"
+                new.writestr(member, data(old.read(member)) if own else old.read(member), compression if own else None)
+
+    def shape(text):
+        return lambda data: data.replace(b"'shape': (", b"'shape': (" + text, 1).replace(b" " * len(text), b"", 1)
+
+    for data, match in (
+        (shape(b"99999999, "), "has .* bytes; float64 of the shape"),
+        (shape(b"-1, "), "has .* bytes; float64 of the shape"),
+        (lambda d: d[:6] + b"\3" + d[7:], "version"),
+        (lambda d: d.replace(b"<f8", b"|O8"), "Python objects"),
+        (lambda d: d.replace(b"{", b"("), "no sound header"),
+        (lambda d: d[:-8], "bytes; float64 of the shape"),
+    ):
+        rewritten("control_chart", data)
+        with pytest.raises(RecordError, match=rf"x\.npz: cannot read: the array 'control_chart' .*{match}"):
+            read_record(target)
+    rewritten("control_chart", bytes, zipfile.ZIP_LZMA)
+    with pytest.raises(RecordError, match="otherwise than by 'deflate'"):
+        read_record(target)
+    with zipfile.ZipFile(target, "w") as archive:
+        for k in range(3000):
+            archive.writestr(f"{k}.npy", b"")
+    with pytest.raises(RecordError, match="list of its arrays has more than 100000 bytes"):
+        read_record(target)
+    monkeypatch.setattr(record_file, "MAX_TEXT", 100)
+    with pytest.raises(RecordError, match="at most 100 are read"):
+        read_record(file)
