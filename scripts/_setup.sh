@@ -71,11 +71,18 @@ print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and ru
     printf '%s\n' "$digest" >"$stamp"
 }
 
+# Print the browser that scripts/screenshot would take; fail where there is none.
+find_chromium() {
+    local name
+    for name in "${CHROMIUM:-}" chromium chromium-browser google-chrome; do
+        if [ -n "$name" ] && command -v "$name"; then return; fi
+    done
+    return 1
+}
+
 # Tests that look at pictures need a Chromium; without one they are skipped.
 setup_chromium() {
-    command -v chromium >/dev/null 2>&1 && return
-    command -v chromium-browser >/dev/null 2>&1 && return
-    command -v google-chrome >/dev/null 2>&1 && return
+    find_chromium >/dev/null && return
     if [ "$(id -u)" -eq 0 ] && command -v apt-get >/dev/null 2>&1; then
         say "Installing chromium"
         apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium >/dev/null &&

@@ -106,6 +106,7 @@ class DeformParams:
         Raises:
             ParameterError: an unknown preset or parameter, or a value outside its range.
         """
+        check_choice("preset", preset, PRESETS)
         base: dict[str, Any] = {"preset": preset}
         if preset == "paper":
             base |= _PAPER

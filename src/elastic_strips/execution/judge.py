@@ -12,7 +12,7 @@ from ..errors import ParameterError, RobotError, SceneError
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import World
-from ..validation import check_number, check_type
+from ..validation import check_number, check_type, shown
 from .limits import MotionLimits
 from .record import ControlRows, Record, RecordError
 from .sweep import Approach, Sweep
@@ -90,9 +90,11 @@ def judge(
 def _motion(run: Record | Sequence[npt.ArrayLike], robot: RobotModel) -> tuple[Array, Array, Array]:
     if isinstance(run, Record):
         return _checked(robot, run.control.time, run.control.chart, run.control.v)
-    if len(run) != 3:
-        raise RecordError(f"a motion is (time, chart, v); {len(run)} arrays given")
-    return _checked(robot, *(np.asarray(a, dtype=float) for a in run))
+    try:
+        time, chart, v = (np.asarray(a, dtype=float) for a in run)
+    except (TypeError, ValueError):
+        raise RecordError(f"a motion is a Record, or arrays (time, chart, v), not {shown(run)}") from None
+    return _checked(robot, time, chart, v)
 
 
 def _checked(robot: RobotModel, time: Array, chart: Array, v: Array) -> tuple[Array, Array, Array]:

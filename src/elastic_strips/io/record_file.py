@@ -34,6 +34,7 @@ from elastic_strips.io.npy_source import NpzArrays
 from elastic_strips.io.record_table import UNITS, chart_columns, record_csv, velocity_columns
 from elastic_strips.io.record_world import world_documents, world_from_documents
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
+from elastic_strips.validation import check_type
 
 _log = logging.getLogger(__name__)
 FORMAT = "elastic-strips-record"
@@ -66,6 +67,7 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
     Raises:
         InputError: another suffix, a file that cannot be written, or metadata that is not plain JSON values.
     """
+    check_type("record", record, Record)
     target = check_record_file(path)
     data = record_csv(record).encode() if target.suffix.lower() == ".csv" else _packed(record)
     return write_whole(target, data)

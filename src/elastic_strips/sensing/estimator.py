@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..scene import Obstacle, Scene
+from ..validation import check_type
 from .cluster_shapes import cluster_obstacles
 from .clusters import clusters_of
 from .estimator_params import SceneEstimatorParams
@@ -68,6 +69,7 @@ class SceneEstimator:
     """
 
     def __init__(self, params: SceneEstimatorParams | None = None) -> None:
+        check_type("params", params, SceneEstimatorParams, none=True)
         self.params = params or SceneEstimatorParams()
         self.map = VoxelMap(self.params)
         self.near = VoxelMap(replace(self.params, unseen="free"), "near")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,7 +79,7 @@ def paper_study(
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
 ) -> PaperStudy:
-    """Run the study and write it as ``paper.md`` and ``paper.html`` with its pictures.
+    """Run the study and write it as ``paper.md`` and ``paper.html`` with its pictures: at the end, all or nothing.
 
     Args:
         folder: where to; made if it is not there.
@@ -104,26 +105,55 @@ def paper_study(
         import matplotlib.figure  # noqa: F401 - before anything is run
     except ImportError as error:
         raise missing_extra("the study", "matplotlib", "study") from error
-    out = Path(folder)
+    document, files = Document("The paper's simulations, run again"), dict[str, bytes]()
+    with _folder(folder) as out:
+        _tables(document)
+        runs = _figures(document, cases, files, step)
+        rows = compare(compared, methods, processes=processes, step=step) if compared and methods else ()
+        if rows:
+            _comparison(document, rows)
+        cells = parameter_map(mapped, processes=processes, step=step) if mapped else ()
+        if cells:
+            _map(document, mapped, cells, files)
+        files |= {_MARKDOWN: document.markdown().encode(), _PAGE: document.page().encode()}
+        written = _write(out, files)
+    return PaperStudy(runs, rows, cells, tuple(written))
+
+
+def _write(out: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """All files or, where one cannot be written, none that is new."""
+    new: list[Path] = []
     try:
+        for name, data in files.items():
+            if not (out / name).exists():
+                new.append(out / name)
+            write_whole(check_writable(out / name), data)
+    except BaseException:
+        for file in new:
+            file.unlink(missing_ok=True)
+        raise
+    return [out / name for name in files]
+
+
+@contextmanager
+def _folder(name: str | Path) -> Iterator[Path]:
+    """The folder to write to, made if it is not there; a study that does not come to its end leaves none behind."""
+    out = Path(name)
+    try:
+        made = [f for f in (out, *out.parents) if not f.exists()]
         out.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
+    except (OSError, TypeError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot write the study to {str(folder)!r:.500}: {why}") from None
-    for name in (_MARKDOWN, _PAGE):
-        check_writable(out / name)
-    document, files = Document("The paper's simulations, run again"), list[Path]()
-    _tables(document)
-    runs = _figures(document, out, cases, files, step)
-    rows = compare(compared, methods, processes=processes, step=step) if compared and methods else ()
-    if rows:
-        _comparison(document, rows)
-    cells = parameter_map(mapped, processes=processes, step=step) if mapped else ()
-    if cells:
-        _map(document, out, mapped, cells, files)
-    for name, text in ((_MARKDOWN, document.markdown()), (_PAGE, document.page())):
-        files.append(write_whole(out / name, text.encode()))
-    return PaperStudy(runs, rows, cells, tuple(files))
+        raise InputError(f"cannot write the study to {str(name)!r:.500}: {why}") from None
+    try:
+        for file in (_MARKDOWN, _PAGE):
+            check_writable(out / file)
+        yield out
+    except BaseException:
+        with suppress(OSError):  # what somebody else has put there stays
+            for there in made:
+                there.rmdir()
+        raise
 
 
 def _tables(document: Document) -> None:
@@ -155,7 +185,7 @@ def _tables(document: Document) -> None:
 
 
 def _figures(
-    document: Document, out: Path, cases: Sequence[str], files: list[Path], step: Callable[[str], object]
+    document: Document, cases: Sequence[str], files: dict[str, bytes], step: Callable[[str], object]
 ) -> dict[str, ReactiveRun]:
     from matplotlib.figure import Figure
 
@@ -179,7 +209,7 @@ def _figures(
         driven = "reached" if drive.reached else "not reached"
         right.set_title(f"{case}, preset default: {driven} in {drive.verdict.time_s:.1f} s", fontsize=9)
         name = f"fig-{_FIGURES[case]:02d}-{case}.png"
-        files.append(_save(figure, out / name))
+        files[name] = _drawn(figure)
         document.heading(f"Fig. {_FIGURES[case]}: {case}", 3)
         document.text(f"The paper: {SAYS[case]}")
         document.text(_told(run))
@@ -197,10 +227,10 @@ def _figures(
     return runs
 
 
-def _save(figure: Figure, file: Path) -> Path:
+def _drawn(figure: Figure) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=_DPI)
-    return write_whole(check_writable(file), stream.getvalue())
+    return stream.getvalue()
 
 
 def _told(run: ReactiveRun) -> str:
@@ -254,7 +284,7 @@ def _who(rows: Sequence[Row], case: str) -> str:
     return f"the goal is reached by {', '.join(there) or 'none'}, and not by {', '.join(not_there) or 'none'}"
 
 
-def _map(document: Document, out: Path, case: str, cells: Sequence[Cell], files: list[Path]) -> None:
+def _map(document: Document, case: str, cells: Sequence[Cell], files: dict[str, bytes]) -> None:
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 
@@ -278,7 +308,7 @@ def _map(document: Document, out: Path, case: str, cells: Sequence[Cell], files:
         axes[0][-1].plot([], [], "s", color=color, label=kind.value)
     axes[0][-1].legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     name = f"parameter-map-{case}.png"
-    files.append(_save(figure, out / name))
+    files[name] = _drawn(figure)
     document.heading("Parameters decided properly")
     counts = {kind.value: sum(c.outcome is kind for c in cells) for kind in kinds}
     told = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)

@@ -203,7 +203,7 @@ class Drawing:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         legend.append(["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"])
         bad = report is not None and chip is not None and chip[0].upper() in _BAD
-        note = {"note": report.reason[:_MOST]} if bad else {}
+        note = {"note": str(getattr(report, "reason", ""))[:_MOST]} if bad else {}
         return commands.hud({"title": self.title, "chip": chip, "rows": rows, "legend": legend, **note})
 
     def _ghosts(self, poses: Poses, points: Doubles) -> list[Command]:

@@ -69,6 +69,8 @@ class Viewer:
             check_count("port", port, low=1, high=65535)
         check_count("ghosts", ghosts, high=50)  # more stall browsers
         check_type("title", title, str)
+        check_type("server", server, bool)
+        check_type("open_browser", open_browser, bool)
         self._title = title
         self._drawing = Drawing(title=title, ghosts=ghosts)
         self._record = Record()
