@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..deform import Deformer, DeformParams
+from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ConfigurationError, ElasticStripsError, ScenarioError
 from ..planning import check_ends, plan_report
 from ..robot import RobotModel, load_robot, robot_names
 from ..robot.space import Array
 from ..scene import Scene, Sphere
+from ..strip import Strip
 from .measure import machine
 
 DRIVEN = (1.5, 0.2)
@@ -27,8 +28,8 @@ TURN = 0.6
 """A joint is sent at most this far [rad], or as large a part of its range."""
 RADII = (0.1, 0.06, 0.03, 0.015)
 """Radii [m] of the sphere in the way; the first that leaves start and goal free."""
-TICKS = 200
-"""Ticks that a strip gets to settle."""
+PATIENCE = 20.0
+"""Longest time [s] that a strip gets to settle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,12 +146,31 @@ def _tried(case: RobotCase, timeout: float) -> dict[str, Any]:
         report = plan_report(robot, scene, robot.home(), goal, timeout=timeout)
         row |= {"plan": "certified" if report.certified else report.reason, "plan_ms": 1e3 * report.seconds}
         if report.certified:
-            begin = perf_counter()
-            settled = Deformer(robot).settle(report.strip, scene, max_ticks=TICKS)
-            row |= {"settle": settled.status.value, "settle_ms": 1e3 * (perf_counter() - begin)}
+            row |= _settled(robot, report.strip, scene)
     except ConfigurationError as error:
         row["plan"] = str(error)
     return row
+
+
+class _Impatient(Exception):
+    """A strip has had its time."""
+
+
+def _settled(robot: RobotModel, strip: Strip, scene: Scene) -> dict[str, Any]:
+    begin, status = perf_counter(), "no tick"
+
+    def watch(report: DeformReport) -> None:
+        nonlocal status
+        status = f"{report.status.value}, {'certified' if report.certified else 'not certified'}, still moving"
+        if perf_counter() - begin > PATIENCE:
+            raise _Impatient
+
+    with suppress(_Impatient):
+        settled = Deformer(robot).settle(strip, scene, watch=watch)
+        status = settled.status.value
+        if not settled.certified:
+            status += f" ({settled.reason})"
+    return {"settle": status, "settle_ms": 1e3 * (perf_counter() - begin)}
 
 
 def small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:

@@ -125,6 +125,8 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
         raise InputError(f"{path}: format version {document.get('version')!r}; this program reads {FORMAT_VERSION}")
     try:
         name = robot or recorded_robot(document["robot"], document["urdf"])
+        if name is None:
+            raise RobotError(f"the result names no URDF of {document['robot']!r}")
         base, locked = document["base"], document["locked"]
         model = load_robot(name, base=base, locked=locked)
         scene = Scene([_obstacle(entry) for entry in document["obstacles"]])

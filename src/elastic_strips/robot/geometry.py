@@ -125,7 +125,7 @@ def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
 
 
 def _numbered(
-    points: Array, used: npt.NDArray[np.intp], triangles: npt.NDArray[np.intp]
+    points: Array, used: npt.NDArray[np.integer], triangles: npt.NDArray[np.integer]
 ) -> tuple[Array, npt.NDArray[np.intp]]:
     """The used points alone, and triangles of their new numbers."""
     number = np.full(len(points), -1, dtype=np.intp)
