@@ -52,7 +52,7 @@ def read_npy(stream: Any, size: int, limit: int) -> NDArray[Any]:
     if needed > limit:
         raise NpyError(f"has {needed} bytes; at most {limit} are read")
     data = np.empty(needed, dtype=np.uint8)
-    into, at = memoryview(data), 0
+    into, at = memoryview(data.data), 0
     while at < needed:
         count = stream.readinto(into[at : at + 1_000_000])
         if not count:

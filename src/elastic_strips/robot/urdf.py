@@ -105,7 +105,8 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
             else pin.buildModelFromXML(source.document)
         )
     except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
-        raise RobotError(f"{source.path}: Pinocchio cannot build the model: {' '.join(str(error).split())[:300]}") from None
+        said = " ".join(str(error).split())[:300]
+        raise RobotError(f"{source.path}: Pinocchio cannot build the model: {said}") from None
 
 
 def pinocchio_geometry(source: UrdfSource, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
