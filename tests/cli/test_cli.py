@@ -277,6 +277,28 @@ def test_ctrl_c_while_planning_ends_with_130(tmp_path: Path, after: float) -> No
     assert (tmp_path / "r.json").read_text() == "older"
 
 
+def test_bench_robots(tmp_path: Path) -> None:
+    """A named robot and one of a folder, which is refused: both are rows of the table, put between a page's marks."""
+    (tmp_path / "bare").mkdir()
+    (tmp_path / "bare/stick.urdf").write_text('<robot name="stick"><link name="base"/></robot>')
+    page = tmp_path / "page.md"
+    page.write_text("# Robots\n\n<!-- table: elastic-strips bench robots -->\nold\n<!-- end of table -->\nafter\n")
+    figures = _bench(tmp_path, "robots", "jackal-box", "--data", str(tmp_path / "bare"), "--table", str(page))
+    ours, other = figures["robots"]
+    assert (ours["name"], ours["refused"], ours["plan"], ours["settle"]) == ("jackal-box", None, "certified", "settled")
+    assert other["name"] == "bare/stick"
+    assert "no collision geometry" in other["refused"]
+    lines = page.read_text().splitlines()
+    assert (lines[0], lines[-1]) == ("# Robots", "after")
+    assert "old" not in lines
+    assert [line.split(" | ")[0] for line in lines if line.startswith("| ")] == [
+        "| robot",
+        "| jackal-box",
+        "| bare/stick",
+    ]
+    assert str(tmp_path) not in page.read_text()
+
+
 def test_ctrl_c_in_a_benchmark_ends_with_130(tmp_path: Path) -> None:
     """The progress bar is taken away, and no figures are written."""
     ended = interrupted(["bench", "plan", "--seeds", "10000", "--json", "f.json"], tmp_path, after=3.0)
