@@ -1,6 +1,6 @@
 """Mutated inputs over all readers: each one is accepted, or refused by a typed error; nothing else, and in bounds.
 
-``python tests/malformed/mutate.py --count 10000 --seed 1`` prints the counts by reader and outcome, and what went wrong.
+``python tests/malformed/mutate.py --count 10000 --seed 1`` prints counts by reader and outcome, and what went wrong.
 ``--only K`` repeats one of them in this process, with its traceback. Input K of a seed is always the same.
 """
 
