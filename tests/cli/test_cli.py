@@ -283,7 +283,9 @@ def test_bench_robots(tmp_path: Path) -> None:
     (tmp_path / "bare/stick.urdf").write_text('<robot name="stick"><link name="base"/></robot>')
     page = tmp_path / "page.md"
     page.write_text("# Robots\n\n<!-- table: elastic-strips bench robots -->\nold\n<!-- end of table -->\nafter\n")
-    figures = _bench(tmp_path, "robots", "jackal-box", "--data", str(tmp_path / "bare"), "--table", str(page))
+    arguments = ("robots", "jackal-box", "--data", tmp_path / "bare", "--table", page, "--json", tmp_path / "r.json")
+    assert call("bench", *arguments) == 0
+    figures = _object(tmp_path / "r.json")
     ours, other = figures["robots"]
     assert (ours["name"], ours["refused"], ours["plan"], ours["settle"]) == ("jackal-box", None, "certified", "settled")
     assert other["name"] == "bare/stick"
