@@ -117,12 +117,20 @@ def test_wrong_input_is_one_message(
 
 
 def test_ctrl_c_stops_the_robot_and_writes_the_record(tmp_path: Path) -> None:
-    ended = interrupted(["drive", "case-1", "--realtime", "--record", "d.npz", "--json", "d.json"], tmp_path, after=4.0)
-    assert ended.returncode == 130, ended
-    assert "Traceback" not in ended.stderr
-    assert "stopping the robot" in ended.stderr
-    assert "not reached: stopped, interrupted" in ended.stdout
-    with np.load(tmp_path / "d.npz") as record:
-        assert np.abs(record["control_v"][-1]).max() < 0.01
-        assert np.abs(record["control_v"]).max() > 0.1
-    assert json.loads((tmp_path / "d.json").read_text())["reached"] is False
+    drive = ["drive", "case-1", "--realtime", "--record", "d.npz", "--json", "d.json"]
+    fastest = 0.0
+    for after in (4.0, 8.0, 16.0, 32.0):  # a busy machine sets off late
+        ended = interrupted(drive, tmp_path, after=after)
+        assert ended.returncode == 130, ended
+        assert "Traceback" not in ended.stderr
+        if not (tmp_path / "d.npz").exists():  # it was still planning
+            continue
+        assert "stopping the robot" in ended.stderr
+        assert "not reached: stopped, interrupted" in ended.stdout
+        with np.load(tmp_path / "d.npz") as record:
+            assert np.abs(record["control_v"][-1]).max() < 0.01
+            fastest = np.abs(record["control_v"]).max()
+        assert json.loads((tmp_path / "d.json").read_text())["reached"] is False
+        if fastest > 0.1:
+            break
+    assert fastest > 0.1

@@ -58,10 +58,9 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     subprocess.run(call, capture_output=True, text=True, timeout=120, check=True)
     (site,) = folder.glob("lib/python*/site-packages")
-    # paths named in a .pth file are added without reading the .pth files there, so no editable install comes along
-    dependencies = [
-        p for p in sys.path if "site-packages" in p and not (Path(p) / "elastic_strips/__init__.py").exists()
-    ]
+    # Paths named in a .pth file are added without reading the .pth files there, so no editable install comes along;
+    # and behind the environment's own, so that where the library is installed plainly, the wheel's comes first.
+    dependencies = [p for p in sys.path if "site-packages" in p]
     (site / "dependencies.pth").write_text("\n".join(dependencies) + "\n")
     return folder
 
