@@ -107,7 +107,7 @@ _PLANNING: tuple[tuple[str, Call, type[InputError], tuple[str, ...]], ...] = (
     ("parameter that is NaN", lambda r: es.DeformParams(influence=_NAN), ParameterError, ("influence=nan",)),
     ("parameter in words", lambda r: es.DeformParams(influence="far"), ParameterError, ("influence='far'",)),
     ("parameter that is true", lambda r: es.DeformParams(k_c=True), ParameterError, ("k_c=True",)),
-    ("clearance of 0", lambda r: es.DeformParams(clearance=0.0), ParameterError, ("clearance=0.0",)),
+    ("clearance below 0", lambda r: es.DeformParams(clearance=-0.1), ParameterError, ("clearance=-0.1",)),
     ("switch that is a number", lambda r: es.DeformParams(mobile_only=1), ParameterError, ("mobile_only=1",)),
     ("deformer of an unknown preset", lambda r: es.Deformer(r, "fast"), ParameterError, ("'fast'",)),
     ("deformer of a number", lambda r: es.Deformer(r, 3), ParameterError, ("3",)),

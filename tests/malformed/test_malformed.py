@@ -6,12 +6,12 @@ import gc
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import bad_workers
 import mutate
 import pytest
 from call_cases import call_cases
@@ -139,20 +139,9 @@ def test_the_mutations_would_show_what_is_wrong_with_a_reader(tmp_path: Path) ->
 
 def test_an_input_that_hangs_or_ends_the_process_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """The processes here run no reader: one sleeps, one ends."""
-    for worker, outcome in ((_sleeps, "hang"), (_ends, "crash")):
+    for worker, outcome in ((bad_workers.sleeps, "hang"), (bad_workers.ends, "crash")):
         monkeypatch.setattr(mutate, "_work", worker)
         assert [o.outcome for o in mutate.run(1, seed=1, seconds=1.0)] == [outcome]
-
-
-def _sleeps(pipe: Any, _: int) -> None:
-    pipe.send({"ready": True})
-    time.sleep(600.0)
-
-
-def _ends(pipe: Any, _: int) -> None:
-    pipe.send({"ready": True})
-    pipe.recv()
-    os._exit(3)
 
 
 @pytest.fixture

@@ -47,10 +47,12 @@ def test_a_way_that_closes_is_planned_anew(silvermate):
 
 
 def test_a_hopeless_task_is_given_up(silvermate):
-    queue = Box((0.2, 60.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    walls = ((0.2, 6.0, -2.0, 0.0), (4.2, 0.2, 0.0, 3.0), (4.2, 0.2, 0.0, -3.0))
+    room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.1, replan_time=0.1)
     control = HybridControl(
-        silvermate, Scene([queue]), silvermate.home(), DriveTo(4.0, 0.0, 0.0), params=params, seed=1
+        silvermate, Scene([queue, *room]), silvermate.home(), DriveTo(4.0, 0.0, 0.0), params=params, seed=1
     )
     assert control.sequencing is not None
     control.sequencing._attempts = 2

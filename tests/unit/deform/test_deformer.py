@@ -13,7 +13,6 @@ from elastic_strips.deform import Deformer, DeformParams, DeformStatus
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.robot.loading import _example_robot_data as example_robot_data
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
 from elastic_strips.strip import Strip
 
@@ -424,8 +423,7 @@ def test_a_strip_of_another_shape_is_refused(tmp_path):
 
 def test_a_fresh_deformer_does_not_lose_the_certificate_of_what_it_is_given():
     """Baxter at home has its elbows near its shoulders: a first step into the forces' balance pushes them together."""
-    urdf = example_robot_data() / "example-robot-data/robots/baxter_description/urdf/baxter.urdf"
-    baxter = load_robot(urdf, base="omni", package_dirs=(example_robot_data(),))
+    baxter = load_robot("baxter", base="omni")
     scene = Scene([Box((0.3, 0.3, 0.3), at=(2.0, 1.6, 0.5))])
     strip = line(baxter, 2.0, y=0.5)
     assert Deformer(baxter).certify(strip, scene).certified

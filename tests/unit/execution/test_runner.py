@@ -161,9 +161,11 @@ def test_a_closed_way_is_not_driven(silvermate):
 
 def test_who_might_walk_on_and_does_not_is_planned_around_again_and_again(silvermate):
     """At rest the held motion is made anew now and then: that must not count as if the robot had moved."""
-    queue = Box((0.2, 60.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    walls = ((0.2, 6.0, -2.0, 0.0), (4.2, 0.2, 0.0, 3.0), (4.2, 0.2, 0.0, -3.0))
+    room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.6)
-    _, result, verdict = drive(silvermate, [queue], seconds=14.0, params=params, strip=through(silvermate))
+    _, result, verdict = drive(silvermate, [queue, *room], seconds=14.0, params=params, strip=through(silvermate))
     assert result.state is RunState.STOPPED
     assert not verdict.contacts
     assert result.replans >= 2

@@ -335,9 +335,9 @@ def test_animate_moves_robot_and_obstacles_and_stops_again(robot, scene, make_re
 
 
 def test_wrong_input_raises(robot, scene, make_report):
-    with pytest.raises(ParameterError, match="port = 70000"):
+    with pytest.raises(ParameterError, match="port=70000"):
         Viewer(port=70000)
-    with pytest.raises(ParameterError, match="ghosts = -1"):
+    with pytest.raises(ParameterError, match="ghosts=-1"):
         Viewer(ghosts=-1)
     with Viewer(server=False) as viewer:
         with pytest.raises(InputError, match="duration"):
