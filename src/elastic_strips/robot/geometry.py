@@ -7,15 +7,18 @@ the same body is dropped and hulls that hardly grow by being joined are joined: 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from scipy.spatial import ConvexHull, QhullError
 
 from ..errors import RobotError
 from .space import Array
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 _CIRCLE = np.column_stack(
     (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
@@ -59,6 +62,12 @@ class LinkGeometry:
     capsule: Capsule
 
 
+def _hull(points: Array) -> ConvexHull:
+    from scipy.spatial import ConvexHull  # late: slow to import, and robots of primitives need none
+
+    return ConvexHull(points)
+
+
 def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
     """Convex hull of points (V, 3) [m] as a Coal shape.
 
@@ -78,6 +87,8 @@ def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
     thin = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
     if float(np.ptp((points - middle) @ thin)) < _THINNEST:
         raise flat
+    from scipy.spatial import QhullError
+
     try:
         corners, triangles = _hull_triangles(points)
     except QhullError:
@@ -100,7 +111,7 @@ def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
     Where one has, as in a wheel's flat side that is cut into a fan, large flat faces are cut into strips: the same
     hull. An apex that still has too many becomes the corners of a tiny polygon about it: the hull grows by ``_TIP``.
     """
-    hull = ConvexHull(points)
+    hull = _hull(points)
     corners, triangles = _numbered(points, hull.vertices, hull.simplices)
     if _neighbours(triangles, len(corners)).max() <= _MOST_NEIGHBOURS:
         return corners, triangles
@@ -120,7 +131,7 @@ def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
             angles = np.linspace(0.0, 2.0 * np.pi, 3 + count[worst] // 100, endpoint=False)
             grown.append(corners[worst] + _TIP * np.column_stack((np.cos(angles), np.sin(angles))) @ across)
         points = np.vstack(grown)
-        hull = ConvexHull(points)
+        hull = _hull(points)
     raise RobotError(f"a corner of a convex hull has {count.max()} neighbours; Coal takes {_MOST_NEIGHBOURS}")
 
 
@@ -240,7 +251,7 @@ def _inside(points: Array, radius: float, shape: coal.CollisionGeometry) -> bool
             and np.all(np.abs(points[:, 2]) <= shape.halfLength + 1e-9)
         )
     if isinstance(shape, coal.ConvexBase):
-        hull = ConvexHull(np.asarray(shape.points()).reshape(-1, 3))
+        hull = _hull(np.asarray(shape.points()).reshape(-1, 3))
         return bool(np.all(hull.equations[:, :3] @ points.T + hull.equations[:, 3:] <= 1e-9))
     return False
 
@@ -255,7 +266,7 @@ def _piece(name: str, links: tuple[str, ...], joint: int, shape: coal.CollisionG
 
 
 def _hull_volume(points: Array) -> float:
-    return float(ConvexHull(points).volume)
+    return float(_hull(points).volume)
 
 
 def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_ratio: float = 1.06) -> list[LinkGeometry]:
