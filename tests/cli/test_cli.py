@@ -281,12 +281,15 @@ def test_bench_robots(tmp_path: Path) -> None:
     """A named robot and one of a folder, which is refused: both are rows of the table, put between a page's marks."""
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare/stick.urdf").write_text('<robot name="stick"><link name="base"/></robot>')
+    odd = '<robot><link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link></robot>'
+    (tmp_path / "bare/odd.urdf").write_text(odd)
     page = tmp_path / "page.md"
     page.write_text("# Robots\n\n<!-- table: elastic-strips bench robots -->\nold\n<!-- end of table -->\nafter\n")
     arguments = ("robots", "jackal-box", "--data", tmp_path / "bare", "--table", page, "--json", tmp_path / "r.json")
     assert call("bench", *arguments) == 0
     figures = _object(tmp_path / "r.json")
-    ours, other = figures["robots"]
+    ours, odd_one, other = figures["robots"]
+    assert len(odd_one["warnings"]) == 1, "a robot without a name is given one, and that is said"
     assert (ours["name"], ours["refused"], ours["plan"], ours["settle"]) == ("jackal-box", None, "certified", "settled")
     assert other["name"] == "bare/stick"
     assert "no collision geometry" in other["refused"]
@@ -296,6 +299,7 @@ def test_bench_robots(tmp_path: Path) -> None:
     assert [line.split(" | ")[0] for line in lines if line.startswith("| ")] == [
         "| robot",
         "| jackal-box",
+        "| bare/odd",
         "| bare/stick",
     ]
     assert str(tmp_path) not in page.read_text()

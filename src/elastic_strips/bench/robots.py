@@ -230,8 +230,11 @@ def _warnings() -> Iterator[list[str]]:
 
     handler = Keep(logging.WARNING)
     logger = logging.getLogger("elastic_strips")
+    level = logger.level
     logger.addHandler(handler)
+    logger.setLevel(logging.WARNING)  # the command line shows errors only
     try:
         yield texts
     finally:
+        logger.setLevel(level)
         logger.removeHandler(handler)
