@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 import subprocess
@@ -277,8 +278,9 @@ def test_ctrl_c_while_planning_ends_with_130(tmp_path: Path, after: float) -> No
     assert (tmp_path / "r.json").read_text() == "older"
 
 
-def test_bench_robots(tmp_path: Path) -> None:
+def test_bench_robots(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """A named robot and one of a folder, which is refused: both are rows of the table, put between a page's marks."""
+    caplog.set_level(logging.ERROR)  # as the command line does in a process of its own
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare/stick.urdf").write_text('<robot name="stick"><link name="base"/></robot>')
     odd = '<robot><link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link></robot>'
