@@ -230,11 +230,13 @@ def _warnings() -> Iterator[list[str]]:
 
     handler = Keep(logging.WARNING)
     logger = logging.getLogger("elastic_strips")
-    level = logger.level
+    before = logger.level, logger.propagate
     logger.addHandler(handler)
-    logger.setLevel(logging.WARNING)  # the command line shows errors only
+    logger.setLevel(logging.WARNING)  # the command line shows errors only, and these are in the table
+    logger.propagate = False
     try:
         yield texts
     finally:
-        logger.setLevel(level)
+        logger.setLevel(before[0])
+        logger.propagate = before[1]
         logger.removeHandler(handler)
