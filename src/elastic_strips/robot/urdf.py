@@ -16,6 +16,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ..errors import RobotError, nearest_name
+from ..summary import shortened
 from .mends import Mends
 from .urdf_geometry import MAX_LENGTH, check_geometry, search_folders
 from .xml_source import floats, read_xml
@@ -105,8 +106,7 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
             else pin.buildModelFromXML(source.document)
         )
     except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
-        said = " ".join(str(error).split())[:300]
-        raise RobotError(f"{source.path}: Pinocchio cannot build the model: {said}") from None
+        raise RobotError(f"{source.path}: Pinocchio cannot build the model: {_words(error)}") from None
 
 
 def pinocchio_geometry(source: UrdfSource, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
@@ -118,7 +118,12 @@ def pinocchio_geometry(source: UrdfSource, model: pin.Model, kind: pin.GeometryT
     try:
         return pin.buildGeomFromUrdfString(model, source.document, kind, mesh_loader=coal.CachedMeshLoader())
     except Exception as error:
-        raise RobotError(f"{source.path}: Pinocchio cannot read the geometry: {error}") from None
+        raise RobotError(f"{source.path}: Pinocchio cannot read the geometry: {_words(error)}") from None
+
+
+def _words(error: Exception) -> str:
+    """What Pinocchio, Coal or Assimp say, which may quote a whole file."""
+    return shortened(" ".join(str(error).split()), 300)
 
 
 def _bare(root: Any) -> str:

@@ -153,6 +153,17 @@ def test_a_file_that_cannot_be_read(tmp_path):
         pytest.skip("this user may read everything")
 
 
+def test_a_damaged_mesh_is_not_quoted_in_full(tmp_path):
+    """Assimp quotes what follows a number that it cannot read, up to the end of the file."""
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 0.2 0\nvertex {} 0 0\nendloop\nendfacet\n"
+    good = facet.format("0.2")
+    (tmp_path / "mesh.stl").write_text("solid \n" + facet.format("0.\ufffd") + 40 * good + "endsolid\n")
+    said = refused(write(tmp_path, robot(BASE, link(geometry='<mesh filename="mesh.stl"/>'), joint())))
+    assert "cannot read the geometry" in said
+    assert len(said) < len(str(tmp_path)) + 400
+    assert "\n" not in said
+
+
 def test_joints_that_cannot_be_planned_name_themselves(tmp_path):
     path = write(tmp_path, robot(BASE, link(), joint(kind="floating", more="")))
     with pytest.raises(RobotError, match=r"'hinge' is a JointModelFreeFlyer with 6.*Lock it"):
