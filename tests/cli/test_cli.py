@@ -189,6 +189,18 @@ def test_the_documented_check_works(tmp_path: Path) -> None:
     assert stated - 1e-4 <= sampled <= stated + 5e-3
 
 
+def test_what_was_mended_in_a_file_is_said(tmp_path: Path) -> None:
+    (tmp_path / "odd.urdf").write_text(
+        '<robot><link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link></robot>'
+    )
+    ended = subprocess.run(
+        [*CALL, "run", "case-1", "--robot", "odd.urdf", "--base", "omni"],
+        capture_output=True, text=True, cwd=tmp_path, timeout=240,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    assert re.fullmatch(r"warning: .*robot without a name, called: 'odd'\s*", ended.stderr)
+
+
 # --- view --------------------------------------------------------------------------------------------------------
 
 

@@ -232,7 +232,7 @@ def _warnings() -> Iterator[list[str]]:
     logger = logging.getLogger("elastic_strips")
     before = logger.level, logger.propagate
     logger.addHandler(handler)
-    logger.setLevel(logging.WARNING)  # the command line shows errors only, and these are in the table
+    logger.setLevel(logging.WARNING)  # and only kept: they are in the table
     logger.propagate = False
     try:
         yield texts

@@ -40,6 +40,8 @@ _COMMANDS = {
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
+_SAY_THEMSELVES = ("elastic_strips.planning.alternatives", "elastic_strips.planning.plan")
+"""Loggers whose warnings are the reasons of reports, which the commands show."""
 
 
 class LateGroup(click.Group):
@@ -66,7 +68,12 @@ class LateGroup(click.Group):
 @click.version_option(__version__, prog_name="elastic-strips")
 @click.option("-v", "--verbose", is_flag=True, help="Log what the library does to standard error.")
 def cli(verbose: bool) -> None:
-    logging.basicConfig(level=logging.INFO if verbose else logging.ERROR, format="%(name)s: %(message)s")
+    if verbose:
+        logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+        return
+    handler = logging.StreamHandler()
+    handler.addFilter(lambda record: record.name not in _SAY_THEMSELVES)
+    logging.basicConfig(level=logging.WARNING, format="warning: %(message)s", handlers=[handler])
 
 
 def run_cli(arguments: list[str] | None) -> None:
