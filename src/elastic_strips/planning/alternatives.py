@@ -42,7 +42,6 @@ class Alternative(Summary):
         base_class: its class among the components of the scene.
         method: ``"line"``, ``"grid"`` or ``"ompl"``.
         length: of the base's path [m]; of the joints' path [rad] for a fixed base.
-        clearance: of its nodes [m], at most the influence distance.
         cost: see :func:`strip_cost`.
     """
 
@@ -51,13 +50,17 @@ class Alternative(Summary):
     base_class: BaseClass
     method: str
     length: float
-    clearance: float
     cost: float
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip: :attr:`DeformReport.clearance`."""
+        return self.report.clearance
 
     def _summary(self) -> dict[str, object]:
         return {
             "base_class": self.base_class, "method": self.method, "length": f"{self.length:.3f} m",
-            "clearance_of_nodes": f"{self.clearance:.3f} m", "cost": self.cost, "nodes": len(self.strip),
+            "clearance": f"{self.clearance:.3f} m", "cost": self.cost, "nodes": len(self.strip),
         }  # fmt: skip
 
 
@@ -249,9 +252,7 @@ class _Search:
         if word in self.done or (word in self.found and self.found[word].cost <= cost):
             self.notes.append(f"{what}: relaxed into a class that is there already")
         else:
-            self.found[word] = Alternative(
-                report.strip, report, word, method, report.strip.length, report.node_clearance, cost
-            )
+            self.found[word] = Alternative(report.strip, report, word, method, report.strip.length, cost)
         return True
 
     def _polished(self, report: DeformReport) -> DeformReport:

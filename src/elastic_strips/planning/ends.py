@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -111,10 +112,9 @@ def _check_distance(distance: float, params: DeformParams) -> None:
             "are in metres (are these millimetres?), and a longer way takes goals in between"
         )
     if distance > _FAR:
-        _log.warning(
-            "goal is %.6g m from start: lengths are in metres; a strip has at most %d nodes (max_nodes)",
-            distance,
-            params.max_nodes,
+        _warn_once(
+            f"goal is {distance:.6g} m from start: lengths are in metres; a strip has at most {params.max_nodes} nodes "
+            "(max_nodes)"
         )
 
 
@@ -126,7 +126,13 @@ def _warn_of_size(scene: Scene) -> None:
         k = int(np.argmax(np.where(huge, size.max(axis=1), 0.0)))
         x, y, z = size[k]
         name = scene.names[int(table.obstacle_index[k])]
-        _log.warning("obstacle %r is %.6g m × %.6g m × %.6g m large: lengths are in metres", name, x, y, z)
+        _warn_once(f"obstacle {name!r} is {x:.6g} m × {y:.6g} m × {z:.6g} m large: lengths are in metres")
+
+
+@lru_cache(maxsize=64)
+def _warn_once(message: str) -> None:
+    """Who plans anew at every tick need not hear it at every tick."""
+    _log.warning("%s", message)
 
 
 def _refuse(what: str, distance: float, params: DeformParams, bound: str, one: str, two: str) -> None:

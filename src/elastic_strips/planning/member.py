@@ -35,7 +35,7 @@ class Member:
 
     def alternative(self) -> Alternative:
         r = self.report
-        return Alternative(r.strip, r, self.base_class, self.method, r.strip.length, r.node_clearance, self.cost)
+        return Alternative(r.strip, r, self.base_class, self.method, r.strip.length, self.cost)
 
 
 def fault(report: DeformReport) -> str:

@@ -83,7 +83,7 @@ def test_a_better_side_is_taken_after_some_ticks(silvermate) -> None:
         side = 1.0 if np.abs(first.best.strip.q[:, 1]).max() == first.best.strip.q[:, 1].max() else -1.0
         when = []
         scene = wide
-        for k in range(30):
+        for k in range(20):
             if k < 10:  # towards the current strip, so that it has to go a long way round
                 scene = wide.moved("box", _pose(3.0, side * at * (k + 1) / 10))
             report = family.step(scene)
