@@ -124,6 +124,15 @@ class _World(NamedTuple):
     model: pin.GeometryModel
     data: pin.GeometryData
     tree: pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager
+    standing: list[tuple[int, int]]
+    """Pairs of one joint, the world: Pinocchio does not ask about them."""
+
+    def stand_apart(self) -> bool:
+        pieces, request = self.model.geometryObjects, coal.CollisionRequest()
+        return not any(
+            coal.collide(*_placed(pieces[i]), *_placed(pieces[k]), request, coal.CollisionResult())
+            for i, k in self.standing
+        )
 
 
 class Checker:
@@ -158,7 +167,7 @@ class Checker:
             world.addGeometryObject(pin.GeometryObject(f"link{k}", piece.joint, 0, pose, shape))
         for i, k in self.robot.self_pairs.tolist():
             world.addCollisionPair(pin.CollisionPair(i, k))
-        self.owner = []
+        self.owner, standing = [], []
         for p, piece in enumerate(scene_pieces(scene)):
             shape = _grown(piece.geometry, clearance - 0.5 * self_clearance)
             pose = pin.SE3(piece.T[:3, :3], piece.T[:3, 3])
@@ -166,10 +175,12 @@ class Checker:
             self.owner.append(piece.obstacle)
             for link in range(links):
                 world.addCollisionPair(pin.CollisionPair(link, index))
+                if self.robot.geometries[link].joint == 0:
+                    standing.append((link, index))
         data = world.createData()
         # the tree must know of grown shapes: Coal's own margins are forgotten by it, swept-sphere radii are not
         tree = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(self.model, world, data)
-        return _World(world, data, tree)
+        return _World(world, data, tree, standing)
 
     def count(self, a: Array, b: Array) -> int:
         """How many samples no point of the robot moves by more than a millimetre between."""
@@ -196,7 +207,8 @@ class Checker:
             free: ask for what counts as truly free.
             at: called with the fraction of the way before each sample, to move obstacles; their motion is counted in.
         """
-        tree = self.worlds[free].tree
+        world = self.worlds[free]
+        tree = world.tree
         model, kin, interpolate, collide = self.model, self.data, pin.interpolate, pin.computeCollisions
         count = self.count(a, b)
         self._walks += 1
@@ -208,6 +220,8 @@ class Checker:
             if at is not None:
                 at(s)
             if collide(model, kin, tree, interpolate(model, a, b, s), True):
+                return True
+            if world.standing and (at is not None or k == 0) and not world.stand_apart():
                 return True
         return False
 
@@ -225,6 +239,10 @@ class Checker:
                 if owner == name:
                     here = self.still[links + p]
                     world.model.geometryObjects[links + p].placement = pin.SE3(here.rotation, here.translation + shift)
+
+
+def _placed(piece: pin.GeometryObject) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
+    return piece.geometry, coal.Transform3s(piece.placement.rotation, piece.placement.translation)
 
 
 def _grown(shape: coal.CollisionGeometry, by: float) -> coal.CollisionGeometry:

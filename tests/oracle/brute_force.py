@@ -29,6 +29,7 @@ from elastic_strips.scene import (
 Array = npt.NDArray[np.float64]
 SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh", "voxels", "points")
 _REQUEST, _FINE = coal.DistanceRequest(True), coal.DistanceRequest(True)
+_RESULTS = coal.DistanceResult(), coal.DistanceResult()
 _FINE.gjk_tolerance = _FINE.epa_tolerance = 1e-12
 
 
@@ -44,21 +45,22 @@ class Piece:
 
 def distance(one: Any, T_one: Array, two: Any, T_two: Array) -> tuple[float, Array, Array, Array]:
     """Signed distance, Coal's normal (from one to two) and the witness points on one and on two."""
-    shapes = one, two
-    if {type(one), type(two)} == {coal.Sphere, coal.Cylinder}:  # their closed form forgets the caps
-        shapes = tuple(coal.Capsule(s.radius, 0.0) if isinstance(s, coal.Sphere) else s for s in shapes)
-    poses = transform(T_one), transform(T_two)
-    results = coal.DistanceResult(), coal.DistanceResult()
-    usual = coal.distance(shapes[0], poses[0], shapes[1], poses[1], _REQUEST, results[0])
-    fine = coal.distance(shapes[0], poses[0], shapes[1], poses[1], _FINE, results[1])
+    d, result = _measure(one, transform(T_one), two, transform(T_two))
+    return d, np.array(result.normal), np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
+
+
+def _measure(one: Any, pose_one: Any, two: Any, pose_two: Any) -> tuple[float, Any]:
+    """Signed distance, and Coal's result, which the next call overwrites."""
+    if type(one) is coal.Sphere and type(two) is coal.Cylinder:  # their closed form forgets the caps
+        one = coal.Capsule(one.radius, 0.0)
+    elif type(one) is coal.Cylinder and type(two) is coal.Sphere:
+        two = coal.Capsule(two.radius, 0.0)
+    for result in _RESULTS:
+        result.clear()
+    usual = coal.distance(one, pose_one, two, pose_two, _REQUEST, _RESULTS[0])
+    fine = coal.distance(one, pose_one, two, pose_two, _FINE, _RESULTS[1])
     # the fine solver does not always converge where shapes penetrate, and then returns nonsense
-    d, result = (fine, results[1]) if abs(fine - usual) < 1e-4 else (usual, results[0])
-    return (
-        float(d),
-        np.array(result.normal),
-        np.array(result.getNearestPoint1()),
-        np.array(result.getNearestPoint2()),
-    )
+    return (fine, _RESULTS[1]) if abs(fine - usual) < 1e-4 else (usual, _RESULTS[0])
 
 
 def transform(T: Array) -> Any:
@@ -112,21 +114,20 @@ def link_poses(robot: RobotModel, q: Array, data: Any = None) -> Array:
 
 def link_distances(robot: RobotModel, scene: Scene, q: Array) -> Array:
     """Signed distances (G, P) [m] of every link to every part; of a block, to its nearest box."""
-    poses = link_poses(robot, q)
-    out = np.full((len(robot.geometries), len(scene.table.parts)), np.inf)
+    links = [(link.geometry, transform(T)) for link, T in zip(robot.geometries, link_poses(robot, q), strict=True)]
+    out = np.full((len(links), len(scene.table.parts)), np.inf)
     for piece in scene_pieces(scene):
-        for g, link in enumerate(robot.geometries):
-            d = distance(link.geometry, poses[g], piece.geometry, piece.T)[0]
+        pose = transform(piece.T)
+        for g, (link, at) in enumerate(links):
+            d = _measure(link, at, piece.geometry, pose)[0]
             out[g, piece.part] = min(out[g, piece.part], d)
     return out
 
 
 def self_distances(robot: RobotModel, q: Array) -> Array:
     """Signed distances (S,) [m] of the robot's self pairs."""
-    poses, links = link_poses(robot, q), robot.geometries
-    return np.array(
-        [distance(links[i].geometry, poses[i], links[k].geometry, poses[k])[0] for i, k in robot.self_pairs]
-    )
+    links = [(link.geometry, transform(T)) for link, T in zip(robot.geometries, link_poses(robot, q), strict=True)]
+    return np.array([_measure(*links[i], *links[k])[0] for i, k in robot.self_pairs])
 
 
 def random_pose(rng: np.random.Generator, low: Any, high: Any) -> tuple[Array, Array]:

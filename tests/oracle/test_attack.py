@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from attack import KINDS, Figures, run
+from attack import KINDS, Checker, Figures, run
+
+from elastic_strips.scene import Box, Scene
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +33,15 @@ def test_what_is_free_is_certified(figures):
 
 def test_no_pair_of_links_is_overlooked(figures):
     assert figures.missing_pairs == []
+
+
+def test_the_checker_looks_at_links_that_never_move(gantry):
+    """Pinocchio asks no pair whose shapes belong to one joint: the root of a fixed robot and an obstacle, say."""
+    q, checker = gantry.home_q, Checker(gantry, Figures())
+    for y, touches in ((0.1, True), (1.0, False)):
+        checker.take(Scene([Box((0.1, 0.1, 0.02), at=(0.25, y, 0.05), name="brick")]), 0.005, 0.005)
+        assert checker.overlaps(q, q) is touches
+    assert checker.overlaps(q, q, at=lambda s: checker.move("brick", np.array([0.0, -0.9, 0.0])))
 
 
 def test_the_samples_are_as_dense_as_they_claim(figures):
