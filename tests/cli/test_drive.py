@@ -15,7 +15,7 @@ from elastic_strips.cli import main
 
 SHORT = """\
 name: short
-robot: silvermate
+robot: bridge-arm
 scene:
   obstacles:
     - {shape: box, size: [0.3, 0.3, 1.0], at: [1.2, 0.6, 0.5], name: crate}
@@ -44,7 +44,7 @@ def short(tmp_path: Path) -> Path:
 def test_drives_and_writes_everything(short: Path, tmp_path: Path) -> None:
     ended = run_cli("drive", str(short), "--json", "d.json", "--record", "d.npz", "--html", "d.html", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    assert "short · silvermate · kinematic plant: reached" in ended.stdout
+    assert "short · bridge-arm · kinematic plant: reached" in ended.stdout
     result = json.loads((tmp_path / "d.json").read_text())
     assert result["format"] == "elastic-strips-drive"
     assert result["reached"] is True
@@ -69,11 +69,13 @@ def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
 
 
 def test_methods_and_sensors(short: Path, tmp_path: Path) -> None:
+    own = SHORT.replace("bridge-arm", "silvermate")  # its laser is on board
+    short.write_text(own)
     ended = run_cli("drive", str(short), "--sensors", "laser", "--json", "d.json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "driven by laser" in ended.stdout
     assert json.loads((tmp_path / "d.json").read_text())["sensors"] == ["laser"]
-    short.write_text(SHORT.replace("at: [1.2, 0.6, 0.5]", "at: [1.2, 1.0, 0.5]"))  # for a base that minds no arm
+    short.write_text(own.replace("at: [1.2, 0.6, 0.5]", "at: [1.2, 1.0, 0.5]"))  # for a base that minds no arm
     ended = run_cli("drive", str(short), "--method", "vfh", "--json", "d.json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert json.loads((tmp_path / "d.json").read_text())["method"] == "vfh"

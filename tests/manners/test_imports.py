@@ -100,6 +100,7 @@ class Finder:
 class Dying:
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
 sys.meta_path.insert(0, Finder())
 from elastic_strips.cli import main
 main()

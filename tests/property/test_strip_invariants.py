@@ -77,7 +77,7 @@ def check(robot: RobotModel, start: Strip, scene: Scene, report: DeformReport, p
             assert self_distances(robot, q).min() > params.self_clearance - 2e-5
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=6, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
 def test_ticks_keep_ends_limits_and_drivability(name, request, seed):
@@ -92,7 +92,7 @@ def test_ticks_keep_ends_limits_and_drivability(name, request, seed):
         strip = report.strip
 
 
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=6, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_maintenance_keeps_the_spacing(silvermate, seed):
     """After a tick no segment is longer than allowed, unless it was far too long, and order is kept along the way."""
@@ -108,7 +108,7 @@ def test_maintenance_keeps_the_spacing(silvermate, seed):
     assert len(strip) < params.max_nodes
 
 
-@settings(max_examples=5, deadline=None, derandomize=True)
+@settings(max_examples=3, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize("name", ["silvermate", "tiago"])
 def test_the_papers_preset_keeps_its_invariants(name, request, seed):
@@ -126,7 +126,7 @@ def test_the_papers_preset_keeps_its_invariants(name, request, seed):
         assert report.heading_step <= params.transfer_tilt + 1e-12
 
 
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=6, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_settling_ends_in_a_state_that_says_what_it_is(silvermate, seed):
     rng = np.random.default_rng(seed)

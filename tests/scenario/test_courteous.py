@@ -88,11 +88,13 @@ def test_somebody_waits_and_nobody_is_run_over(outcome: DriveOutcome) -> None:
 
 
 def test_equal_seeds_give_equal_runs(outcome: DriveOutcome) -> None:
-    again = drive_scenario(get_scenario("courteous-corridor", seed=SEED))
+    again = drive_scenario(get_scenario("courteous-corridor", seed=SEED), time_limit=6.0)
     one, two = outcome.result.record, again.result.record
-    np.testing.assert_array_equal(one.control.chart, two.control.chart)
+    time = two.control.time[two.control.time < 6.0]
+    assert len(time) > 100
+    np.testing.assert_array_equal(one.control.chart[: len(time)], two.control.chart[: len(time)])
     for (_, a), (_, b) in zip(_movers(one.world), _movers(two.world), strict=True):
-        assert [a.place(t) for t in one.control.time[::50]] == [b.place(t) for t in one.control.time[::50]]
+        assert [a.place(t) for t in time[::50]] == [b.place(t) for t in time[::50]]
 
 
 def test_a_record_that_is_read_back_replays_what_they_did(outcome: DriveOutcome, tmp_path) -> None:

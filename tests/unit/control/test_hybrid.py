@@ -51,11 +51,10 @@ def test_a_hopeless_task_is_given_up(silvermate):
     walls = ((0.2, 6.0, -2.0, 0.0), (4.2, 0.2, 0.0, 3.0), (4.2, 0.2, 0.0, -3.0))
     room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.1, replan_time=0.1)
-    control = HybridControl(
-        silvermate, Scene([queue, *room]), silvermate.home(), DriveTo(4.0, 0.0, 0.0), params=params, seed=1
-    )
+    world = World(Scene([queue, *room]), appears={"queue": 0.5})  # the first plan knows nothing of it
+    control = HybridControl(silvermate, world, silvermate.home(), DriveTo(4.0, 0.0, 0.0), params=params, seed=1)
     assert control.sequencing is not None
-    control.sequencing._attempts = 2
+    control.sequencing._attempts = 1
     result = control.run(time_limit=30.0)
     assert not result.done
     assert "paths were of no use" in result.reason

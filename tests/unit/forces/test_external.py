@@ -55,14 +55,13 @@ def update(robot: RobotModel, scene: Scene, chart: np.ndarray) -> tuple[Kinemati
     return kin, proximity
 
 
-@pytest.mark.parametrize("k_near", [0.0, K_NEAR], ids=["plain", "near layer"])
-@pytest.mark.parametrize("name", ["tiago", "silvermate"])
+@pytest.mark.parametrize("name, k_near", [("tiago", K_NEAR), ("silvermate", 0.0)], ids=["near layer", "plain"])
 def test_repulsion_is_minus_its_gradient(name, k_near, request):
     """Every shape, separated and penetrating; without the nodes where a nearest point jumps (no gradient there)."""
     robot, rng = request.getfixturevalue(name), np.random.default_rng(6)
     near_seen, checked, deep, jumped = 0, 0, 0, 0
 
-    for _ in range(6):
+    for _ in range(4):
         scene = scene_about(rng, ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh"), 7)
         chart = random_chart(robot, rng, 6)
         kin, proximity = update(robot, scene, chart)
@@ -91,10 +90,10 @@ def test_repulsion_is_minus_its_gradient(name, k_near, request):
             checked += 1
             near_seen += bool((mine < NEAR).any())
             deep += bool((mine < 0.0).any())
-    assert checked >= 12
+    assert checked >= 8
     assert jumped <= 2
-    assert near_seen >= 3
-    assert deep >= 6
+    assert near_seen >= 2
+    assert deep >= 4
 
 
 def test_repulsion_matrix_is_gauss_newton(tiago, rng):
@@ -161,6 +160,8 @@ def test_self_repulsion_is_minus_its_gradient(name, request):
         return 0.5 * k_s * float((np.maximum(repulsion - d, 0.0) ** 2).sum())
 
     for row in random_chart(robot, rng, 120):
+        if checked == 8:
+            break
         if potential(row) < 1e-4:
             continue
         kin.update(row[None])
@@ -175,7 +176,7 @@ def test_self_repulsion_is_minus_its_gradient(name, request):
         np.testing.assert_allclose(system.force[0, : robot.space.base_nv], 0.0, atol=1e-12)
         assert np.linalg.eigvalsh(system.diagonal[0]).min() > -1e-9
         checked += 1
-    assert checked >= 8
+    assert checked == 8
 
 
 def test_eqs_2_and_3():

@@ -303,9 +303,9 @@ def test_clearance_equals_dense_sampling(robot, rng):
     from brute_force import make_scene, random_chart
 
     for _ in range(2):
-        scene = make_scene(rng, 9)
+        scene = make_scene(rng, 6)
         chart = random_chart(robot, rng, 1)
-        step = rng.normal(size=(3, robot.nv)) * 0.1
+        step = rng.normal(size=(2, robot.nv)) * 0.1
         for v in step:
             chart = np.vstack((chart, robot.space.integrate(chart[-1], v)))
         chart = np.clip(chart, robot.space.lower, robot.space.upper)
