@@ -30,19 +30,26 @@ goal: {x: 2.5, y: 0.0, yaw: 0.0}
 """
 
 
-def run_cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*CALL, *arguments], capture_output=True, text=True, cwd=cwd, env=os.environ, timeout=120)
-
-
 @pytest.fixture
-def short(tmp_path: Path) -> Path:
+def short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
     file = tmp_path / "short.yaml"
     file.write_text(SHORT)
     return file
 
 
+def end_of(*arguments: str) -> int:
+    """Exit code of the command, called in this process."""
+    try:
+        main(list(arguments))
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
 def test_drives_and_writes_everything(short: Path, tmp_path: Path) -> None:
-    ended = run_cli("drive", str(short), "--json", "d.json", "--record", "d.npz", "--html", "d.html", cwd=tmp_path)
+    drive = [*CALL, "drive", str(short), "--json", "d.json", "--record", "d.npz", "--html", "d.html"]
+    ended = subprocess.run(drive, capture_output=True, text=True, cwd=tmp_path, env=os.environ, timeout=120)
     assert ended.returncode == 0, ended.stderr
     assert "short · bridge-arm · kinematic plant: reached" in ended.stdout
     result = json.loads((tmp_path / "d.json").read_text())
@@ -56,35 +63,30 @@ def test_drives_and_writes_everything(short: Path, tmp_path: Path) -> None:
     with np.load(tmp_path / "d.npz") as record:
         assert len(record["control_time"]) == pytest.approx(100 * result["time_s"], abs=3)
     assert (tmp_path / "d.html").stat().st_size > 100_000
-    again = run_cli("view", "d.npz", "--html", "again.html", cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
+    assert end_of("view", "d.npz", "--html", "again.html") == 0
     assert (tmp_path / "again.html").stat().st_size == pytest.approx((tmp_path / "d.html").stat().st_size, rel=0.01)
 
 
 def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
-    ended = run_cli("drive", str(short), "--fault", "scene_frozen@1:1", "--json", "d.json", cwd=tmp_path)
-    assert ended.returncode == 0, ended.stderr
+    assert end_of("drive", str(short), "--fault", "scene_frozen@1:1", "--json", "d.json") == 0
     events = json.loads((tmp_path / "d.json").read_text())["events"]
     assert any(e["kind"] == "fault" and "stale scene" in e["reason"] for e in events)
 
 
-def test_methods_and_sensors(short: Path, tmp_path: Path) -> None:
+def test_methods_and_sensors(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     own = SHORT.replace("bridge-arm", "silvermate")  # its laser is on board
     short.write_text(own)
-    ended = run_cli("drive", str(short), "--sensors", "laser", "--json", "d.json", cwd=tmp_path)
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert "driven by laser" in ended.stdout
+    assert end_of("drive", str(short), "--sensors", "laser", "--json", "d.json") == 0
+    assert "driven by laser" in capsys.readouterr().out
     assert json.loads((tmp_path / "d.json").read_text())["sensors"] == ["laser"]
     short.write_text(own.replace("at: [1.2, 0.6, 0.5]", "at: [1.2, 1.0, 0.5]"))  # for a base that minds no arm
-    ended = run_cli("drive", str(short), "--method", "vfh", "--json", "d.json", cwd=tmp_path)
-    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert end_of("drive", str(short), "--method", "vfh", "--json", "d.json") == 0
     assert json.loads((tmp_path / "d.json").read_text())["method"] == "vfh"
 
 
-def test_time_runs_out(short: Path, tmp_path: Path) -> None:
-    ended = run_cli("drive", str(short), "--time-limit", "1.0", cwd=tmp_path)
-    assert ended.returncode == 3
-    assert "not reached: stopped, the time was over" in ended.stdout
+def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert end_of("drive", str(short), "--time-limit", "1.0") == 3
+    assert "not reached: stopped, the time was over" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -136,10 +136,10 @@ def test_nothing_goes_on_when_the_time_is_over(silvermate, call, monkeypatch):
 
 
 def test_a_strip_has_no_more_nodes_than_it_may(mover):
-    for goal, scene in (((500.0, 0.0), Scene([])), ((4.0, 0.0), LONG["20 m"])):
-        for most in (4, 20, 512):
+    for x, scene, timeout in ((500.0, Scene([]), 60.0), (4.0, LONG["20 m"], 0.7)):
+        for most in (4, 512):
             params = DeformParams(max_nodes=most)
-            report = plan_report(mover, scene, mover.home(), mover.home(*goal, 2.0), params=params, timeout=2.0)
+            report = plan_report(mover, scene, mover.home(), mover.home(x, 0.0, 2.0), params=params, timeout=timeout)
             assert len(report.strip) <= most
             assert len(report.initial) <= most
             assert report.certified or len(scene), report.reason
