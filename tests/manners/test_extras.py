@@ -11,7 +11,7 @@ import pytest
 import elastic_strips as es
 from elastic_strips.cli import main
 from elastic_strips.errors import InputError, MissingExtraError
-from elastic_strips.execution import ContactError, PerceptionError, RetimingError
+from elastic_strips.execution import PerceptionError, RetimingError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -28,9 +28,9 @@ def _hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
 
 
 def _mujoco(robot: es.RobotModel) -> object:
-    from elastic_strips.scenarios import make_runner
+    from elastic_strips.scenarios import make_simulation
 
-    return make_runner(es.get_scenario("case-1"), robot=robot, plant="mujoco")
+    return make_simulation(es.get_scenario("case-1"), robot=robot, plant="mujoco")
 
 
 def _embree(robot: es.RobotModel) -> object:
@@ -88,7 +88,7 @@ def test_what_the_notebooks_need_is_in_their_extra():
     assert {"matplotlib", "py_trees", "embreex"} <= names  # what 03 and 04 import, and what rays against meshes need
 
 
-@pytest.mark.parametrize("error", [RetimingError, PerceptionError, ContactError, MissingExtraError])
+@pytest.mark.parametrize("error", [RetimingError, PerceptionError, MissingExtraError])
 def test_an_expected_failure_is_no_wrong_input(error):
     assert issubclass(error, es.ElasticStripsError)
     assert not issubclass(error, InputError | ValueError)

@@ -11,9 +11,9 @@ import pytest
 import elastic_strips as es
 from elastic_strips.control import DriveAndReach, DriveTo, HybridControl, ReachHand
 from elastic_strips.errors import InputError
-from elastic_strips.execution import DriveParams, Fault, MotionLimits, Retimer, Runner, judge
+from elastic_strips.execution import DriveParams, Fault, MotionLimits, Retimer, judge, simulation
 from elastic_strips.io import write_json, write_record
-from elastic_strips.scenarios import drive_document, drive_scenario, make_runner, result_document
+from elastic_strips.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sensing import SceneEstimator, SensorSuite
 
 WRONG = ("x", None, 3, 2.5, True, object(), [], {}, b"x", np.zeros(3))
@@ -53,11 +53,11 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "result_document": (result_document, {"result": None}),
         "drive_document": (drive_document, {"outcome": None}),
         "drive_scenario": (drive_scenario, {"scenario": case, "method": "strip", "robot": robot, "plant": "kinematic"}),
-        "make_runner": (
-            make_runner, {"scenario": case, "robot": robot, "seed": 0, "params": None, "sensors": None}
+        "make_simulation": (
+            make_simulation, {"scenario": case, "robot": robot, "seed": 0, "params": None, "sensors": None}
         ),
-        "Runner": (
-            Runner,
+        "simulation": (
+            simulation,
             {
                 "robot": robot, "world": scene, "start": robot.home(), "goal": robot.home(0.2), "params": None,
                 "limits": None, "plant": None, "perception": None, "replanner": None, "faults": (), "seed": 0,
@@ -88,7 +88,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     }  # fmt: skip
 
 
-SLOW = {("run_scenario", "robot"), ("Runner", "goal")}  # what is right takes long, and is shown elsewhere
+SLOW = {("run_scenario", "robot"), ("simulation", "goal")}  # what is right takes long, and is shown elsewhere
 
 
 def test_a_wrong_type_is_a_wrong_input(sound, silvermate, tmp_path, monkeypatch):
@@ -101,7 +101,9 @@ def test_a_wrong_type_is_a_wrong_input(sound, silvermate, tmp_path, monkeypatch)
             for wrong in (*WRONG, silvermate, *others):
                 if wrong is value or (value is None and wrong is None) or (name, key) in SLOW:
                     continue
-                if name in ("run_scenario", "drive_scenario", "make_runner") and any(wrong is v for v in _taken(key)):
+                if name in ("run_scenario", "drive_scenario", "make_simulation") and any(
+                    wrong is v for v in _taken(key)
+                ):
                     continue
                 try:
                     call(**{**arguments, key: wrong})

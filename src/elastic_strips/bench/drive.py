@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ElasticStripsError
-from ..execution import FAULTS, Fault
+from ..execution import FAULTS, Controller, Fault, RunState, Simulation
 from ..robot import load_robot
 from ..scenarios import STRIP, drive_scenario, get_scenario
 from ..sensing import SensorConfig
@@ -201,14 +201,14 @@ def _doomed_viewer(time: float) -> Callable[[Any], None]:
     viewer = Viewer(server=True, open_browser=False)
     state = {"killed": False}
 
-    def watch(runner: Any) -> None:
-        if runner.time >= time and not state["killed"]:
+    def watch(driven: Simulation[Controller]) -> None:
+        if driven.time >= time and not state["killed"]:
             state["killed"] = True
             if viewer.server_pid is not None:
                 os.kill(viewer.server_pid, signal.SIGKILL)
-            runner.supervisor.log(runner.time, "fault", "viewer killed")
-        viewer.update(runner.pilot.strip, runner.world.at(runner.time))
-        if runner.supervisor.state.name == "REACHED":
+            driven.controller.log("fault", "viewer killed")
+        viewer.update(driven.controller.strip, driven.world.at(driven.time))
+        if driven.controller.state is RunState.REACHED:
             viewer.close()
 
     return watch

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..deform import DeformParams
 from ..errors import ElasticStripsError
-from ..execution import DriveParams, EvasionParams, MotionLimits, ObstacleAssumptions, Runner, Tolerance, judge
+from ..execution import DriveParams, EvasionParams, MotionLimits, ObstacleAssumptions, Tolerance, judge, simulation
 from ..io import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from ..planning import plan_report
 from ..robot import RobotModel, load_robot
@@ -66,11 +66,12 @@ def problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParam
 def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> dict[str, Any]:
     params, limits = problem_params(problem, robot)
     start, *goals = problem.configurations(robot)
-    runner = Runner(
+    driven = simulation(
         robot, problem.world, start, np.array(goals), params=params, limits=limits, seed=seed, grid=True,
         path=problem.path,
     )  # fmt: skip
-    result = runner.run()
+    plan = driven.controller.first_plan
+    result = driven.run()
     rows = result.record.control
     goal = np.array(robot.space.to_chart(goals[-1]))
     near = np.hypot(*(rows.chart[:, :2] - goal[:2]).T) <= problem.goal_tolerance
@@ -92,8 +93,8 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> dict[str, An
         "min_clearance_m": verdict.min_clearance_m,
         "time_s": time,
         "path_m": verdict.path_m,
-        "planned_by": runner.first_plan.method if runner.first_plan else "",
-        "plan_s": runner.first_plan.seconds if runner.first_plan else None,
+        "planned_by": plan.method if plan else "",
+        "plan_s": plan.seconds if plan else None,
         "replans": result.replans,
         "stops": len(result.stops),
         "reason": "" if success else result.reason,
@@ -196,9 +197,9 @@ def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) 
             }
         )
     limits = MotionLimits.for_robot(model, **problem.limits)
-    runner = Runner(model, problem.world, start, np.array(goals), seed=seed, limits=limits)
-    result = runner.run(time_limit=240.0)
-    verdict = judge(result.record, model, problem.world, runner.limits)
+    driven = simulation(model, problem.world, start, np.array(goals), seed=seed, limits=limits)
+    result = driven.run(time_limit=240.0)
+    verdict = judge(result.record, model, problem.world, driven.limits)
     return {
         "benchmark": "bridge",
         "machine": machine(),

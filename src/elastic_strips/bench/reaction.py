@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import ElasticStripsError
-from ..execution import DriveParams, PerceptionParams, Runner
+from ..execution import Controller, DriveParams, PerceptionParams, Simulation
 from ..robot import RobotModel
-from ..scenarios import get_scenario, make_runner
+from ..scenarios import get_scenario, make_simulation
 from ..scene import Cylinder, Scene, World
 from .measure import machine, percentiles
 
@@ -70,7 +70,7 @@ def _once(robot: RobotModel, seed: int, depth: float) -> dict[str, Any]:
         "params": params,
         "perception": PerceptionParams(delay=0.0),
     }
-    free = make_runner(scenario, **options)
+    free = make_simulation(scenario, **options)
     track = free.run(time_limit=7.0).record.control
     appears = float(np.random.default_rng(seed).uniform(2.0, 4.0))
     k = min(int((appears + _AHEAD) / params.control_dt), len(track) - 1)
@@ -82,20 +82,20 @@ def _once(robot: RobotModel, seed: int, depth: float) -> dict[str, Any]:
     world = World(Scene([*scenario.scene, post]), appears={"post": appears})
     seen: dict[str, Any] = {}
 
-    def watch(runner: Runner) -> None:
-        proposal = runner.proposal
-        if runner.time < appears or "ticks" in seen:
+    def watch(driven: Simulation[Controller]) -> None:
+        proposal = driven.controller.proposal
+        if driven.time < appears or "ticks" in seen:
             return
-        seen.setdefault("at", runner.time)
+        seen.setdefault("at", driven.time)
         if proposal is None or not proposal.accepted or not proposal.report.certified:
             return
-        ticks = round((runner.time - seen["at"]) / params.control_dt) + params.latency
-        last = runner.statistics.seconds[-1]
+        ticks = round((driven.time - seen["at"]) / params.control_dt) + params.latency
+        last = driven.controller.statistics.seconds[-1]
         seen["ticks"] = ticks
         seen["tick_ms"] = 1e3 * last
         seen["ms"] = 1e3 * ((ticks - params.latency) * params.control_dt + last)
-        runner.stop()
+        driven.stop()
 
-    runner = make_runner(replace(scenario, scene=world.scene, timeline=world), **options, watch=watch)
-    runner.run(time_limit=appears + 3.0)
+    driven = make_simulation(replace(scenario, scene=world.scene, timeline=world), **options, watch=watch)
+    driven.run(time_limit=appears + 3.0)
     return {"seed": seed, "appears_s": appears, **{k: seen[k] for k in ("ticks", "ms", "tick_ms") if k in seen}}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..deform import DeformParams
-from ..execution import DriveParams, Runner
+from ..execution import Controller, DriveParams, Simulation, simulation
 from ..robot import RobotModel
 from ..scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from .measure import machine, percentiles
@@ -35,31 +35,33 @@ def bench_soak(
     begin = {"tick": 0, "time": 0.0}
     legs = 0
 
-    def watch(runner: Runner) -> None:
+    def watch(driven: Simulation[Controller]) -> None:
         nonlocal legs
-        if runner.time - begin["time"] < _WINDOW:
+        if driven.time - begin["time"] < _WINDOW:
             return
-        mine = 1e3 * np.array(runner.statistics.seconds[int(begin["tick"]) :])
-        begin.update(tick=len(runner.statistics.seconds), time=runner.time)
+        seconds = driven.controller.statistics.seconds
+        mine = 1e3 * np.array(seconds[int(begin["tick"]) :])
+        begin.update(tick=len(seconds), time=driven.time)
         gc.collect()
-        rows.append({"time_s": runner.time, "memory_mb": _resident(), "tick_ms": percentiles(mine)})
-        step(f"{runner.time / 60:.0f} min, {rows[-1]['memory_mb']:.0f} MB")
+        rows.append({"time_s": driven.time, "memory_mb": _resident(), "tick_ms": percentiles(mine)})
+        step(f"{driven.time / 60:.0f} min, {rows[-1]['memory_mb']:.0f} MB")
 
-    runner = Runner(robot, world, ends[0], ends[1], params=params, seed=seed, watch=watch, record=False)
-    while runner.time < 3600.0 * hours:
-        runner.run(time_limit=3600.0 * hours)
-        legs += runner.supervisor.at_goal
-        if not runner.supervisor.at_goal:
+    driven = simulation(robot, world, ends[0], ends[1], params=params, seed=seed, watch=watch, record=False)
+    controller = driven.controller
+    while driven.time < 3600.0 * hours:
+        driven.run(time_limit=3600.0 * hours)
+        legs += controller.supervisor.at_goal
+        if not controller.supervisor.at_goal:
             break
-        runner.retarget(ends[legs % 2])
+        controller.retarget(ends[legs % 2])
     warm = rows[max(len(rows) // 10, 1) - 1] if rows else None
     return {
         "benchmark": "soak",
         "machine": machine(),
         "robot": robot.name,
-        "hours": runner.time / 3600.0,
+        "hours": driven.time / 3600.0,
         "legs": legs,
-        "stops": len(runner.supervisor.stops),
+        "stops": len(controller.stops),
         "memory_mb": {"warm": warm and warm["memory_mb"], "end": rows[-1]["memory_mb"] if rows else None},
         "growth": rows[-1]["memory_mb"] / warm["memory_mb"] - 1.0 if warm else None,
         "tick_ms_first_half": percentiles([r["tick_ms"]["p99"] for r in rows[: len(rows) // 2]]),

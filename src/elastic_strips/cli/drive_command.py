@@ -5,12 +5,12 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from typing import Any
 
 import click
 import numpy as np
 
-from ..control import BaseRunner
-from ..execution import FAULTS, Fault, Runner, RunState
+from ..execution import FAULTS, Controller, Fault, RunState, Simulation
 from ..io import check_record_file, write_json, write_record
 from ..scenarios import (
     DRIVE_METHODS,
@@ -20,8 +20,8 @@ from ..scenarios import (
     conclude,
     drive_document,
     get_scenario,
-    make_base_runner,
-    make_runner,
+    make_base_simulation,
+    make_simulation,
 )
 from ..strip import Strip
 from . import EXIT_INTERRUPTED
@@ -110,33 +110,32 @@ def drive(
     viewer = open_viewer(no_browser=no_browser, title=problem.name) if view else None
     with viewer or nullcontext(), LateProgress(f"{problem.name}: driving") as bar:
 
-        def watch(runner: Runner | BaseRunner) -> None:
-            steers = runner if isinstance(runner, BaseRunner) else runner.supervisor
-            bar.step(f"{runner.time:.1f} s, {steers.state.name.lower()}")
+        def watch(driven: Simulation[Any]) -> None:
+            bar.step(f"{driven.time:.1f} s, {driven.controller.state.name.lower()}")
             if viewer is not None:
                 viewer.update(
-                    _shown(runner), runner.world.at(runner.time), q=model.space.from_chart(runner.plant.chart)
+                    _shown(driven), driven.world.at(driven.time), q=model.space.from_chart(driven.plant.chart)
                 )
 
-        runner: Runner | BaseRunner
+        driven: Simulation[Any]
         common = {"robot": model, "seed": number, "plant": plant, "sensors": config, "watch": watch}
         common["realtime"] = realtime or view
         if method == STRIP:
-            runner = make_runner(problem, evade=evade, alternatives=alternatives, faults=wrong, **common)
+            driven = make_simulation(problem, evade=evade, alternatives=alternatives, faults=wrong, **common)
         else:
-            runner = make_base_runner(problem, method, **common)
+            driven = make_base_simulation(problem, method, **common)
         if viewer is not None:
-            viewer.show(model, problem.world.at(0.0), _shown(runner))
+            viewer.show(model, problem.world.at(0.0), _shown(driven))
             click.echo(f"viewer  {viewer.url}")
         try:
-            with _stopping(runner) as interrupted:
-                result = runner.run(time_limit=time_limit)
+            with _stopping(driven) as interrupted:
+                result = driven.run(time_limit=time_limit)
         finally:
-            runner.plant.close()
+            driven.plant.close()
     if record_file is not None:  # before the judge, who may take a while: what was driven is not to be lost
         write_record(result.record, record_file)
-    outcome = conclude(problem, runner, result, plant=plant, seed=number)
-    late = runner.time >= (runner.params.time_limit if time_limit is None else time_limit)
+    outcome = conclude(problem, driven, result, plant=plant, seed=number)
+    late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
     _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
     if json_file is not None:
         click.echo(f"result  {write_json(json_file, drive_document(outcome))}")
@@ -149,15 +148,16 @@ def drive(
     return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
 
 
-def _shown(runner: Runner | BaseRunner) -> object:
+def _shown(driven: Simulation[Any]) -> object:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
-    if isinstance(runner, BaseRunner):
-        return Strip.from_chart(runner.robot, np.stack((runner.plant.chart, runner.goal)))
-    return runner.proposal.report if runner.proposal else runner.pilot.strip
+    controller = driven.controller
+    if not isinstance(controller, Controller):
+        return Strip.from_chart(driven.robot, np.stack((driven.plant.chart, controller.goal)))
+    return controller.proposal.report if controller.proposal else controller.strip
 
 
 @contextmanager
-def _stopping(runner: Runner | BaseRunner) -> Iterator[list[int]]:
+def _stopping(driven: Simulation[Any]) -> Iterator[list[int]]:
     """The first Ctrl-C brings the robot to rest; a second one ends the program."""
     interrupted: list[int] = []
 
@@ -166,7 +166,7 @@ def _stopping(runner: Runner | BaseRunner) -> Iterator[list[int]]:
             raise KeyboardInterrupt
         interrupted.append(number)
         click.echo("stopping the robot (Ctrl-C again ends at once)", err=True)
-        runner.stop()
+        driven.stop()
 
     before = signal.signal(signal.SIGINT, stop)
     try:

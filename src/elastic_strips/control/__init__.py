@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base_runner import BaseRunner
+from .base_controller import BaseController, RawReadings, base_simulation
 from .bumper import Bumper
 from .deliberative import Deliberation, DeliberativeLayer, Part, Step
 from .director import Director
@@ -33,7 +33,9 @@ __all__ = [
     "SensedPerception",
     "LASER_ASSUMPTIONS",
     "LASER_EASE",
-    "BaseRunner",
+    "BaseController",
+    "RawReadings",
+    "base_simulation",
     "Bumper",
     "TaskWatch",
     "TaskState",

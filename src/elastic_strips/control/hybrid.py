@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..deform import AxisTask
 from ..errors import ConfigurationError, ParameterError, RobotError
-from ..execution import DriveParams, DriveResult, PerceptionParams, Runner, RunState
+from ..execution import Controller, DriveParams, DriveResult, PerceptionParams, RunState, Simulation, simulation
 from ..execution.perception import Perceiver
 from ..execution.replanning import standing
 from ..robot import RobotModel
@@ -49,8 +49,8 @@ class HybridControl:
     """Workspace: deliberative, sequencing and reactive layer for one task.
 
     The deliberative layer divides the task; the sequencing layer has its steps done one after the other; the reactive
-    layer, a :class:`~elastic_strips.execution.Runner` with its strip and its supervisor, moves the robot. Each knows
-    the next by a few calls only: steps and paths come down, facts and troubles go up.
+    layer, a :class:`~elastic_strips.execution.Controller` with its strip and its supervisor, moves the robot. Each
+    knows the next by a few calls only: steps and paths come down, facts and troubles go up.
 
     Args:
         robot: the robot.
@@ -59,16 +59,16 @@ class HybridControl:
         task: what to do.
         keep: what the strip is to keep to meanwhile; suspended where that cannot be, and resumed.
         params: of the drive.
-        perception: what tells all three layers about the world; see the Runner's.
+        perception: what tells all three layers about the world; see :func:`~elastic_strips.execution.simulation`.
         seed: of all that is sampled, and of the machine.
         watch: called after every planning tick, with this control.
-        **options: of the Runner.
+        **options: of :func:`~elastic_strips.execution.simulation`.
 
     Attributes:
         deliberation: the task's steps.
         director: plans their paths when the sequencing layer asks.
         sequencing: the layer, or None where there is no step.
-        runner: the reactive layer, or None where there is no step.
+        simulation: of the reactive layer, or None where there is no step.
         keeping: watches what is to be kept to, or None.
 
     Raises:
@@ -108,56 +108,60 @@ class HybridControl:
         self.director = Director(robot, params, seed=seed, grid=robot.space.planar)
         self.orders: list[tuple[float, Order, str]] = []
         self.sequencing: SequencingLayer | None = None
-        self.runner: Runner | None = None
+        self.simulation: Simulation[Controller] | None = None
         self.keeping: TaskWatch | None = None
         steps = self.deliberation.steps
         if not steps:
             return
         self.sequencing = SequencingLayer([str(s) for s in steps], max_scene_age=params.max_scene_age)
         try:
-            self.runner = Runner(
+            self.simulation = simulation(
                 robot, world, start, [s.q for s in steps], params=params, replanner=self.director, seed=seed,
                 perception=perception, watch=self._look, **options,
             )  # fmt: skip
         except ConfigurationError as error:
             self.deliberation = replace(self.deliberation, steps=(), reason=str(error))
             return
-        force = self.runner.pilot.deformer.task
+        self._controller = self.simulation.controller
+        force = self._controller.pilot.deformer.task
         self.keeping = None if force is None else TaskWatch(force)
         self._report: object = None
 
     def run(self, *, time_limit: float | None = None) -> HybridResult:
         """Do the task, or find out why not."""
-        runner, sequencing = self.runner, self.sequencing
-        if runner is None or sequencing is None:
+        simulation, sequencing = self.simulation, self.sequencing
+        if simulation is None or sequencing is None:
             return HybridResult(False, self.deliberation.reason, self.deliberation, None, (), ())
-        drive = runner.run(time_limit=time_limit)
-        self._tick(runner, sequencing)
+        drive = simulation.run(time_limit=time_limit)
+        self._tick(sequencing)
         done = sequencing.order is Order.DONE
         reason = sequencing.reason if done or sequencing.order is Order.GIVE_UP else drive.reason
         events = () if self.keeping is None else tuple(self.keeping.events)
         return HybridResult(done, reason, self.deliberation, drive, tuple(self.orders), events)
 
-    def _look(self, runner: Runner) -> None:
+    def _look(self, _: Simulation[Controller]) -> None:
         """After a planning tick of the reactive layer: the layers above it have their turn."""
         assert self.sequencing is not None
-        if self.keeping is not None and runner.proposal is not None and runner.proposal.report is not self._report:
-            self._report = runner.proposal.report
-            self.keeping.update(runner.time, runner.proposal.report)
-        order = self._tick(runner, self.sequencing)
+        controller = self._controller
+        proposal = controller.proposal
+        if self.keeping is not None and proposal is not None and proposal.report is not self._report:
+            self._report = proposal.report
+            self.keeping.update(controller.time, proposal.report)
+        order = self._tick(self.sequencing)
         if order is Order.ASK:
             self.director.ask()
         elif order is Order.GIVE_UP:
-            runner.stop()
+            controller.stop()
         if self.watch is not None:
             self.watch(self)
 
-    def _tick(self, runner: Runner, sequencing: SequencingLayer) -> Order:
-        reached = len(self.deliberation.steps) - 1 - len(runner.goals)
-        reached += runner.supervisor.state is RunState.REACHED
+    def _tick(self, sequencing: SequencingLayer) -> Order:
+        controller = self._controller
+        reached = len(self.deliberation.steps) - 1 - len(controller.goals)
+        reached += controller.state is RunState.REACHED
         facts = Facts(
-            scene_age=runner.time - runner.scene.time,
-            localized=runner.estimator.lost_for <= 0.1,
+            scene_age=controller.time - controller.scene.time,
+            localized=controller.estimator.lost_for <= 0.1,
             trouble=self.director.trouble,
             planning=self.director.pending,
             attempts=self.director.attempts,
@@ -165,5 +169,5 @@ class HybridControl:
         )
         order = sequencing.tick(facts)
         if not self.orders or self.orders[-1][1:] != (order, sequencing.reason):
-            self.orders.append((runner.time, order, sequencing.reason))
+            self.orders.append((controller.time, order, sequencing.reason))
         return order

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from ..execution import PerceptionParams
 from ..execution.params import ObstacleAssumptions
-from ..execution.perception import ContactError, PerceptionError
+from ..execution.perception import PerceptionError
 from ..execution.silhouette import Silhouette
 from ..robot import RobotModel
 from ..robot.space import Array
@@ -76,6 +76,11 @@ class SensedPerception:
         for k in range(round(look / _STEP)):
             self.observe(-look + k * _STEP, chart, chart)
 
+    @property
+    def contact(self) -> str:
+        """What the robot feels."""
+        return "the bumper is pressed" if self._touched else ""
+
     def known(self) -> Scene:
         """What was seen from the start."""
         return self.sense(0.0)
@@ -95,11 +100,8 @@ class SensedPerception:
         """The newest scene.
 
         Raises:
-            ContactError: the bumper is pressed.
             PerceptionError: no reading has come yet.
         """
-        if self._touched:
-            raise ContactError("the bumper is pressed")
         if not self.estimator.times:
             raise PerceptionError(f"none of the sensors {', '.join(self.suite.names)} has read anything yet")
         return self.estimator.scene()

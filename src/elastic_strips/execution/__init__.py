@@ -1,13 +1,14 @@
 """Execution: strips become motions in time; motions are certified, tracked, supervised, recorded and judged."""
 
 from .braking import brake
+from .controller import Controller, Tick
 from .estimation import Estimator, EstimatorParams
 from .faults import FAULTS, Fault
 from .judge import judge
 from .limits import MotionLimits
-from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions
+from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
 from .path import DrivePath, RetimingError
-from .perception import ContactError, Perception, PerceptionError, PerceptionParams
+from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
 from .pilot import Pilot
 from .plant import KinematicPlant, Plant, PlantParams
 from .prediction import predict
@@ -16,15 +17,15 @@ from .record import Event, Record, RecordError, RunState
 from .recorder import Recorder
 from .result import DriveResult, TickStatistics
 from .retiming import Retimer, retime
-from .runner import MACHINE, Runner
 from .sensing import Measurement, SensorParams
 from .separation import protective_separation
+from .simulation import MACHINE, Simulation, simulation
 from .supervisor import Supervisor
 from .timed_certificate import TrajectoryCertifier
 from .tracking import Command, TrackingController, TrackingGains
 from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
 from .trajectory import ReferenceState, Trajectory
-from .verdict import Contact, Tolerance, Verdict
+from .verdict import Contact, Verdict
 
 __all__ = [
     "FAULTS",
@@ -32,7 +33,7 @@ __all__ = [
     "Command",
     "DEFAULT_TRACKING_ERROR",
     "Contact",
-    "ContactError",
+    "Controller",
     "Displacement",
     "TrackingErrors",
     "measure_tracking",
@@ -49,6 +50,7 @@ __all__ = [
     "Measurement",
     "MotionLimits",
     "ObstacleAssumptions",
+    "Perceiver",
     "Perception",
     "PerceptionError",
     "PerceptionParams",
@@ -63,9 +65,10 @@ __all__ = [
     "Retimer",
     "RetimingError",
     "RunState",
-    "Runner",
     "SensorParams",
+    "Simulation",
     "Supervisor",
+    "Tick",
     "TickStatistics",
     "Tolerance",
     "TrackingController",
@@ -78,4 +81,5 @@ __all__ = [
     "predict",
     "protective_separation",
     "retime",
+    "simulation",
 ]

@@ -1,14 +1,26 @@
-"""Execution room, faults: what can go wrong around the loop, put in on purpose to see that the robot ends at rest."""
+"""Execution room, faults: what can go wrong around a controller, put in on purpose to see that the robot ends at rest.
+
+Each is a wrapper about what the controller meets: perception, plant, and the planning of a tick.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import ParameterError, nearest_name
+from ..robot.space import Array
+from ..scene import Scene
 from ..validation import check_type, shown
+from .controller import Propose
+from .perception import Perceiver, PerceptionError
+from .plant import Plant
+from .proposal import Proposal
+from .sensing import Measurement
+from .tracking import Command
+from .trajectory import Trajectory
 
 FAULTS = {
     "scene_frozen": "the scene is not renewed",
@@ -80,3 +92,88 @@ class FaultPlan:
     def active(self, kind: str, t: float) -> bool:
         """Whether a fault of that kind is there at time ``t`` [s]."""
         return any(f.kind == kind and f.active(t) for f in self.faults)
+
+
+class FaultyPerception:
+    """Workspace: what senses, with scenes that are frozen, late, or no scenes at all."""
+
+    def __init__(self, inner: Perceiver, faults: FaultPlan) -> None:
+        self.inner, self.params = inner, inner.params
+        self._faults = faults
+        self._last: Scene | None = None
+
+    @property
+    def contact(self) -> str:
+        return self.inner.contact
+
+    @property
+    def suite(self) -> object:
+        """Sensors, where the scene is made of what they read."""
+        return getattr(self.inner, "suite", None)
+
+    def known(self) -> Scene:
+        return self.inner.known()
+
+    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+        self.inner.observe(t, chart, estimate)
+
+    def sense(self, t: float) -> Scene:
+        if self._faults.active("nan_obstacle", t):
+            raise PerceptionError("the sensed scene holds a pose that is not finite")
+        if self._last is None or not self._faults.active("scene_frozen", t):
+            self._last = self.inner.sense(t - (SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
+        return self._last
+
+
+class FaultyPlant:
+    """Workspace: a machine whose odometry is lost at times."""
+
+    def __init__(self, inner: Plant, faults: FaultPlan) -> None:
+        self.inner, self._faults = inner, faults
+
+    @property
+    def time(self) -> float:
+        return self.inner.time
+
+    @property
+    def chart(self) -> Array:
+        return self.inner.chart
+
+    @property
+    def v(self) -> Array:
+        return self.inner.v
+
+    @property
+    def motors(self) -> Array:
+        return self.inner.motors
+
+    @property
+    def contact_events(self) -> tuple[object, ...]:
+        """What a physical plant saw the robot touch."""
+        return tuple(getattr(self.inner, "contact_events", ()))
+
+    def reset(self, chart: Array, time: float = 0.0) -> None:
+        self.inner.reset(chart, time)
+
+    def step(self, command: Command, dt: float) -> Measurement:
+        if self._faults.active("lost_odometry", self.time):
+            self.lost_odometry(self.time + dt)
+        return self.inner.step(command, dt)
+
+    def lost_odometry(self, until: float) -> None:
+        self.inner.lost_odometry(until)
+
+    def close(self) -> None:
+        self.inner.close()
+
+
+def faulty_planning(propose: Propose, faults: FaultPlan, *, slow: float) -> Propose:
+    """The planning of a tick, with exceptions, or with results that are ready only ``slow`` [s] later."""
+
+    def faulty(now: float, scene: Scene, held: Trajectory, begin: float) -> Proposal:
+        if faults.active("planning_exception", now):
+            raise RuntimeError("planning exception put in on purpose")
+        proposal = propose(now, scene, held, begin)
+        return replace(proposal, late=slow) if faults.active("slow_tick", now) else proposal
+
+    return faulty

@@ -14,9 +14,10 @@ from ..robot.space import Array
 from ..scene import World
 from ..validation import check_number, check_type, shown
 from .limits import MotionLimits
+from .params import Tolerance
 from .record import ControlRows, Record, RecordError
 from .sweep import Approach, Sweep
-from .verdict import REST_SPEED, Contact, Tolerance, Verdict
+from .verdict import REST_SPEED, Contact, Verdict
 
 _SAME_EPISODE = 0.25  # [s]
 

@@ -76,6 +76,22 @@ class EvasionParams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerance:
+    """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m];
+    inf: however far."""
+
+    position: float = 0.05
+    yaw: float = 0.05
+    joints: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name in ("position", "yaw", "joints"):
+            value = getattr(self, name)
+            if not value >= 0.0:
+                raise ParameterError(f"{name} = {value!r} must be at least 0 (inf: any)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriveParams:
     """How a strip is driven; times [s], lengths [m], angles [rad].
 
@@ -149,6 +165,11 @@ class DriveParams:
     def clearance(self) -> float:
         """Distance [m] that planned motions prove to obstacles: tracking error and margin."""
         return self.tracking_error + self.margin
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """How near counts as reached."""
+        return Tolerance(position=self.goal_position, yaw=self.goal_angle, joints=self.goal_angle)
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)

@@ -10,16 +10,11 @@ import numpy as np
 from ..errors import ElasticStripsError, ParameterError
 from ..robot.space import Array
 from ..scene import Scene, Twist, Unknown, World
-from .faults import SCENE_DELAY, FaultPlan
 from .params import ObstacleAssumptions
 
 
 class PerceptionError(ElasticStripsError):
     """No usable scene came; the message says why."""
-
-
-class ContactError(PerceptionError):
-    """The robot feels that it touches something: it has to stop at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +41,11 @@ class Perceiver(Protocol):
 
     params: PerceptionParams
 
+    @property
+    def contact(self) -> str:
+        """What the robot feels that it touches, in words; empty where nothing, or where it feels nothing."""
+        ...
+
     def known(self) -> Scene:
         """What is known before the robot sets out."""
         ...
@@ -61,7 +61,11 @@ class Perceiver(Protocol):
         ...
 
     def sense(self, t: float) -> Scene:
-        """The newest scene at time ``t`` [s]; its ``time`` says how old it is."""
+        """The newest scene at time ``t`` [s]; its ``time`` says how old it is.
+
+        Raises:
+            PerceptionError: what came is no scene.
+        """
         ...
 
 
@@ -76,8 +80,9 @@ class Perception:
         assumptions: bounds of the errors.
         params: of the noise.
         rng: source of the noise.
-        faults: what goes wrong.
     """
+
+    contact = ""  # nobody feels anything
 
     def __init__(
         self,
@@ -85,9 +90,8 @@ class Perception:
         assumptions: ObstacleAssumptions,
         params: PerceptionParams,
         rng: np.random.Generator,
-        faults: FaultPlan,
     ) -> None:
-        self.world, self.params, self.faults = world, params, faults
+        self.world, self.params = world, params
         self._position: dict[str, np.ndarray] = {}
         self._velocity: dict[str, np.ndarray] = {}
         for name in world.names_moving:
@@ -98,7 +102,6 @@ class Perception:
                 way = rng.normal(size=3)
                 way[2] = 0.0
                 store[name] = way / np.linalg.norm(way) * size * params.noise * rng.uniform()
-        self._frozen: Scene | None = None
 
     def known(self) -> Scene:
         """All that is there at time 0."""
@@ -108,18 +111,8 @@ class Perception:
         """Nothing: this perception knows the world."""
 
     def sense(self, t: float) -> Scene:
-        """The newest scene at time ``t`` [s]; its ``time`` says how old it is.
-
-        Raises:
-            PerceptionError: what came is no scene.
-        """
-        if self.faults.active("nan_obstacle", t):
-            raise PerceptionError("the sensed scene holds a pose that is not finite")
-        if self.faults.active("scene_frozen", t) and self._frozen is not None:
-            return self._frozen
-        delay = self.params.delay + (SCENE_DELAY if self.faults.active("scene_late", t) else 0.0)
-        self._frozen = self._noisy(self.world.at(t - delay))
-        return self._frozen
+        """The world at time ``t`` [s] less the delay."""
+        return self._noisy(self.world.at(t - self.params.delay))
 
     def _noisy(self, scene: Scene) -> Scene:
         """Moving obstacles as they are sensed: a pose and a velocity, both a little off, and no more of the future."""

@@ -25,6 +25,7 @@ class Proposal:
         evasive: whether the motion leaves the strip, to get out of the way of what moves.
         emergency: whether the motion, which needs no certificate, brakes on the way of the held one: the scene is not
             what that one's certificate allowed for, and it is no longer certified.
+        late: so much later [s] than its tick it is ready.
     """
 
     motion: Trajectory | None
@@ -38,3 +39,4 @@ class Proposal:
     timings: dict[str, float] = field(default_factory=dict)
     evasive: bool = False
     emergency: bool = False
+    late: float = 0.0

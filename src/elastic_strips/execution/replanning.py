@@ -31,7 +31,8 @@ class Replanner:
 
     Attributes:
         halted: whether the robot has to stop because what stands keeps the strip broken.
-        pending: whether planning anew has been decided on; due: time [s] at which its result is there.
+        pending: whether planning anew has been decided on; who has it done takes that back. due: time [s] at which its
+            result is there.
         count: how often it was done.
     """
 
@@ -82,7 +83,6 @@ class Replanner:
         Somebody who stands may walk on: a strip close by has been of no use, and the next one leads past at a
         distance, or on another side, where there is room for that.
         """
-        self.pending = False
         berth = min(_BERTH * self.count, _MOST_BERTH)
         self.count += 1
         still, reason = standing(scene), ""

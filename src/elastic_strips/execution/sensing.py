@@ -27,6 +27,7 @@ class Measurement:
         joints: (n,) joint positions, from encoders [rad or m].
         pose: (3,) a localization fix x, y [m], yaw [rad], where one arrives now; else None.
         pose_time: the time [s] that the fix tells of, earlier than ``time``; None without a fix.
+        contact: what the robot feels that it touches, in words; empty where nothing.
     """
 
     time: float
@@ -34,6 +35,7 @@ class Measurement:
     joints: Array
     pose: Array | None = None
     pose_time: float | None = None
+    contact: str = ""
 
     @property
     def odometry_lost(self) -> bool:

@@ -95,7 +95,7 @@ class SwitchingReplanner(Replanner):
             except ElasticStripsError as error:
                 return None, f"failed: {error}"
             if found.best is not None:
-                self.pending = self.halted = False
+                self.halted = False
                 self.count += 1
                 return found.best.strip, found.events[-1]
         strip, reason = super().plan_anew(scene, start, goal)

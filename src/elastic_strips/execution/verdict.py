@@ -1,4 +1,4 @@
-"""Execution room, verdict: what the judge found out about a run, and how near a goal counts as reached."""
+"""Execution room, verdict: what the judge found out about a run."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..errors import ParameterError
 from ..summary import Summary
 from .sweep import Approach
 
@@ -36,22 +35,6 @@ class Contact:
     def at_rest(self) -> bool:
         """Whether the robot stood: the obstacle came to it."""
         return self.speed <= REST_SPEED
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerance:
-    """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m];
-    inf: however far."""
-
-    position: float = 0.05
-    yaw: float = 0.05
-    joints: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name in ("position", "yaw", "joints"):
-            value = getattr(self, name)
-            if not value >= 0.0:
-                raise ParameterError(f"{name} = {value!r} must be at least 0 (inf: any)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
         DriveOutcome,
         conclude,
         drive_scenario,
-        make_base_runner,
-        make_runner,
+        make_base_simulation,
+        make_simulation,
     )
     from .drive_result import DRIVE_FORMAT, DRIVE_FORMAT_VERSION, drive_document
 
@@ -36,8 +36,8 @@ __all__ = [
     "conclude",
     "drive_document",
     "drive_scenario",
-    "make_base_runner",
-    "make_runner",
+    "make_base_simulation",
+    "make_simulation",
     "FORMAT",
     "FORMAT_VERSION",
     "result_document",
@@ -57,8 +57,8 @@ __getattr__ = late_names(  # running a scenario needs nothing of what driving ne
     __name__,
     {
         "drive": (
-            "DRIVE_METHODS", "PLANTS", "STRIP", "DriveOutcome", "conclude", "drive_scenario", "make_base_runner",
-            "make_runner",
+            "DRIVE_METHODS", "PLANTS", "STRIP", "DriveOutcome", "conclude", "drive_scenario", "make_base_simulation",
+            "make_simulation",
         ),
         "drive_result": ("DRIVE_FORMAT", "DRIVE_FORMAT_VERSION", "drive_document"),
     },

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from ..control import LASER_ASSUMPTIONS, LASER_EASE, BaseRunner, SensedPerception
+from ..control import LASER_ASSUMPTIONS, LASER_EASE, BaseController, SensedPerception, base_simulation
 from ..deform import DeformParams
 from ..errors import RobotError, ScenarioError
 from ..execution import (
     DRIVE_STRIP,
     MACHINE,
     Contact,
+    Controller,
     DriveParams,
     DriveResult,
     EvasionParams,
     Fault,
     KinematicPlant,
     MotionLimits,
+    Perceiver,
     Plant,
-    Runner,
+    Simulation,
     Verdict,
     judge,
     protective_separation,
+    simulation,
 )
 from ..execution.switching import SwitchingReplanner
 from ..execution.tracking_bound import Displacement
@@ -34,7 +37,7 @@ from ..planning import FamilyParams
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import World
-from ..sensing import SensorConfig
+from ..sensing import SensorConfig, SensorSuite
 from ..summary import Summary
 from ..validation import check_choice, check_count, check_type
 from .scenario import Scenario
@@ -98,7 +101,7 @@ class DriveOutcome(Summary):
         return self.result.reached and bool(self.verdict.reached)
 
 
-def make_runner(
+def make_simulation(
     scenario: Scenario,
     *,
     robot: RobotModel | None = None,
@@ -110,7 +113,7 @@ def make_runner(
     params: DriveParams | None = None,
     faults: Iterable[Fault] = (),
     **options: Any,
-) -> Runner:
+) -> Simulation[Controller]:
     """A closed loop of the elastic strip for a scenario, ready to run.
 
     Args:
@@ -124,7 +127,7 @@ def make_runner(
             that has to give one up follows another.
         params: of the drive; the scenario's parameters of the strip are put into the default ones where None.
         faults: what goes wrong on purpose.
-        **options: of :class:`~elastic_strips.execution.Runner`.
+        **options: of :func:`~elastic_strips.execution.simulation`.
 
     Raises:
         InputError: start or goal in collision, an unknown plant, …
@@ -148,13 +151,13 @@ def make_runner(
             problem.robot, params, seed=problem.seed, grid=options.get("grid", True),
             family=FamilyParams(count=alternatives),
         )  # fmt: skip
-    return Runner(
+    return simulation(
         problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
         plant=problem.machine, faults=faults, seed=problem.seed, metadata=problem.metadata, **options,
     )  # fmt: skip
 
 
-def make_base_runner(
+def make_base_simulation(
     scenario: Scenario,
     method: str,
     *,
@@ -163,8 +166,8 @@ def make_base_runner(
     plant: str = "kinematic",
     sensors: SensorConfig | None = None,
     **options: Any,
-) -> BaseRunner:
-    """A closed loop of a method for a base alone; other arguments as in :func:`make_runner`.
+) -> Simulation[BaseController]:
+    """A closed loop of a method for a base alone; other arguments as in :func:`make_simulation`.
 
     Args:
         scenario: the problem.
@@ -173,10 +176,10 @@ def make_base_runner(
         seed: of plant and sensors; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"``.
         sensors: what the method drives by; the Silvermate's where None.
-        **options: of :class:`~elastic_strips.control.BaseRunner`.
+        **options: of :func:`~elastic_strips.control.base_simulation`.
     """
     problem = _Problem.of(scenario, robot, seed, plant)
-    return BaseRunner(
+    return base_simulation(
         problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
         plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, **options,
     )  # fmt: skip
@@ -217,24 +220,22 @@ class _Problem:
 
 
 def conclude(
-    scenario: Scenario, runner: Runner | BaseRunner, result: DriveResult, *, plant: str, seed: int
+    scenario: Scenario, driven: Simulation[Any], result: DriveResult, *, plant: str, seed: int
 ) -> DriveOutcome:
     """Judge a run."""
-    verdict = judge(result.record, runner.robot, runner.world, runner.limits, tolerance=runner.tolerance)
-    method, separation, suite = STRIP, None, None
-    if isinstance(runner, BaseRunner):
-        method, suite = runner.method.name, runner.sensors
-    else:
-        separation = protective_separation(runner.limits, runner.params, runner.perception.params)
-        if isinstance(runner.perception, SensedPerception):
-            suite = runner.perception.suite
-    touched = tuple(str(event) for event in getattr(runner.plant, "contact_events", ()))
+    controller, perception = driven.controller, driven.perception
+    verdict = judge(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
+    suite: SensorSuite | None = getattr(perception, "suite", None)
+    separation = None
+    if controller.method == STRIP:
+        separation = protective_separation(driven.limits, driven.params, cast("Perceiver", perception).params)
+    touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
     if suite is not None:
-        unseen = unseen_contacts(result.record, verdict, runner.robot, runner.world, suite.config)
+        unseen = unseen_contacts(result.record, verdict, driven.robot, driven.world, suite.config)
     return DriveOutcome(
-        scenario, runner.robot, plant, seed, result, verdict, separation, method=method, physical_contacts=touched,
-        sensors=() if suite is None else suite.names,
+        scenario, driven.robot, plant, seed, result, verdict, separation, method=controller.method,
+        physical_contacts=touched, sensors=() if suite is None else suite.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in verdict.collisions),
     )  # fmt: skip
@@ -255,18 +256,19 @@ def drive_scenario(
     Args:
         scenario: the problem.
         method: ``"strip"``, or one for a base alone.
-        robot, seed, plant, **options: as in :func:`make_runner` or :func:`make_base_runner`.
+        robot, seed, plant, **options: as in :func:`make_simulation` or :func:`make_base_simulation`.
         time_limit: longest run [s of simulated time].
     """
     check_type("scenario", scenario, Scenario, ScenarioError)
     check_choice("method", method, DRIVE_METHODS)
     seed = scenario.seed if seed is None else seed
+    driven: Simulation[Any]
     if method == STRIP:
-        runner = make_runner(scenario, robot=robot, seed=seed, plant=plant, **options)
+        driven = make_simulation(scenario, robot=robot, seed=seed, plant=plant, **options)
     else:
-        runner = make_base_runner(scenario, method, robot=robot, seed=seed, plant=plant, **options)
+        driven = make_base_simulation(scenario, method, robot=robot, seed=seed, plant=plant, **options)
     try:
-        result = runner.run(time_limit=time_limit)
+        result = driven.run(time_limit=time_limit)
     finally:
-        runner.plant.close()
-    return conclude(scenario, runner, result, plant=plant, seed=seed)
+        driven.plant.close()
+    return conclude(scenario, driven, result, plant=plant, seed=seed)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..bench.pool import cached, spread
-from ..control.base_runner import PATIENCE
+from ..control.base_controller import PATIENCE
 from ..errors import ElasticStripsError, ParameterError, nearest_name
-from ..execution import Runner, RunState
+from ..execution import RunState, Simulation
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..robot.space import Array
@@ -132,13 +132,13 @@ class _Patience:
     def __init__(self) -> None:
         self._since: float | None = None
 
-    def __call__(self, runner: Runner) -> None:
-        if runner.supervisor.state is not RunState.STOPPED:
+    def __call__(self, driven: Simulation[Any]) -> None:
+        if driven.controller.state is not RunState.STOPPED:
             self._since = None
         elif self._since is None:
-            self._since = runner.time
-        elif runner.time - self._since > PATIENCE:
-            runner.stop()
+            self._since = driven.time
+        elif driven.time - self._since > PATIENCE:
+            driven.stop()
 
 
 def check_methods(methods: Sequence[str]) -> None:

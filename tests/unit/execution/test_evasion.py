@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from drivable import limits_of, most_used
 
-from elastic_strips.execution import DriveParams, Runner, judge, predict
+from elastic_strips.execution import Controller, DriveParams, Simulation, judge, predict, simulation
 from elastic_strips.execution.evasion import Evasion
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.manoeuvres import lattice, motion_to, roll_to_rest
@@ -113,11 +113,11 @@ def drive(robot, obstacles, *, evasion: EvasionParams | None, seconds: float, **
     """Drive to (6, 0); the runner, its proposals, and the verdict."""
     proposals = []
 
-    def watch(runner: Runner) -> None:
-        if runner.proposal is not None:
-            proposals.append(runner.proposal)
+    def watch(runner: Simulation[Controller]) -> None:
+        if runner.controller.proposal is not None:
+            proposals.append(runner.controller.proposal)
 
-    runner = Runner(
+    runner = simulation(
         robot, World(Scene(obstacles)), robot.home(), robot.home(x=6.0), seed=3, limits=limits_for(robot),
         params=replace(DriveParams(), evasion=evasion), watch=watch, **options,
     )  # fmt: skip
@@ -142,7 +142,7 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
     hit = {}
     for evasion in (EvasionParams(), None):
         proposals = []
-        runner = Runner(
+        runner = simulation(
             jackal_box, World(Scene([gate, comer])), start, jackal_box.home(x=6.0), seed=3, strip=strip,
             limits=limits_for(jackal_box), params=replace(DriveParams(), evasion=evasion, replan_time=50.0),
             watch=lambda r, seen=proposals: seen.append(r.proposal),

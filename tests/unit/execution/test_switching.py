@@ -7,7 +7,7 @@ import pytest
 
 from elastic_strips.deform import Deformer
 from elastic_strips.errors import ConfigurationError
-from elastic_strips.execution import DriveParams, Runner, RunState, judge
+from elastic_strips.execution import DriveParams, RunState, judge, simulation
 from elastic_strips.execution import replanning as replanning_room
 from elastic_strips.execution.switching import SwitchingReplanner, slow
 from elastic_strips.planning import FamilyParams
@@ -77,7 +77,7 @@ def test_a_drive_changes_sides(silvermate):
     params = DriveParams(replan_after=0.2)
     world = World(HALL.with_obstacle(BLOCK), appears={"block": 2.0})
     replanner = SwitchingReplanner(silvermate, params, seed=0, grid=True, family=FamilyParams(count=2))
-    runner = Runner(
+    runner = simulation(
         silvermate, world, silvermate.home(), silvermate.home(x=6.0), params=params, replanner=replanner, seed=1
     )
     result = runner.run(time_limit=60.0)
@@ -88,7 +88,7 @@ def test_a_drive_changes_sides(silvermate):
 
 
 def test_a_family_that_fails_costs_no_proposal(replanner, silvermate, monkeypatch, caplog):
-    runner = Runner(silvermate, World(HALL), silvermate.home(), silvermate.home(x=6.0), replanner=replanner)
+    runner = simulation(silvermate, World(HALL), silvermate.home(), silvermate.home(x=6.0), replanner=replanner)
 
     def fails(*_, **__):
         raise ConfigurationError("nobody can be there")

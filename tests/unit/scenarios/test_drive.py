@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from elastic_strips.control import LASER_ASSUMPTIONS, BaseRunner, SensedPerception
+from elastic_strips.control import LASER_ASSUMPTIONS, BaseController, SensedPerception
 from elastic_strips.errors import ParameterError
+from elastic_strips.execution import Simulation
 from elastic_strips.io import PoseSpec
-from elastic_strips.scenarios import conclude, drive_document, drive_scenario, make_base_runner, make_runner
+from elastic_strips.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
 from elastic_strips.scenarios.scenario import Scenario
 from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.sensing import SensorConfig
@@ -28,9 +29,9 @@ def scenario(*obstacles: Obstacle) -> Scenario:
 
 
 def test_the_laser_is_all_that_the_planner_knows(silvermate):
-    runner = make_runner(scenario(PILLAR), robot=silvermate, sensors=LASER)
-    assert isinstance(runner.perception, SensedPerception)
-    assert runner.params.assumptions == LASER_ASSUMPTIONS
+    driven = make_simulation(scenario(PILLAR), robot=silvermate, sensors=LASER)
+    assert isinstance(driven.perception, SensedPerception)
+    assert driven.params.assumptions == LASER_ASSUMPTIONS
     outcome = drive_scenario(scenario(PILLAR), robot=silvermate, sensors=LASER, time_limit=20.0)
     assert outcome.reached, outcome.result.reason
     assert not outcome.verdict.contacts
@@ -53,15 +54,15 @@ def test_what_hangs_above_the_laser_is_told_apart(silvermate):
 def test_what_was_seen_is_no_excuse(silvermate):
     """A method that runs into what its laser shows: the contact is one with something seen."""
 
-    class Blind(BaseRunner):
-        def _tick(self, t):
-            super()._tick(t)
+    class Blind(BaseController):
+        def _steer(self, t):
+            super()._steer(t)
             self.command = type(self.command)(0.4, 0.0, "moving")
 
     problem = scenario(Box((0.4, 2.0, 1.5), at=(1.5, 0.0, 0.75), name="wall"))
-    made = make_base_runner(problem, "vfh", robot=silvermate, sensors=LASER)
-    runner = Blind(silvermate, made.world, *problem.ends(silvermate), "vfh", sensors=LASER)
-    outcome = conclude(problem, runner, runner.run(time_limit=20.0), plant="kinematic", seed=0)
+    made = make_base_simulation(problem, "vfh", robot=silvermate, sensors=LASER)
+    driven = Simulation(Blind(silvermate, *problem.ends(silvermate), "vfh"), made.world, made.plant, made.perception)
+    outcome = conclude(problem, driven, driven.run(time_limit=20.0), plant="kinematic", seed=0)
     assert [contact.obstacle for contact in outcome.verdict.collisions] == ["wall"]
     assert outcome.unseen == ()
     assert outcome.seen_collisions == 1
@@ -84,4 +85,4 @@ def test_wrong_names_are_refused(silvermate):
     with pytest.raises(ParameterError, match="did you mean 'laser'"):
         SensorConfig().only("lazer")
     with pytest.raises(ParameterError, match="steam"):
-        make_base_runner(scenario(), "vfh", robot=silvermate, plant="steam")
+        make_base_simulation(scenario(), "vfh", robot=silvermate, plant="steam")

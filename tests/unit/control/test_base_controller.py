@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.control import BaseRunner
+from elastic_strips.control import base_simulation
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.execution import RunState, judge
 from elastic_strips.robot import load_robot
@@ -16,7 +16,7 @@ PILLAR = Cylinder(0.3, 1.3, at=(2.0, 0.15, 0.65), name="pillar")
 
 @pytest.mark.parametrize("method", ["apf", "vff", "vfh", "band"])
 def test_reaches_a_goal_behind_a_pillar(silvermate, method):
-    runner = BaseRunner(silvermate, Scene([PILLAR]), silvermate.home(), silvermate.home(x=4.0), method, seed=3)
+    runner = base_simulation(silvermate, Scene([PILLAR]), silvermate.home(), silvermate.home(x=4.0), method, seed=3)
     result = runner.run(time_limit=40.0)
     assert result.state is RunState.REACHED, result.reason
     verdict = judge(result.record, silvermate, runner.world, runner.limits)
@@ -29,7 +29,7 @@ def test_reaches_a_goal_behind_a_pillar(silvermate, method):
 def test_a_closed_room_blocks(silvermate):
     walls = [Box((0.1, 4.0, 1.0), at=(1.2, 0.0, 0.5)), Box((4.0, 0.1, 1.0), at=(0.0, 2.0, 0.5)),
              Box((4.0, 0.1, 1.0), at=(0.0, -2.0, 0.5)), Box((0.1, 4.0, 1.0), at=(-2.0, 0.0, 0.5))]  # fmt: skip
-    runner = BaseRunner(
+    runner = base_simulation(
         silvermate, Scene(walls), silvermate.home(), silvermate.home(x=4.0), "vfh", seed=3, patience=3.0
     )
     result = runner.run(time_limit=60.0)
@@ -41,7 +41,7 @@ def test_a_closed_room_blocks(silvermate):
 
 def test_equal_seeds_give_equal_runs(silvermate):
     one, two = (
-        BaseRunner(silvermate, Scene([PILLAR]), silvermate.home(), silvermate.home(x=4.0), "vfh", seed=5)
+        base_simulation(silvermate, Scene([PILLAR]), silvermate.home(), silvermate.home(x=4.0), "vfh", seed=5)
         .run(time_limit=4.0)
         .record.control.chart
         for _ in range(2)
@@ -51,7 +51,7 @@ def test_equal_seeds_give_equal_runs(silvermate):
 
 def test_wrong_runs_are_refused(silvermate):
     with pytest.raises(ParameterError, match="vfg"):
-        BaseRunner(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), "vfg")
+        base_simulation(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), "vfg")
     rolling = load_robot("silvermate", base="omni")
     with pytest.raises(ConfigurationError, match="differential drive"):
-        BaseRunner(rolling, Scene([]), rolling.home(), rolling.home(x=1.0), "vfh")
+        base_simulation(rolling, Scene([]), rolling.home(), rolling.home(x=1.0), "vfh")

@@ -1,0 +1,45 @@
+"""The examples run as they are, one process each, and end as they should."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "scripts" / "examples"
+SAID = {
+    "01_ten_lines": "settled: certified and at rest",
+    "02_obstacle_in_motion": "8.0 s: certified True",
+    "03_certificate": "comes within ball",
+    "04_drive": "reached after",
+    "05_own_driver": "reached after",
+    "06_mujoco_as_robot": "reached after",
+    "07_own_urdf": "forklift: tilt, lift; certified True",
+    "08_scene_files": "read again: table, leg, person",
+    "09_other_sides": "near",
+    "10_laser": "moves at",
+    "11_task_in_layers": "done",
+    "12_base_method": "reached after",
+    "13_level_hand": "certified True",
+    "14_arm_on_a_table": "base fixed: certified True",
+    "15_page": "case-1.html",
+}
+NEEDS = {"06_mujoco_as_robot": "mujoco", "11_task_in_layers": "py_trees"}
+
+
+def test_each_example_is_run() -> None:
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == SAID.keys()
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_an_example_ends_well(name: str, tmp_path: Path) -> None:
+    pytest.importorskip(NEEDS.get(name, "elastic_strips"))
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / f"{name}.py"], capture_output=True, text=True, cwd=tmp_path, timeout=240
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert SAID[name] in done.stdout
+    assert list(tmp_path.iterdir()) == []
