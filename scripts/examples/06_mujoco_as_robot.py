@@ -1,4 +1,4 @@
-"""A controller that drives a robot in MuJoCo as if it were a real one: it gets measurements and scenes, and nothing else.
+"""A controller that drives a robot in MuJoCo as if it were a real one, by measurements and scenes alone.
 
 It needs the extra sim: pip install 'elastic-strips[sim]'. Run it: python scripts/examples/06_mujoco_as_robot.py
 """

@@ -1,0 +1,203 @@
+"use strict";
+const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
+const T = MeshCat.THREE, byId = (id) => document.getElementById(id);
+const color = (hex) => new T.Color(hex).convertSRGBToLinear();
+
+// Background, floor and light.
+viewer.renderer.outputEncoding = T.sRGBEncoding;
+viewer.renderer.shadowMap.type = T.PCFSoftShadowMap;
+for (const path of [["Lights"], ["Grid"], ["Axes"]]) viewer.delete_path(path);
+viewer.show_background = () => { viewer.scene.background = new T.Color(0xeef1f4); viewer.set_dirty(); };
+viewer.show_background();
+viewer.scene.fog = new T.Fog(color(0xeef1f4), 30, 120);
+viewer.camera.fov = 36;
+viewer.camera.near = 0.05;
+viewer.camera.far = 500;
+const sun = new T.DirectionalLight(0xfff6ea, 0.85);
+sun.castShadow = true;
+sun.shadow.mapSize.set(2048, 2048);
+sun.shadow.bias = -0.0004;
+sun.shadow.normalBias = 0.02;
+sun.shadow.radius = 4;
+viewer.set_object(["lights", "sun"], sun);
+viewer.scene.add(sun.target);
+const sky = new T.HemisphereLight(0xf4f8ff, 0xcfcac2, 0.62);
+sky.position.set(0, 0, 1);
+viewer.set_object(["lights", "sky"], sky);
+const fill = new T.DirectionalLight(0xeaf2ff, 0.22);
+viewer.set_object(["lights", "fill"], fill);
+const floor = new T.Mesh(new T.PlaneGeometry(1000, 1000), new T.ShadowMaterial({ opacity: 0.2, depthWrite: false }));
+floor.receiveShadow = true;
+floor.position.z = -0.002;
+viewer.set_object(["floor", "shadow"], floor);
+const lines = [], HALF = 40;  // short lines: long ones that pass the camera get lost in some renderers
+for (let i = -HALF; i <= HALF; i++)
+  for (let j = -HALF; j < HALF; j++) lines.push(i, j, 0, i, j + 1, 0, j, i, 0, j + 1, i, 0);
+const grid = new T.LineSegments(new T.BufferGeometry(), new T.LineBasicMaterial({ color: color(0xcbd3db) }));
+grid.geometry.setAttribute("position", new T.BufferAttribute(new Float32Array(lines), 3));
+grid.position.z = -0.001;
+viewer.set_object(["floor", "grid"], grid);
+
+// Look against `direction` (z up) from where all points are in the picture.
+function look(points, direction) {
+  const box = new T.Box3(), p = new T.Vector3(), list = [];
+  for (let i = 0; i < points.length; i += 3) {
+    list.push(new T.Vector3(points[i], points[i + 1], points[i + 2]));
+    box.expandByPoint(list[list.length - 1]);
+  }
+  const center = box.getCenter(new T.Vector3()), n = new T.Vector3(...direction).normalize();
+  const right = new T.Vector3(0, 0, 1).cross(n).normalize(), up = n.clone().cross(right);
+  const vertical = Math.tan(viewer.camera.fov * Math.PI / 360) * 0.9;
+  const horizontal = vertical * Math.max(window.innerWidth, 1) / Math.max(window.innerHeight, 1);
+  let distance = 1;
+  for (let turn = 0; turn < 8; turn++) {  // near things look larger: find the middle of the picture
+    distance = 1;
+    for (const q of list) {
+      p.subVectors(q, center);
+      const reach = Math.max(Math.abs(p.dot(right)) / horizontal, Math.abs(p.dot(up)) / vertical);
+      distance = Math.max(distance, p.dot(n) + reach);
+    }
+    const x = [Infinity, -Infinity], y = [Infinity, -Infinity];
+    for (const q of list) {
+      p.subVectors(q, center);
+      const depth = distance - p.dot(n), u = p.dot(right) / depth, v = p.dot(up) / depth;
+      x[0] = Math.min(x[0], u); x[1] = Math.max(x[1], u);
+      y[0] = Math.min(y[0], v); y[1] = Math.max(y[1], v);
+    }
+    center.addScaledVector(right, distance * (x[0] + x[1]) / 2).addScaledVector(up, distance * (y[0] + y[1]) / 2);
+  }
+  const eye = center.clone().addScaledVector(n, distance);
+  viewer.controls.target.set(center.x, center.z, -center.y);  // the camera lives in a frame with y up
+  viewer.camera.position.set(eye.x, eye.z, -eye.y);
+  viewer.controls.update();
+  const radius = Math.max(box.getSize(p).length() / 2, 2);
+  sun.position.set(center.x - 0.45 * radius - 1, center.y - 0.35 * radius - 2, center.z + 1.3 * radius + 4);
+  sun.target.position.copy(center);
+  const lens = sun.shadow.camera;
+  lens.left = lens.bottom = -1.25 * radius; lens.right = lens.top = 1.25 * radius;
+  lens.near = 0.1; lens.far = 6 * radius + 20;
+  lens.updateProjectionMatrix();
+  fill.position.set(center.x + radius, center.y + 2 * radius, center.z + radius);
+  viewer.scene.fog.near = distance + 2 * radius; viewer.scene.fog.far = distance + 8 * radius + 20;
+}
+
+// Objects that are drawn many times at once.
+const names = (path) => path.split("/").filter((x) => x);
+const at = (path) => viewer.scene_tree.find(names(path)).object;
+const room = (object, name, size, count) => {
+  if (!object[name] || object[name].count < count)
+    object[name] = new T.InstancedBufferAttribute(new Float32Array(size * Math.ceil(1.5 * count)), size);
+  return object[name];
+};
+function place(cmd) {
+  const object = at(cmd.path + "/<object>"), count = cmd.matrices.length / 16;
+  const matrices = room(object, "instanceMatrix", 16, count);
+  matrices.array.set(cmd.matrices);
+  matrices.needsUpdate = true;
+  if (cmd.colors) {
+    if (!object.instanceColor) object.material.needsUpdate = true;
+    const colors = room(object, "instanceColor", 3, count);
+    colors.array.set(cmd.colors);
+    colors.needsUpdate = true;
+  }
+  object.count = count;
+  const veil = object.userData.veil;
+  if (veil) { veil.instanceMatrix = object.instanceMatrix; veil.count = count; }
+}
+// A translucent body hides its own inside: draw its depth first.
+function veiled(object) {
+  const veil = new T.InstancedMesh(object.geometry, object.material.clone(), 1);
+  veil.material.colorWrite = false;
+  veil.frustumCulled = false;
+  veil.renderOrder = 1;
+  object.renderOrder = 2;
+  veil.instanceMatrix = object.instanceMatrix;
+  veil.count = object.count;
+  object.add(veil);
+  object.userData.veil = veil;
+}
+
+// The card in the corner. Names come from files: they are text, never markup.
+function element(parent, tag, text, style) {
+  const e = parent.appendChild(document.createElement(tag));
+  if (text !== undefined) e.textContent = text;
+  if (style) e.style.background = style;
+  return e;
+}
+function card(cmd) {
+  const box = byId("es-card");
+  box.replaceChildren();
+  box.style.display = "block";
+  const head = element(box, "h1", cmd.title);
+  if (cmd.chip) element(head, "span", cmd.chip[0], cmd.chip[1]).className = "chip";
+  for (const [name, value] of cmd.rows) {
+    const row = element(box, "div");
+    row.className = "row";
+    element(row, "span", name);
+    element(row, "b", value);
+  }
+  if (cmd.note !== undefined) element(box, "div", cmd.note).className = "note";
+  const legend = element(box, "div");
+  legend.className = "legend";
+  for (const [name, color] of cmd.legend) {
+    const entry = element(legend, "span");
+    element(entry, "i", undefined, color);
+    entry.append(name);
+  }
+}
+
+// Buttons for what plays.
+const animator = viewer.animator, slider = byId("es-time");
+byId("es-toggle").onclick = () => { animator.playing ? animator.pause() : animator.play(); };
+slider.oninput = () => { animator.pause(); animator.seek(+slider.value); animator.display_progress(+slider.value); };
+let captions = null, caption = -1;  // what the card says while something plays
+function say(time) {
+  if (!captions) return;
+  let k = 0;
+  while (k + 1 < captions.times.length && captions.times[k + 1] <= time + 1e-3) k++;
+  if (k !== caption) card({ ...captions.common, ...captions.cards[caption = k] });
+}
+const progress = animator.display_progress.bind(animator);
+animator.display_progress = (time) => {
+  progress(time);
+  say(time);
+  if (document.activeElement !== slider || animator.playing) slider.value = time;
+};
+setInterval(() => {
+  byId("es-toggle").textContent = animator.playing ? "\u275a\u275a" : "\u25b6";
+  byId("es-now").textContent = (+slider.value).toFixed(1) + " s";
+}, 100);
+
+const set_object = viewer.set_object.bind(viewer), handle = viewer.handle_command.bind(viewer);
+viewer.set_object = (path, object) => {
+  if (object.userData && object.userData.shadow === false) object.castShadow = object.receiveShadow = false;
+  if (object.userData && object.userData.veiled) veiled(object);
+  set_object(path, object);
+};
+viewer.handle_command = (cmd) => {
+  switch (cmd.type) {
+    case "instances": place(cmd); break;
+    case "transforms":
+      cmd.paths.forEach((p, i) => viewer.set_transform(names(p), cmd.matrices.subarray(16 * i, 16 * i + 16)));
+      break;
+    case "hud": card(cmd); break;
+    case "camera": look(cmd.points, cmd.direction); break;
+    case "captions": captions = cmd.cards.length ? cmd : null; caption = -1; break;
+    case "no_animation": animator.pause(); animator.clear(); byId("es-play").style.display = "none"; break;
+    case "set_animation":
+      handle(cmd);
+      slider.max = animator.duration;
+      byId("es-play").style.display = "flex";
+      break;
+    default: handle(cmd);
+  }
+  viewer.set_dirty();
+};
+const decode = viewer.handle_command_bytearray.bind(viewer);
+const one = viewer.handle_command;
+viewer.handle_command = (data) => {
+  for (const cmd of Array.isArray(data) ? data : [data]) {
+    try { one(cmd); } catch (error) { console.error(cmd.type, cmd.path, error); }
+  }
+};
+const receive = (bytes) => { decode(bytes); document.body.dataset.ready = "yes"; };
