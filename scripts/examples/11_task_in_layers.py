@@ -4,12 +4,13 @@ It needs the extra control: pip install 'elastic-strips[control]'.
 """
 
 import elastic_strips as es
-from elastic_strips.control import HybridControl, ReachHand
+from elastic_strips.control import ReachHand
+from elastic_strips.sim import TaskSimulation
 
 robot = es.load_robot("silvermate")
 shelf = es.Box((0.5, 0.8, 0.05), at=(2.1, 0.0, 0.6), name="shelf")
-control = HybridControl(robot, es.Scene([shelf]), robot.home(), ReachHand((2.0, 0.1, 0.85)), seed=2)
-for step in control.deliberation.steps:
+task = TaskSimulation(robot, es.Scene([shelf]), robot.home(), ReachHand((2.0, 0.1, 0.85)), seed=2)
+for step in task.deliberation.steps:
     print(step)
-result = control.run(time_limit=40.0)
+result = task.run(time_limit=40.0)
 print("done" if result.done else "not done", "·", result.reason)

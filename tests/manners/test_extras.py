@@ -11,7 +11,8 @@ import pytest
 import elastic_strips as es
 from elastic_strips.cli import main
 from elastic_strips.errors import InputError, MissingExtraError
-from elastic_strips.execution import PerceptionError, RetimingError
+from elastic_strips.execution import RetimingError
+from elastic_strips.sim import PerceptionError
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -51,6 +51,13 @@ def test_planning_loads_nothing_that_it_does_not_use():
     assert not names & unused
 
 
+def test_what_runs_on_a_robot_loads_nothing_that_simulates():
+    names = loaded("import elastic_strips.control, elastic_strips.execution, elastic_strips.sensing, elastic_strips.io")
+    assert "elastic_strips.execution" in names
+    assert not {name for name in names if name.startswith(("elastic_strips.sim", "elastic_strips.scenarios"))}
+    assert "mujoco" not in names
+
+
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"]])
 def test_the_command_line_says_who_it_is_without_numpy(arguments):
     assert not loaded(COMMAND, *arguments) & {*HEAVY, "numpy"}

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import elastic_strips as es
-from elastic_strips.control import DriveAndReach, DriveTo, HybridControl, ReachHand
+from elastic_strips.control import DriveAndReach, DriveTo, ReachHand
 from elastic_strips.errors import InputError
-from elastic_strips.execution import DriveParams, Fault, MotionLimits, Retimer, judge, simulation
+from elastic_strips.execution import DriveParams, MotionLimits, Retimer
 from elastic_strips.io import write_json, write_record
 from elastic_strips.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sensing import SceneEstimator, SensorSuite
+from elastic_strips.sim import Fault, TaskSimulation, judge, simulation
 
 WRONG = ("x", None, 3, 2.5, True, object(), [], {}, b"x", np.zeros(3))
 
@@ -64,8 +65,8 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "watch": None,
             },
         ),
-        "HybridControl": (
-            HybridControl,
+        "TaskSimulation": (
+            TaskSimulation,
             {"robot": robot, "world": scene, "start": robot.home(), "task": DriveTo(0.2, 0.0, 0.0), "params": None},
         ),
         "DriveTo": (DriveTo, {"x": 0.0, "y": 0.0, "yaw": 0.0}),

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import ElasticStripsError
-from ..execution import FAULTS, Controller, Fault, RunState, Simulation
+from ..execution import Controller, RunState
 from ..robot import load_robot
 from ..scenarios import STRIP, drive_scenario, get_scenario
 from ..sensing import SensorConfig
+from ..sim import FAULTS, Fault, Simulation
 from .measure import machine, percentiles
 from .pool import cached, spread
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from ..deform import DeformParams
 from ..errors import ElasticStripsError
-from ..execution import DriveParams, EvasionParams, MotionLimits, ObstacleAssumptions, Tolerance, judge, simulation
+from ..execution import DriveParams, EvasionParams, MotionLimits, ObstacleAssumptions, Tolerance
 from ..io import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from ..planning import plan_report
 from ..robot import RobotModel, load_robot
+from ..sim import judge, simulation
 from .measure import machine, percentiles
 from .pool import cached, spread
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import ElasticStripsError
-from ..execution import Controller, DriveParams, PerceptionParams, Simulation
+from ..execution import Controller, DriveParams
 from ..robot import RobotModel
 from ..scenarios import get_scenario, make_simulation
 from ..scene import Cylinder, Scene, World
+from ..sim import PerceptionParams, Simulation
 from .measure import machine, percentiles
 
 _AHEAD = 1.8

@@ -82,7 +82,7 @@ def drive(
 def faults(robot: str, seeds: int, processes: int | None, json_file: str | None) -> None:
     """Every kind of fault at a random time: the robot has to end at rest or at the goal, without a contact at speed."""
     _writable(json_file)
-    from ..execution import FAULTS
+    from ..sim import FAULTS
 
     with LateProgress("putting in faults", seeds * len(FAULTS)) as bar:
         figures = bench_faults(robot, range(seeds), bar.step, processes=processes)

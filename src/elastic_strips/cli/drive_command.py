@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ..execution import FAULTS, Controller, Fault, RunState, Simulation
+from ..execution import Controller, RunState
 from ..io import check_record_file, write_json, write_record
 from ..scenarios import (
     DRIVE_METHODS,
@@ -23,6 +23,7 @@ from ..scenarios import (
     make_base_simulation,
     make_simulation,
 )
+from ..sim import FAULTS, Fault, Simulation
 from ..strip import Strip
 from . import EXIT_INTERRUPTED
 from .numbers import Finite

@@ -1,43 +1,35 @@
-"""Control room: the paper's hybrid control: deliberative, sequencing and reactive layer."""
+"""Control: the paper's hybrid control in three layers, and bases steered by other methods, step by step."""
 
 from __future__ import annotations
 
-from .base_controller import BaseController, RawReadings, base_simulation
-from .bumper import Bumper
+from .base_controller import BaseController
 from .deliberative import Deliberation, DeliberativeLayer, Part, Step
 from .director import Director
-from .hybrid import HybridControl, HybridResult
+from .hybrid import HybridControl, deliberate
 from .reach import Reach, Reached
-from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensedPerception
 from .sequencing import Facts, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskState, TaskWatch
 from .tasks import DriveAndReach, DriveTo, ReachHand, Task
 
 __all__ = [
-    "DriveTo",
-    "ReachHand",
-    "DriveAndReach",
-    "Task",
-    "HybridControl",
-    "HybridResult",
-    "DeliberativeLayer",
+    "BaseController",
     "Deliberation",
+    "DeliberativeLayer",
+    "Director",
+    "DriveAndReach",
+    "DriveTo",
+    "Facts",
+    "HybridControl",
+    "Order",
     "Part",
-    "Step",
     "Reach",
+    "ReachHand",
     "Reached",
     "SequencingLayer",
-    "Facts",
-    "Order",
-    "Director",
-    "SensedPerception",
-    "LASER_ASSUMPTIONS",
-    "LASER_EASE",
-    "BaseController",
-    "RawReadings",
-    "base_simulation",
-    "Bumper",
-    "TaskWatch",
-    "TaskState",
+    "Step",
+    "Task",
     "TaskEvent",
+    "TaskState",
+    "TaskWatch",
+    "deliberate",
 ]

@@ -24,13 +24,13 @@ from ..strip import Strip
 from ..validation import check_able, check_count, check_number, check_type
 from .estimation import Estimator
 from .limits import MotionLimits
+from .measurement import Measurement
 from .params import DriveParams, Tolerance
 from .pilot import Pilot
 from .proposal import Proposal
 from .record import Event, RunState
 from .replanning import Replanner
 from .result import TickStatistics
-from .sensing import Measurement
 from .supervisor import Supervisor, standstill
 from .tracking import Command, TrackingController, TrackingGains
 from .trajectory import ReferenceState, Trajectory
@@ -87,7 +87,7 @@ class Controller:
         replanner: decides when a strip is planned anew, and does it; one of its own where None.
         executor: where strips are planned anew while the control loop goes on; a thread of its own where None.
         seed: of the planner.
-        keep: at least so many events and stops are kept, the newest; all where None.
+        events: at least so many events and stops are kept, the newest; all where None.
 
     Attributes:
         first_plan: how the first strip was planned; None where it was given.
@@ -122,7 +122,7 @@ class Controller:
         replanner: Replanner | None = None,
         executor: Executor | None = None,
         seed: int = 0,
-        keep: int | None = KEPT_EVENTS,
+        events: int | None = KEPT_EVENTS,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
         check_type("scene", scene, Scene, SceneError, none=True)
@@ -151,7 +151,7 @@ class Controller:
         self.estimator.reset(first, 0.0)
         self.estimate = first
         self.tracker = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
-        self.supervisor = Supervisor(standstill(robot, self.limits, first, 0.0, self.params.control_dt), keep=keep)
+        self.supervisor = Supervisor(standstill(robot, self.limits, first, 0.0, self.params.control_dt), keep=events)
         self.tick: Tick | None = None
         self.statistics = TickStatistics()
         self._executor = executor

@@ -12,8 +12,8 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array
 from .limits import MotionLimits
+from .measurement import Measurement
 from .planar import Pose, compose, exp, inverse, log
-from .sensing import Measurement
 
 _KEEP = 64  # odometry poses kept for fixes that come late
 _SLACK = 1e-9  # [s]

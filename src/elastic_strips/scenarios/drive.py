@@ -8,36 +8,35 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..control import LASER_ASSUMPTIONS, LASER_EASE, BaseController, SensedPerception, base_simulation
+from ..control import BaseController
 from ..deform import DeformParams
 from ..errors import RobotError, ScenarioError
-from ..execution import (
-    DRIVE_STRIP,
-    MACHINE,
-    Contact,
-    Controller,
-    DriveParams,
-    DriveResult,
-    EvasionParams,
-    Fault,
-    KinematicPlant,
-    MotionLimits,
-    Perceiver,
-    Plant,
-    Simulation,
-    Verdict,
-    judge,
-    protective_separation,
-    simulation,
-)
+from ..execution import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams, MotionLimits
 from ..execution.switching import SwitchingReplanner
-from ..execution.tracking_bound import Displacement
 from ..methods import BASE_METHODS
 from ..planning import FamilyParams
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import World
 from ..sensing import SensorConfig, SensorSuite
+from ..sim import (
+    LASER_ASSUMPTIONS,
+    LASER_EASE,
+    MACHINE,
+    Contact,
+    Fault,
+    KinematicPlant,
+    Perceiver,
+    Plant,
+    SensedPerception,
+    Simulation,
+    Verdict,
+    base_simulation,
+    judge,
+    protective_separation,
+    simulation,
+)
+from ..sim.tracking_bound import Displacement
 from ..summary import Summary
 from ..validation import check_choice, check_count, check_type
 from .scenario import Scenario
@@ -127,7 +126,7 @@ def make_simulation(
             that has to give one up follows another.
         params: of the drive; the scenario's parameters of the strip are put into the default ones where None.
         faults: what goes wrong on purpose.
-        **options: of :func:`~elastic_strips.execution.simulation`.
+        **options: of :func:`~elastic_strips.sim.simulation`.
 
     Raises:
         InputError: start or goal in collision, an unknown plant, …
@@ -176,7 +175,7 @@ def make_base_simulation(
         seed: of plant and sensors; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"``.
         sensors: what the method drives by; the Silvermate's where None.
-        **options: of :func:`~elastic_strips.control.base_simulation`.
+        **options: of :func:`~elastic_strips.sim.base_simulation`.
     """
     problem = _Problem.of(scenario, robot, seed, plant)
     return base_simulation(
@@ -210,7 +209,7 @@ class _Problem:
         limits, world = MotionLimits.for_robot(robot), scenario.world
         machine: Plant
         if plant == "mujoco":
-            from ..execution.mujoco_plant import MujocoPlant
+            from ..sim.mujoco_plant import MujocoPlant
 
             machine = MujocoPlant(robot, limits, world, seed=seed)
         else:

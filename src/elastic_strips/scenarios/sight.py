@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..execution import Contact, Record, Verdict
+from ..execution import Record
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..sensing import LaserParams, LaserScan, SensorConfig, SensorSuite, rays_of, seen_obstacles
+from ..sim import Contact, Verdict
 
 _LOOK_BACK = 1.0  # [s] before a contact
 _STEP = 0.1  # [s]

@@ -1,6 +1,6 @@
 """Scene room, yielding: a known track that is followed by a clock of its own, which slows down and stops for somebody.
 
-Who slows the clock is not said here; see `elastic_strips.execution.bystanders`.
+Who slows the clock is not said here; see `elastic_strips.sim.bystanders`.
 """
 
 from __future__ import annotations

@@ -11,12 +11,13 @@ import numpy as np
 from ..bench.pool import cached, spread
 from ..control.base_controller import PATIENCE
 from ..errors import ElasticStripsError, ParameterError, nearest_name
-from ..execution import RunState, Simulation
+from ..execution import RunState
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..robot.space import Array
 from ..scenarios import STRIP, drive_scenario, get_scenario
 from ..sensing import SensorConfig
+from ..sim import Simulation
 
 STRIP_SENSED = "strip-sensed"
 METHODS = (*BASE_METHODS, STRIP_SENSED, STRIP)

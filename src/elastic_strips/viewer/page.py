@@ -1,7 +1,7 @@
 """Page: the HTML that shows a picture, live from the server or standalone with the picture inside.
 
-The page is meshcat's script plus one of ours (``web/page.js``), which adds a better background, lights and camera, objects that are drawn
-many times at once, a card with numbers and legend, and buttons for what plays.
+The page is meshcat's script plus one of ours (``web/page.js``), which adds a better background, lights and camera,
+objects that are drawn many times at once, a card with numbers and legend, and buttons for what plays.
 """
 
 from __future__ import annotations

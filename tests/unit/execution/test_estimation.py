@@ -12,9 +12,10 @@ from motions import smooth_motion
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.estimation import Estimator, EstimatorParams
 from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.plant import KinematicPlant, PlantParams
-from elastic_strips.execution.sensing import Measurement, SensorParams
+from elastic_strips.execution.measurement import Measurement
 from elastic_strips.execution.tracking import Command
+from elastic_strips.sim.odometry import SensorParams
+from elastic_strips.sim.plant import KinematicPlant, PlantParams
 
 EXACT = replace(PlantParams(), slip=0.0, slip_noise=0.0, sensors=SensorParams.ideal())
 

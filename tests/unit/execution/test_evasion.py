@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from drivable import limits_of, most_used
 
-from elastic_strips.execution import Controller, DriveParams, Simulation, judge, predict, simulation
+from elastic_strips.execution import Controller, DriveParams, predict
 from elastic_strips.execution.evasion import Evasion
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.manoeuvres import lattice, motion_to, roll_to_rest
@@ -20,6 +20,7 @@ from elastic_strips.planning import straight_line
 from elastic_strips.proximity import Forecast
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
+from elastic_strips.sim import Simulation, judge, simulation
 from elastic_strips.strip import Strip
 
 PART = 0.9
@@ -145,7 +146,7 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
         runner = simulation(
             jackal_box, World(Scene([gate, comer])), start, jackal_box.home(x=6.0), seed=3, strip=strip,
             limits=limits_for(jackal_box), params=replace(DriveParams(), evasion=evasion, replan_time=50.0),
-            watch=lambda r, seen=proposals: seen.append(r.proposal),
+            watch=lambda r, seen=proposals: seen.append(r.controller.proposal),
         )  # fmt: skip
         result = runner.run(time_limit=13.0)
         verdict = judge(result.record, jackal_box, runner.world, runner.limits)

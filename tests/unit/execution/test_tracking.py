@@ -11,10 +11,10 @@ from motions import smooth_motion, trajectory_of
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.estimation import Estimator
 from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.plant import KinematicPlant, PlantParams
 from elastic_strips.execution.tracking import Command, TrackingController, TrackingGains
-from elastic_strips.execution.tracking_bound import follow
 from elastic_strips.execution.trajectory import ReferenceState
+from elastic_strips.sim.plant import KinematicPlant, PlantParams
+from elastic_strips.sim.tracking_bound import follow
 
 EXACT = TrackingGains(wheel_lag=0.0, joint_lag=0.0, hold=0.005)
 QUIET = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, sensors=PlantParams.ideal().sensors)

@@ -7,14 +7,14 @@ import json
 import numpy as np
 import pytest
 
-from elastic_strips.control import LASER_ASSUMPTIONS, BaseController, SensedPerception
+from elastic_strips.control import BaseController
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution import Simulation
 from elastic_strips.io import PoseSpec
 from elastic_strips.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
 from elastic_strips.scenarios.scenario import Scenario
 from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.sensing import SensorConfig
+from elastic_strips.sim import LASER_ASSUMPTIONS, SensedPerception, Simulation
 
 LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
+from ..execution.estimation import Estimator
+from ..execution.limits import MotionLimits
+from ..execution.tracking import TrackingController, TrackingGains
+from ..execution.trajectory import Trajectory
 from ..proximity.bodies import BodySet
 from ..robot import Kinematics, RobotModel
 from ..robot.space import Array
-from .estimation import Estimator
-from .limits import MotionLimits
 from .plant import KinematicPlant, Plant, PlantParams
-from .tracking import TrackingController, TrackingGains
-from .trajectory import Trajectory
 
 DEFAULT_TRACKING_ERROR = 0.02
 """How far [m] any point of the robot may be from its reference, with the default plant, gains and estimator.

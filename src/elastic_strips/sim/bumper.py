@@ -1,4 +1,4 @@
-"""Control room, bumper: whether a robot touches something, where it truly is."""
+"""Sim room, bumper: whether a robot touches something, where it truly is."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Execution room, separation: the protective separation distance of speed-and-separation monitoring, as a figure."""
+"""Sim room, separation: the protective separation distance of speed-and-separation monitoring, as a figure."""
 
 from __future__ import annotations
 
-from .limits import MotionLimits
-from .params import DriveParams
+from ..execution.limits import MotionLimits
+from ..execution.params import DriveParams
 from .perception import PerceptionParams
 
 WALKING_SPEED = 1.6

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 
 from ..errors import ParameterError
+from ..execution.limits import MotionLimits
+from ..execution.measurement import Measurement
+from ..execution.tracking import Command
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..scene.world import World
-from .limits import MotionLimits
 from .mujoco_geoms import FLOOR, LINK, OBSTACLE, ROLLING
 from .mujoco_model import MujocoModel, build_model, import_mujoco
+from .odometry import Sensors
 from .plant import PlantParams, check_limits
-from .sensing import Measurement, Sensors
-from .tracking import Command
 
 _SETTLE = 0.3  # [s] that a robot is given to sink into its tyres at a reset
 _FRICTION_EDGE = 0.02  # [rad/s or m/s] speed above which the drives make up for all of their friction

@@ -8,11 +8,11 @@ import coal
 import numpy as np
 
 from ..errors import ParameterError
+from ..execution.limits import MotionLimits
 from ..robot import LinkGeometry, RobotModel
 from ..robot.geometry import support_points
 from ..robot.space import Array
 from ..scene import Obstacle
-from .limits import MotionLimits
 
 FLOOR, ROLLING, LINK, OBSTACLE = range(4)
 """Kinds of geoms: the floor; wheels and casters; the robot's other links; obstacles."""

@@ -9,13 +9,14 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import ParameterError
+from ..execution.limits import MotionLimits
+from ..execution.measurement import Measurement
+from ..execution.planar import Pose, compose, exp
+from ..execution.tracking import Command
 from ..robot import RobotModel
 from ..robot.space import Array
-from .limits import MotionLimits
 from .motors import speed_loop, stopping_time
-from .planar import Pose, compose, exp
-from .sensing import Measurement, SensorParams, Sensors, standard_normals
-from .tracking import Command
+from .odometry import SensorParams, Sensors, standard_normals
 
 _ARC = 0.005  # [s] longest piece of time that is driven as one arc
 

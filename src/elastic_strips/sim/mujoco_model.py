@@ -13,11 +13,11 @@ import numpy.typing as npt
 from lxml import etree
 
 from ..errors import ParameterError, RobotError, missing_extra
+from ..execution.limits import MotionLimits
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..robot.xml_source import read_xml
 from ..scene import Obstacle
-from .limits import MotionLimits
 from .mujoco_geoms import FLOOR, OBSTACLE, WITH_FLOOR, add_obstacle, add_robot
 from .plant import PlantParams
 

@@ -7,18 +7,11 @@ import pytest
 from brute_force import configuration, link_distances
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution import (
-    KinematicPlant,
-    MotionLimits,
-    PerceptionError,
-    PerceptionParams,
-    PlantParams,
-    judge,
-    simulation,
-)
-from elastic_strips.execution.bystanders import Bystanders, Courtesy
+from elastic_strips.execution import MotionLimits
 from elastic_strips.execution.tracking import Command
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World, Yielding
+from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, judge, simulation
+from elastic_strips.sim.bystanders import Bystanders, Courtesy
 
 DT = 0.01
 LIMIT = 0.48
@@ -172,7 +165,7 @@ def test_the_loop_asks_them_and_the_record_keeps_what_they_did(silvermate):
 def test_mujoco_carries_them_as_their_clocks_say(silvermate):
     """The body of the walker is where its history has it, and so has its velocity."""
     pytest.importorskip("mujoco", reason="mujoco (extra sim) is not installed")
-    from elastic_strips.execution.mujoco_plant import MujocoPlant
+    from elastic_strips.sim.mujoco_plant import MujocoPlant
 
     world = walker()
     plant = MujocoPlant(silvermate, MotionLimits.for_robot(silvermate), world, PlantParams.ideal(), seed=0)

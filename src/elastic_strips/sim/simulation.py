@@ -1,4 +1,4 @@
-"""Execution room, simulation: a controller in a world that moves; what is true, what is sensed of it, the record."""
+"""Sim room, simulation: a controller in a world that moves; what is true, what is sensed of it, the record."""
 
 from __future__ import annotations
 
@@ -6,30 +6,31 @@ import logging
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future
 from dataclasses import replace
+from functools import partial
 from time import perf_counter, sleep
-from typing import Any, Generic, ParamSpec, Protocol, TypeVar
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import RobotError
+from ..execution.controller import KEPT_EVENTS, Controller, Tick
+from ..execution.limits import MotionLimits
+from ..execution.measurement import Measurement
+from ..execution.params import DriveParams, Tolerance
+from ..execution.record import Event, RunState
+from ..execution.recorder import Recorder
+from ..execution.result import DriveResult, TickStatistics
+from ..execution.tracking import Command
+from ..execution.trajectory import ReferenceState
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..validation import check_able, check_count, check_number, check_type
 from .bystanders import Bystanders
-from .controller import KEPT_EVENTS, Controller, Tick
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
-from .limits import MotionLimits
-from .params import DriveParams, Tolerance
 from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
 from .plant import KinematicPlant, Plant, PlantParams
-from .record import Event, RunState
-from .recorder import Recorder
-from .result import DriveResult, TickStatistics
-from .sensing import Measurement
-from .tracking import Command
-from .trajectory import ReferenceState
 
 _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
@@ -105,6 +106,7 @@ class Steers(Protocol):
 
 
 Driver = TypeVar("Driver", bound=Steers)
+Controls = TypeVar("Controls", bound=Controller)
 
 
 class Immediate(Executor):
@@ -193,6 +195,10 @@ class Simulation(Generic[Driver]):
     def _control(self, t: float) -> Command:
         """One step of the controller, on what it may know."""
         controller, measurement = self.controller, self._measurement
+        if measurement is None and self.perception.contact:  # it stands in something from the beginning
+            joints = self.plant.chart[self.robot.space.base_nv :]
+            still = np.zeros(len(self.limits.drive_speed))
+            measurement = Measurement(t, still, joints, contact=self.perception.contact)
         sensed: object = None
         trouble = ""
         if controller.plans_next and not (measurement is not None and measurement.contact):
@@ -281,8 +287,9 @@ def simulation(
     realtime: bool = False,
     record: bool = True,
     metadata: dict[str, object] | None = None,
+    make: Callable[..., Controls] | None = None,
     **options: Any,
-) -> Simulation[Controller]:
+) -> Simulation[Controls]:
     """A controller of the elastic strip in a world, ready to run.
 
     Args:
@@ -296,6 +303,8 @@ def simulation(
         faults: what goes wrong on purpose.
         seed: of the first plan, of the plant and of what is sensed.
         watch, realtime, record, metadata: of the :class:`Simulation`.
+        make: makes the controller, from the scene that is known and its other arguments; a :class:`Controller` of
+            ``start`` and ``goal`` where None.
 
     Raises:
         ConfigurationError: start or goal is not sound, or in collision.
@@ -320,9 +329,11 @@ def simulation(
     else:
         senses = perception
     Bystanders(robot, world)  # whoever has a clock of their own begins anew, before anything is seen of them
-    controller = Controller(
-        robot, start, goal, senses.known(), params=params, limits=limits, seed=seed, executor=Immediate(),
-        keep=None if record else KEPT_EVENTS, **options,
+    if make is None:
+        make = partial(cast("type[Controls]", Controller), robot, start, goal)
+    controller = make(
+        senses.known(), params=params, limits=limits, seed=seed, executor=Immediate(),
+        events=None if record else KEPT_EVENTS, **options,
     )  # fmt: skip
     if wrong.faults:
         senses, machine = FaultyPerception(senses, wrong), FaultyPlant(machine, wrong)

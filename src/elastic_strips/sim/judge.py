@@ -1,4 +1,4 @@
-"""Execution room, judge: what a run really did, checked densely and independently of everything that planned it."""
+"""Sim room, judge: what a run really did, checked densely and independently of everything that planned it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from ..errors import ParameterError, RobotError, SceneError
+from ..execution.limits import MotionLimits
+from ..execution.params import Tolerance
+from ..execution.record import ControlRows, Record, RecordError
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import World
 from ..validation import check_number, check_type, shown
-from .limits import MotionLimits
-from .params import Tolerance
-from .record import ControlRows, Record, RecordError
 from .sweep import Approach, Sweep
 from .verdict import REST_SPEED, Contact, Verdict
 

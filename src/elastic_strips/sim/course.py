@@ -1,4 +1,4 @@
-"""Execution room, course: where every link of the robot was, and how far it can have travelled between two moments.
+"""Sim room, course: where every link of the robot was, and how far it can have travelled between two moments.
 
 Part of the judge: by Pinocchio alone, without the batched kinematics and the motion bounds that plans are made with.
 """

@@ -1,20 +1,20 @@
-"""Control room, sensed perception: the scene that a robot's own range sensors show, in place of the true one."""
+"""Sim room, sensed perception: the scene that a robot's own range sensors show, in place of the true one."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from ..execution import PerceptionParams
+from ..control.pose_history import PoseHistory
 from ..execution.params import ObstacleAssumptions
-from ..execution.perception import PerceptionError
 from ..execution.silhouette import Silhouette
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..sensing import SceneEstimator, SceneEstimatorParams, SensorConfig, SensorSuite
+from . import PerceptionParams
 from .bumper import Bumper
-from .pose_history import PoseHistory
+from .perception import PerceptionError
 
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """What tracks of a laser at 20 Hz are taken to be wrong by at most; tests compare it with what they are wrong by."""

@@ -5,21 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.control import DriveTo, HybridControl, Order, ReachHand
-from elastic_strips.execution import DriveParams, judge
+from elastic_strips.control import DriveTo, Order, ReachHand
+from elastic_strips.execution import DriveParams
 from elastic_strips.scene import Box, Scene, Unknown, World
+from elastic_strips.sim import TaskSimulation, judge
 
 SHELF = Box((0.5, 0.8, 0.05), at=(1.6, 0.0, 0.6), name="shelf")
 
 
 def test_a_hand_reaches_what_is_far(silvermate):
     target = (1.5, 0.1, 0.85)
-    control = HybridControl(silvermate, Scene([SHELF]), silvermate.home(), ReachHand(target), seed=2)
-    result = control.run(time_limit=60.0)
+    task = TaskSimulation(silvermate, Scene([SHELF]), silvermate.home(), ReachHand(target), seed=2)
+    result = task.run(time_limit=60.0)
     assert result.done, result.reason
     assert [order for _, order, _ in result.orders][-1] is Order.DONE
     assert result.drive is not None
-    assert control.sequencing is not None
+    assert task.control is not None
     record = result.drive.record
     assert judge(record, silvermate).collisions == ()
     q = silvermate.space.from_chart(record.control.chart[-1:])[0]
@@ -27,7 +28,7 @@ def test_a_hand_reaches_what_is_far(silvermate):
     pin.forwardKinematics(silvermate.model, data, q)
     hand = pin.updateFramePlacement(silvermate.model, data, silvermate.model.getFrameId("hand_frame"))
     np.testing.assert_allclose(hand.translation, target, atol=0.03)
-    assert "[✓]" in control.sequencing.drawing()
+    assert "[✓]" in task.control.sequencing.drawing()
 
 
 def test_a_way_that_closes_is_planned_anew(silvermate):
@@ -35,8 +36,8 @@ def test_a_way_that_closes_is_planned_anew(silvermate):
     wall = Box((0.3, 3.0, 1.2), at=(2.0, -1.85, 0.6), name="wall")
     gate = Box((0.3, 2.4, 1.2), at=(2.0, 0.6, 0.6), name="gate")
     world = World(Scene([wall, gate]), appears={"gate": 1.0})
-    control = HybridControl(silvermate, world, silvermate.home(), DriveTo(4.0, 0.0, 0.0), seed=1)
-    result = control.run(time_limit=60.0)
+    task = TaskSimulation(silvermate, world, silvermate.home(), DriveTo(4.0, 0.0, 0.0), seed=1)
+    result = task.run(time_limit=60.0)
     assert result.done, result.reason
     orders = [order for _, order, _ in result.orders]
     assert Order.ASK in orders
@@ -52,18 +53,18 @@ def test_a_hopeless_task_is_given_up(silvermate):
     room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.1, replan_time=0.1)
     world = World(Scene([queue, *room]), appears={"queue": 0.5})  # the first plan knows nothing of it
-    control = HybridControl(silvermate, world, silvermate.home(), DriveTo(4.0, 0.0, 0.0), params=params, seed=1)
-    assert control.sequencing is not None
-    control.sequencing._attempts = 1
-    result = control.run(time_limit=30.0)
+    task = TaskSimulation(silvermate, world, silvermate.home(), DriveTo(4.0, 0.0, 0.0), params=params, seed=1)
+    assert task.control is not None
+    task.control.sequencing._attempts = 1
+    result = task.run(time_limit=30.0)
     assert not result.done
     assert "paths were of no use" in result.reason
     assert result.orders[-1][1] is Order.GIVE_UP
 
 
 def test_a_task_without_steps_is_not_begun(silvermate):
-    control = HybridControl(silvermate, Scene([]), silvermate.home(), ReachHand((0.0, 0.0, 9.0)))
-    result = control.run()
+    task = TaskSimulation(silvermate, Scene([]), silvermate.home(), ReachHand((0.0, 0.0, 9.0)))
+    result = task.run()
     assert not result.done
     assert result.drive is None
     assert "misses it by" in result.reason

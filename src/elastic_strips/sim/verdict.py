@@ -1,4 +1,4 @@
-"""Execution room, verdict: what the judge found out about a run."""
+"""Sim room, verdict: what the judge found out about a run."""
 
 from __future__ import annotations
 

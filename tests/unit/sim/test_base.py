@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.control import base_simulation
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.execution import RunState, judge
+from elastic_strips.execution import RunState
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.sim import base_simulation, judge
 
 PILLAR = Cylinder(0.3, 1.3, at=(2.0, 0.15, 0.65), name="pillar")
 

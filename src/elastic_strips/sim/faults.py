@@ -1,4 +1,4 @@
-"""Execution room, faults: what can go wrong around a controller, put in on purpose to see that the robot ends at rest.
+"""Sim room, faults: what can go wrong around a controller, put in on purpose to see that the robot ends at rest.
 
 Each is a wrapper about what the controller meets: perception, plant, and the planning of a tick.
 """
@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import ParameterError, nearest_name
+from ..execution.controller import Propose
+from ..execution.measurement import Measurement
+from ..execution.proposal import Proposal
+from ..execution.tracking import Command
+from ..execution.trajectory import Trajectory
 from ..robot.space import Array
 from ..scene import Scene
 from ..validation import check_type, shown
-from .controller import Propose
 from .perception import Perceiver, PerceptionError
 from .plant import Plant
-from .proposal import Proposal
-from .sensing import Measurement
-from .tracking import Command
-from .trajectory import Trajectory
 
 FAULTS = {
     "scene_frozen": "the scene is not renewed",

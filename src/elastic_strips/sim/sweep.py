@@ -1,4 +1,4 @@
-"""Execution room, sweep: how near a robot that really moved came to obstacles that really moved, at all times between.
+"""Sim room, sweep: how near a robot that really moved came to obstacles that really moved, at all times between.
 
 Branch and bound over time, for all pairs of a link and an obstacle's part at once. Between two moments at which a pair
 is d_a and d_b apart it cannot come nearer than (d_a + d_b − w) / 2, where w bounds what both travelled in between.

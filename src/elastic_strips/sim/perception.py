@@ -1,4 +1,4 @@
-"""Execution room, perception: what the planner gets to see of the world: late, with noise, and sometimes wrong."""
+"""Sim room, perception: what the planner gets to see of the world: late, with noise, and sometimes wrong."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import ElasticStripsError, ParameterError
+from ..execution.params import ObstacleAssumptions
 from ..robot.space import Array
 from ..scene import Scene, Twist, Unknown, World
-from .params import ObstacleAssumptions
 
 
 class PerceptionError(ElasticStripsError):

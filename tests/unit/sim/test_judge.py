@@ -11,14 +11,14 @@ from brute_force import configuration, distance, link_poses, make_scene, random_
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.course import Course
-from elastic_strips.execution.judge import Tolerance, judge
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.record import RecordError
 from elastic_strips.execution.recorder import Recorder
-from elastic_strips.execution.sweep import Sweep
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Points, Scene, Sphere, Twist, Voxels, World
+from elastic_strips.sim.course import Course
+from elastic_strips.sim.judge import Tolerance, judge
+from elastic_strips.sim.sweep import Sweep
 
 
 def at(robot, time, chart, t):

@@ -12,19 +12,19 @@ from motions import smooth_motion
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.estimation import Estimator
 from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.plant import KinematicPlant, PlantParams
 from elastic_strips.execution.retiming import retime
 from elastic_strips.execution.tracking import TrackingController, TrackingGains
-from elastic_strips.execution.tracking_bound import (
+from elastic_strips.planning import plan
+from elastic_strips.robot.geometry import support_points
+from elastic_strips.scenarios.corridor import corridor_scene
+from elastic_strips.sim.plant import KinematicPlant, PlantParams
+from elastic_strips.sim.tracking_bound import (
     DEFAULT_TRACKING_ERROR,
     Displacement,
     follow,
     measure_tracking,
     tracking_errors,
 )
-from elastic_strips.planning import plan
-from elastic_strips.robot.geometry import support_points
-from elastic_strips.scenarios.corridor import corridor_scene
 
 
 def limits_of(robot) -> MotionLimits:

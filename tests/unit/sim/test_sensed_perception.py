@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.control.sensed_perception import SensedPerception, body_radius
-from elastic_strips.execution.perception import PerceptionError
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World
 from elastic_strips.sensing import SensorConfig
+from elastic_strips.sim.perception import PerceptionError
+from elastic_strips.sim.sensed_perception import SensedPerception, body_radius
 
 LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")

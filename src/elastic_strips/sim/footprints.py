@@ -1,4 +1,4 @@
-"""Execution room, footprints: robot and obstacles seen from above, each piece with the heights that it takes up."""
+"""Sim room, footprints: robot and obstacles seen from above, each piece with the heights that it takes up."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 
+from ..execution.silhouette import Silhouette, beyond_box
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Obstacle
-from .silhouette import Silhouette, beyond_box
 
 _OVERLAP = 0.05
 """What passes above or below by less than this [m] counts as being at the same height."""

@@ -1,4 +1,4 @@
-"""Execution room, bystanders: those who move on their own and stop for a robot that stands in their way.
+"""Sim room, bystanders: those who move on their own and stop for a robot that stands in their way.
 
 They belong to the physical world: they see the robot as it truly is, and nobody who plans knows what they will do.
 """

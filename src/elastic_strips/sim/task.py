@@ -1,0 +1,114 @@
+"""Sim room, task: the three layers do a task in a world."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy.typing as npt
+
+from ..control import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
+from ..deform import AxisTask
+from ..errors import ConfigurationError
+from ..execution import DriveParams, DriveResult
+from ..robot import RobotModel
+from ..scene import Scene, World
+from ..summary import Summary
+from ..validation import check_able
+from .perception import Perceiver, PerceptionParams
+from .simulation import Simulation, simulation
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TaskResult(Summary):
+    """What became of a task.
+
+    Attributes:
+        done: whether all its steps were reached.
+        reason: why it ended.
+        deliberation: its steps.
+        drive: what was driven, or None where the task could not be begun.
+        orders: (time [s], order, reason) of the sequencing layer, wherever they changed.
+        task_events: how a task that was to be kept to was suspended and resumed.
+    """
+
+    done: bool
+    reason: str
+    deliberation: Deliberation
+    drive: DriveResult | None
+    orders: tuple[tuple[float, Order, str], ...]
+    task_events: tuple[TaskEvent, ...]
+
+
+class TaskSimulation:
+    """Workspace: a task in a world.
+
+    Args:
+        robot: the robot.
+        world: the obstacles over time.
+        start: configuration (nq,).
+        task: what to do.
+        keep: what the strip is to keep to meanwhile.
+        params: of the drive.
+        perception: what tells all three layers about the world; see :func:`simulation`.
+        seed: of all that is sampled, and of the machine.
+        look: called after every planning tick, with the :class:`HybridControl`.
+        **options: of :func:`simulation`.
+
+    Attributes:
+        deliberation: the task's steps.
+        control: sequencing and reactive layer, or None where the task cannot be begun.
+        simulation: of it, or None.
+
+    Raises:
+        MissingExtraError: py_trees (extra ``control``) is not installed.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        world: World | Scene,
+        start: npt.ArrayLike,
+        task: Task,
+        *,
+        keep: AxisTask | None = None,
+        params: DriveParams | None = None,
+        perception: PerceptionParams | Perceiver | None = None,
+        seed: int = 0,
+        look: Callable[[HybridControl], object] | None = None,
+        **options: Any,
+    ) -> None:
+        if not isinstance(perception, PerceptionParams):
+            check_able("perception", perception, "known", "sense")
+        world = world if isinstance(world, World) else World(world)
+        seen = world.at(0.0) if perception is None or isinstance(perception, PerceptionParams) else perception.known()
+        self.deliberation = deliberate(robot, start, task, seen, params=params, seed=seed)
+        self.control: HybridControl | None = None
+        self.simulation: Simulation[HybridControl] | None = None
+        if not self.deliberation.steps:
+            return
+
+        def make(scene: Scene, **values: Any) -> HybridControl:
+            return HybridControl(robot, start, self.deliberation, scene, keep=keep, look=look, **values)
+
+        try:
+            self.simulation = simulation(
+                robot, world, start, self.deliberation.steps[-1].q, params=params, perception=perception, seed=seed,
+                make=make, **options,
+            )  # fmt: skip
+        except ConfigurationError as error:
+            self.deliberation = replace(self.deliberation, steps=(), reason=str(error))
+            return
+        self.control = self.simulation.controller
+
+    def run(self, *, time_limit: float | None = None) -> TaskResult:
+        """Do the task, or find out why not."""
+        control = self.control
+        if self.simulation is None or control is None:
+            return TaskResult(False, self.deliberation.reason, self.deliberation, None, (), ())
+        drive = self.simulation.run(time_limit=time_limit)
+        order = control.decide()
+        reason = control.sequencing.reason if order in (Order.DONE, Order.GIVE_UP) else drive.reason
+        events = () if control.keeping is None else tuple(control.keeping.events)
+        return TaskResult(order is Order.DONE, reason, self.deliberation, drive, tuple(control.orders), events)
