@@ -3,7 +3,8 @@
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.sensing import SceneEstimator, SensorConfig, SensorSuite
+from elastic_strips.perception import SceneEstimator
+from elastic_strips.sim.sensors import SensorConfig, SensorSuite
 
 robot = es.load_robot("silvermate")
 wall = es.Box((0.1, 6.0, 1.5), at=(4.0, 0.0, 0.75), name="wall")

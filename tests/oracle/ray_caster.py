@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from elastic_strips.sensing import LaserScan
+from elastic_strips.perception import LaserScan
 
 
 def box_segments(x, y, length, width, yaw=0.0):

@@ -14,8 +14,8 @@ from ..errors import ElasticStripsError
 from ..execution import Controller, RunState
 from ..robot import load_robot
 from ..scenarios import STRIP, drive_scenario, get_scenario
-from ..sensing import SensorConfig
 from ..sim import FAULTS, Fault, Simulation
+from ..sim.sensors import SensorConfig
 from .measure import machine, percentiles
 from .pool import cached, spread
 

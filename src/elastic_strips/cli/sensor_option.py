@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import click
 
-from ..io import read_sensors
-from ..sensing import SensorConfig
+from ..sim.sensors import SensorConfig, read_sensors
 
 sensors_option = click.option(
     "--sensors", metavar="NAMES|FILE.yaml",

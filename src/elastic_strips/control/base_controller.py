@@ -22,8 +22,8 @@ from ..execution import (
 )
 from ..execution.estimation import Estimator
 from ..methods import BaseCommand, BaseLimits, make_base_method
+from ..perception import Reading
 from ..robot import BaseKind, RobotModel
-from ..sensing import Reading
 from ..validation import check_type
 from .pose_history import PoseHistory
 

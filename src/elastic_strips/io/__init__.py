@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
     from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
     from elastic_strips.io.scene_writer import write_scene, write_world
-    from elastic_strips.io.sensor_file import read_sensors, silvermate_sensors
     from elastic_strips.io.yaml_source import Node, load_yaml
 
 __all__ = [
@@ -46,7 +45,6 @@ __all__ = [
     "read_record",
     "read_scenario",
     "read_scene",
-    "read_sensors",
     "read_world",
     "scene_from_node",
     "record_columns",
@@ -54,7 +52,6 @@ __all__ = [
     "record_frame",
     "record_robot",
     "shape_document",
-    "silvermate_sensors",
     "world_from_node",
     "write_json",
     "write_record",
@@ -119,10 +116,6 @@ __getattr__ = late_names(  # a scene file needs nothing of what records need
         "scene_writer": (
             "write_scene",
             "write_world",
-        ),
-        "sensor_file": (
-            "read_sensors",
-            "silvermate_sensors",
         ),
         "yaml_source": (
             "Node",

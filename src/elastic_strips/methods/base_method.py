@@ -11,8 +11,8 @@ from typing import Literal, Protocol, runtime_checkable
 
 from ..errors import ParameterError
 from ..execution.limits import MotionLimits
+from ..perception import Reading
 from ..robot.space import Array
-from ..sensing import Reading
 from ..validation import check_numbers
 
 Status = Literal["moving", "arrived", "blocked"]

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError, nearest_name
+from ..perception import LaserScan, RangeRing, Reading
 from ..robot.space import Array
-from ..sensing import LaserScan, RangeRing, Reading
 from ..validation import check_count, check_numbers
 from .sensed import Flags, PlanarRays, Whole, planar_rays
 

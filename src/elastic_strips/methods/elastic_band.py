@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ParameterError
+from ..perception import Reading
 from ..planning.grid_path import cheapest_way, resample
 from ..robot.space import Array
-from ..sensing import Reading
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
 from .bubbles import FreeDistance, connected, relaxed, thinned

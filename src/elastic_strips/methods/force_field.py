@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
+from ..perception import Reading
 from ..robot.space import Array
-from ..sensing import Reading
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
 from .certainty_grid import GridParams, make_grid

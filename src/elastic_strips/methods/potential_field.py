@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..perception import Reading
 from ..robot.space import Array
-from ..sensing import Reading
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
 from .helm import GoalParams, Helm, angle_between

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..perception import LaserScan, Reading
 from ..robot.space import Array
-from ..sensing import LaserScan, Reading
 
 Flags = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int_]

@@ -18,7 +18,6 @@ from ..planning import FamilyParams
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import World
-from ..sensing import SensorConfig, SensorSuite
 from ..sim import (
     LASER_ASSUMPTIONS,
     LASER_EASE,
@@ -36,6 +35,7 @@ from ..sim import (
     protective_separation,
     simulation,
 )
+from ..sim.sensors import SensorConfig, SensorSuite
 from ..sim.tracking_bound import Displacement
 from ..summary import Summary
 from ..validation import check_choice, check_count, check_type

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..execution import Record
+from ..perception import LaserScan, rays_of
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
-from ..sensing import LaserParams, LaserScan, SensorConfig, SensorSuite, rays_of, seen_obstacles
 from ..sim import Contact, Verdict
+from ..sim.sensors import LaserParams, SensorConfig, SensorSuite, seen_obstacles
 
 _LOOK_BACK = 1.0  # [s] before a contact
 _STEP = 0.1  # [s]

@@ -10,14 +10,15 @@ import numpy.typing as npt
 
 from ..control import BaseController
 from ..execution import MotionLimits
+from ..perception import Reading
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
-from ..sensing import Reading, SensorConfig, SensorSuite
 from ..validation import check_able, check_count
 from .bumper import Bumper
 from .bystanders import Bystanders
 from .plant import KinematicPlant, Plant
+from .sensors import SensorConfig, SensorSuite
 from .simulation import MACHINE, Simulation
 
 

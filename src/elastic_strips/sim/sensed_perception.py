@@ -8,13 +8,14 @@ import numpy.typing as npt
 from ..control.pose_history import PoseHistory
 from ..execution.params import ObstacleAssumptions
 from ..execution.silhouette import Silhouette
+from ..perception import SceneEstimator, SceneEstimatorParams
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
-from ..sensing import SceneEstimator, SceneEstimatorParams, SensorConfig, SensorSuite
 from . import PerceptionParams
 from .bumper import Bumper
 from .perception import PerceptionError
+from .sensors import SensorConfig, SensorSuite
 
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """What tracks of a laser at 20 Hz are taken to be wrong by at most; tests compare it with what they are wrong by."""

@@ -16,8 +16,8 @@ from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..robot.space import Array
 from ..scenarios import STRIP, drive_scenario, get_scenario
-from ..sensing import SensorConfig
 from ..sim import Simulation
+from ..sim.sensors import SensorConfig
 
 STRIP_SENSED = "strip-sensed"
 METHODS = (*BASE_METHODS, STRIP_SENSED, STRIP)

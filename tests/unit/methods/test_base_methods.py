@@ -14,7 +14,7 @@ from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.methods import BASE_METHODS, BaseLimits, BaseMethod, GoalParams, make_base_method
 from elastic_strips.methods.helm import Helm
 from elastic_strips.methods.sensed import SensedPoints, planar_rays
-from elastic_strips.sensing import NO_ANSWER, NOTHING, LaserScan, RangeRing
+from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
 
 LIMITS = BaseLimits()
 NAMES = list(BASE_METHODS)

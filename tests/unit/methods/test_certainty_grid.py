@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.methods import CV_MAX, BayesGrid, GridParams, HistogramGrid, make_grid
-from elastic_strips.sensing import NO_ANSWER, NOTHING, LaserScan, RangeRing
+from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
 
 HERE = np.array([0.05, 0.05, 0.0])  # the middle of cell (0, 0)
 

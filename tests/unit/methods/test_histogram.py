@@ -23,7 +23,7 @@ from elastic_strips.methods.polar_histogram import (
     sector_distance,
     valleys,
 )
-from elastic_strips.sensing import RangeRing
+from elastic_strips.perception import RangeRing
 
 HERE = np.array([0.05, 0.05, 0.0])
 GOAL = np.array([5.05, 0.05, 0.0])

@@ -13,8 +13,8 @@ from elastic_strips.io import PoseSpec
 from elastic_strips.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
 from elastic_strips.scenarios.scenario import Scenario
 from elastic_strips.scene import Box, Obstacle, Scene
-from elastic_strips.sensing import SensorConfig
 from elastic_strips.sim import LASER_ASSUMPTIONS, SensedPerception, Simulation
+from elastic_strips.sim.sensors import SensorConfig
 
 LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")

@@ -7,9 +7,9 @@ import pytest
 
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World
-from elastic_strips.sensing import SensorConfig
 from elastic_strips.sim.perception import PerceptionError
 from elastic_strips.sim.sensed_perception import SensedPerception, body_radius
+from elastic_strips.sim.sensors import SensorConfig
 
 LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")

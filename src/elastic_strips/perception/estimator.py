@@ -1,0 +1,201 @@
+"""Perception room, estimator: readings in, scenes out: a map of what stands, and tracks of what moves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..scene import Obstacle, Scene
+from ..validation import check_type
+from .clusters import cluster_obstacles, clusters_of
+from .params import SceneEstimatorParams
+from .readings import LaserScan, RangeRing, Reading, pose_matrix, rays_of
+from .tracking import TrackedObstacle, Tracker
+from .voxel_map import VoxelMap
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorReport:
+    """What the last reading did.
+
+    Attributes:
+        sensor: whose reading it was; empty before the first.
+        time: of it [s].
+        hits, nothing, no_answer: how many of its ranges met something, met nothing, and say nothing.
+        clusters: how many things it fell into.
+        tracks, movers, suspects: how many things are followed, how many of them move, and how many may.
+        started, lost: how many tracks began and ended.
+        tiles: how many obstacles the map has; rebuilt: how many of them were made anew for the last scene.
+    """
+
+    sensor: str = ""
+    time: float = -math.inf
+    hits: int = 0
+    nothing: int = 0
+    no_answer: int = 0
+    clusters: int = 0
+    tracks: int = 0
+    movers: int = 0
+    suspects: int = 0
+    started: int = 0
+    lost: int = 0
+    tiles: int = 0
+    rebuilt: int = 0
+
+
+class SceneEstimator:
+    """Workspace: turns the readings of one robot's sensors into scenes. One per thread.
+
+    What is seen is an obstacle of the map first. Small things that turn out to move leave it and become cylinders with
+    a velocity; they go back into it when they stop.
+
+    Rings of sonars and infrared sensors look at other heights than the laser, and see what it does not (glass): they
+    have a layer of their own, ``near-3-5``, which the laser does not clear. Nothing is tracked by them.
+
+    Args:
+        params: how.
+
+    Attributes:
+        map, near: the layers of lasers and of rings.
+        tracker: of what may move.
+        report: what the last reading did.
+    """
+
+    def __init__(self, params: SceneEstimatorParams | None = None) -> None:
+        check_type("params", params, SceneEstimatorParams, none=True)
+        self.params = params or SceneEstimatorParams()
+        self.map = VoxelMap(self.params)
+        self.near = VoxelMap(replace(self.params, unseen="free"), "near")
+        self.tracker = Tracker(self.params)
+        self.report = EstimatorReport()
+        self._newest: dict[str, float] = {}
+        self._scan_time = self._time = -math.inf
+        self._movers: tuple[TrackedObstacle, ...] = ()
+        self._suspects: tuple[TrackedObstacle, ...] = ()
+        self._static: tuple[Obstacle, ...] = ()
+        self._scene: Scene | None = None
+
+    @property
+    def movers(self) -> tuple[TrackedObstacle, ...]:
+        """What moves, at the time of the newest scan."""
+        return self._movers
+
+    @property
+    def suspects(self) -> tuple[TrackedObstacle, ...]:
+        """What has moved and may set off again, or begins to; in the map too, and in scenes of `Unknown` motion."""
+        return self._suspects
+
+    @property
+    def times(self) -> dict[str, float]:
+        """Sensor → time of its newest reading [s]; a sensor that has died is one whose time stands still."""
+        return dict(self._newest)
+
+    def update(self, reading: Reading, base_pose: Any) -> EstimatorReport:
+        """Take a reading in.
+
+        Args:
+            reading: a laser scan or a round of a ring of sensors.
+            base_pose: estimated (x [m], y [m], yaw [rad]) of the base when it was measured.
+
+        Raises:
+            ParameterError: a reading that is older than the last one of its sensor, a tilted laser, a pose that is not
+                finite.
+        """
+        if not math.isfinite(reading.time):
+            raise ParameterError(f"the reading of {reading.sensor!r} has the time {reading.time!r}; it must be finite")
+        if reading.time < self._newest.get(reading.sensor, -math.inf):
+            raise ParameterError(
+                f"the reading of {reading.sensor!r} at {reading.time:g} s comes after the one at "
+                f"{self._newest[reading.sensor]:g} s; the readings of a sensor must be given in their order"
+            )
+        if isinstance(reading, LaserScan):
+            counts = self._scan(reading, base_pose)
+        else:
+            counts = self._ring(reading, base_pose)
+        T = pose_matrix(base_pose)
+        self.map.stand(float(T[0, 3]), float(T[1, 3]))
+        self._newest[reading.sensor] = reading.time
+        if isinstance(reading, LaserScan):
+            self._scan_time = max(self._scan_time, reading.time)
+        self._time = self._scan_time if self._scan_time > -math.inf else max(self._time, reading.time)
+        self._movers, self._suspects = self.tracker.movers, self.tracker.suspects
+        self._scene = None
+        r = reading.ranges
+        self.report = EstimatorReport(
+            sensor=reading.sensor,
+            time=reading.time,
+            hits=int(np.isfinite(r).sum()),
+            nothing=int(np.isposinf(r).sum()),
+            no_answer=int(np.isnan(r).sum()),
+            movers=len(self._movers),
+            suspects=len(self._suspects),
+            tiles=len(self._static),
+            rebuilt=self.map.rebuilt + self.near.rebuilt,
+            **counts,
+        )
+        return self.report
+
+    def scene(self, t: float | None = None) -> Scene:
+        """The newest scene: what stands, the movers with their velocities, and the suspects.
+
+        Its ``time`` is the newest scan's.
+
+        Readings of rings do not make a scene newer, for they say nothing of movers, unless there is no laser at all;
+        whether all lasers are alive, `times` says.
+
+        Static obstacles that have not changed are the same objects as before; a mover keeps its name and its solid.
+
+        Args:
+            t: now [s]; None: the time of the scene.
+
+        Raises:
+            ParameterError: there was no reading yet, or ``t`` is before the scene's time.
+        """
+        if self._time == -math.inf:
+            raise ParameterError("there is no scene before the first reading: call update first")
+        if t is not None and not t >= self._time - 1e-9:
+            raise ParameterError(f"a scene at t={t!r} s is asked for, but scans up to {self._time:g} s are in it")
+        if self._scene is None:
+            self._static = self.map.obstacles() + self.near.obstacles()
+            tracked = (t.obstacle for t in (*self._movers, *self._suspects))
+            self._scene = Scene([*self._static, *tracked], time=self._time)
+        return self._scene
+
+    def _scan(self, scan: LaserScan, base_pose: Any) -> dict[str, int]:
+        rays = rays_of(scan, base_pose)
+        clusters = clusters_of(rays, self.params)
+        sighting = self.tracker.update(rays, clusters, scan.sensor)
+        self.map.forget(sighting.moved)
+        at = np.flatnonzero(rays.hits)
+        ignored = np.zeros(len(rays.ranges), dtype=bool)
+        ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.way[at])
+        self.map.add_scan(rays, ignored)
+        return {
+            "clusters": len(clusters),
+            "tracks": sighting.tracks,
+            "started": sighting.started,
+            "lost": sighting.lost,
+        }
+
+    def _ring(self, ring: RangeRing, base_pose: Any) -> dict[str, int]:
+        T = pose_matrix(base_pose) @ ring.T_base_sensor
+        ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
+        self.near.add_ring(ring, base_pose, self.tracker.of_movers(ends))
+        return {}
+
+
+def scan_scene(scan: LaserScan, base_pose: Any, params: SceneEstimatorParams | None = None) -> Scene:
+    """The scene that a single scan shows, without a history: nothing moves.
+
+    Every cluster becomes upright solids that hold what was seen, padded: a cylinder where it is round, a thin box where
+    it is straight, else a box or several; ``"seen-0"``, ``"seen-1"``, … counter-clockwise.
+    """
+    params = params or SceneEstimatorParams()
+    solids: list[Obstacle] = []
+    for k, cluster in enumerate(clusters_of(rays_of(scan, base_pose), params)):
+        solids += cluster_obstacles(cluster, params, f"seen-{k}")
+    return Scene(solids, time=scan.time)

@@ -1,0 +1,135 @@
+"""Perception room, parameters of scenes from readings: noise, sizes, tracks, map; validated where they are made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..errors import ParameterError, nearest_name
+from ..validation import check_numbers
+
+UNSEEN = ("free", "blocked")
+_MAY_BE_ZERO = (
+    "wary_time", "stir_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneEstimatorParams:
+    """How readings become obstacles; lengths [m], times [s], angles [rad].
+
+    A planar scan says nothing about height: whatever it meets is assumed to reach from the floor up to ``height``.
+    What lies wholly above or below the scan's plane is not seen at all; see
+    :func:`~elastic_strips.sim.sensors.seen_obstacles`.
+
+    Attributes:
+        height: of all sensed obstacles, from the floor (z = 0) up; at least that of the robot with its arm stretched.
+        range_noise: standard deviation of a range.
+        pose_noise: standard deviation of the base's position estimate from scan to scan.
+        padding: by which everything sensed is grown to each side, for the noise; at most a cell of the map.
+        break_angle: neighbouring points belong together where their line meets the ray at more than this angle.
+        min_points: clusters of fewer points are not tracked (they are in the map all the same).
+        max_round_radius: rounder and larger things are no cylinders.
+        max_mover_size: what is seen to be larger does not move.
+        unseen_depth: straight things are that deep behind what is seen of them, or as deep as they are long.
+        wall_thickness: the same, of things longer than ``max_mover_size``.
+        gate: squared Mahalanobis distance up to which a cluster may be a track's (two degrees of freedom).
+        mover_acceleration: standard deviation of movers' acceleration [m/s²].
+        max_speed: of movers [m/s].
+        min_speed: what is slower stands [m/s].
+        significance: a mover's speed is at least so many of its standard deviations.
+        look_back: to be a mover, a thing must be where an earlier scan, so long ago, saw nothing, or the other way.
+        confirm_hits: scans with a cluster until a track is confirmed.
+        lost_misses: scans in a row that see through a track until it is lost.
+        coast_time: how long a track that is hidden is foreseen.
+        rest_time: a mover that has not moved significantly for so long goes back into the map.
+        wary_time: for so long after that it may set off again: until then the scene has it as a thing of
+            unknown motion as well; wary_speed: at most so fast, until it is seen to move [m/s].
+        stir_time: what is where nothing was, or not any more where it was, is in the scene as a thing of unknown
+            motion too, before its velocity is known, and for so long after that was last seen;
+            stir_speed: at most so fast [m/s].
+        shape_change: a mover keeps its shape until its radius has changed by more.
+        cell: edge of the map's cells; tile: edge of the tiles that the map's obstacles consist of.
+        hit, miss: log-odds that a scan adds to cells that it hits, and takes from those it sees through.
+        floor, top: bounds of the log-odds (the floor is −floor); occupied: cells above it
+            become obstacles, until they are below −floor / 2.
+        settle_delay: a tile in which cells became free, or cells next to its obstacle's own became occupied, but
+            nothing else happened, keeps its obstacle that much longer.
+        carve_range: free space beyond that range is not looked at.
+        unseen: what cells are that have never been seen: ``"free"`` or ``"blocked"``.
+        unseen_radius: of a disc about the base; with ``"blocked"``, unseen cells in it become obstacles.
+        robot_radius: cells that close to the base count as seen and free: the robot stands there.
+        body_radius: cells that a disc of this radius about the base touches are free, whatever was seen there: it is
+            full of the robot. What came near and went away unseen would keep the robot from moving for ever.
+        sonar_range: sonars are believed up to there; beyond, their arcs are too wide.
+    """
+
+    height: float = 1.5
+    range_noise: float = 0.01
+    pose_noise: float = 0.01
+    padding: float = 0.02
+    break_angle: float = 0.2
+    min_points: int = 3
+    max_round_radius: float = 0.5
+    max_mover_size: float = 1.2
+    unseen_depth: float = 0.3
+    wall_thickness: float = 0.1
+    gate: float = 13.8
+    mover_acceleration: float = 0.4
+    max_speed: float = 3.0
+    min_speed: float = 0.12
+    significance: float = 3.0
+    look_back: float = 0.8
+    confirm_hits: int = 3
+    lost_misses: int = 4
+    coast_time: float = 2.0
+    rest_time: float = 2.0
+    wary_time: float = 10.0
+    wary_speed: float = 0.2
+    stir_time: float = 0.2
+    stir_speed: float = 1.0
+    shape_change: float = 0.04
+    cell: float = 0.05
+    tile: float = 1.0
+    hit: float = 0.85
+    miss: float = 0.4
+    floor: float = 0.8
+    top: float = 3.4
+    occupied: float = 0.5
+    settle_delay: float = 0.5
+    carve_range: float = 8.0
+    unseen: str = "free"
+    unseen_radius: float = 3.0
+    robot_radius: float = 0.4
+    body_radius: float = 0.0
+    sonar_range: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.unseen not in UNSEEN:
+            raise ParameterError(f"SceneEstimatorParams.unseen={self.unseen!r}{nearest_name(self.unseen, UNSEEN)}")
+        check_numbers(self, zero=_MAY_BE_ZERO)
+        self._check_pairs()
+
+    def _check_pairs(self) -> None:
+        cells = self.tile / self.cell
+        if not (abs(cells - round(cells)) < 1e-6 and 1 <= round(cells) <= 1000):
+            raise ParameterError(f"SceneEstimatorParams.tile={self.tile!r} must be 1 to 1000 times cell={self.cell!r}")
+        if self.padding > self.cell:
+            raise ParameterError(f"SceneEstimatorParams.padding={self.padding!r} must be at most cell={self.cell!r}")
+        if not self.break_angle < 0.5 * math.pi:
+            raise ParameterError(f"SceneEstimatorParams.break_angle={self.break_angle!r} must be below π/2 rad")
+        if not self.occupied < min(self.hit, self.top):
+            raise ParameterError(
+                f"SceneEstimatorParams.occupied={self.occupied!r} must be below hit={self.hit!r} and top={self.top!r}: "
+                "what is hit once is an obstacle"
+            )
+
+    @property
+    def tile_cells(self) -> int:
+        """Cells along a tile's edge."""
+        return round(self.tile / self.cell)
+
+    @property
+    def carve_margin(self) -> float:
+        """Rays free nothing within this distance [m] of where they end: noise, padding and a cell."""
+        return 2.0 * self.range_noise + self.padding + 1.5 * self.cell

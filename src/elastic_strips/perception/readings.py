@@ -1,0 +1,223 @@
+"""Readings: what range sensors say, as frozen values, and a scan laid out in the world, asked about points there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..robot.space import Array, Mask
+from ..summary import Summary
+
+NOTHING = np.inf
+"""A range at which nothing is, as far as the sensor reaches."""
+NO_ANSWER = np.nan
+"""A range of which nothing is known: dropped out, or the robot itself is in the way."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LaserScan(Summary):
+    """One scan of a planar laser range finder.
+
+    Attributes:
+        sensor: name of the sensor.
+        time: when it was measured [s].
+        T_base_sensor: (4, 4) pose of the sensor in the base's frame when it was measured.
+        angles: (R,) directions of the rays in the sensor's xy plane, from its x axis, ascending [rad].
+        ranges: (R,) [m]; ``NOTHING`` where nothing is within ``range_max``, ``NO_ANSWER`` where nothing is known.
+        range_min, range_max: shortest and longest range that the sensor can tell [m].
+    """
+
+    sensor: str
+    time: float
+    T_base_sensor: Array
+    angles: Array
+    ranges: Array
+    range_min: float
+    range_max: float
+
+    def __post_init__(self) -> None:
+        _freeze(self, "T_base_sensor", (4, 4))
+        _freeze(self, "angles", (-1,))
+        _freeze(self, "ranges", self.angles.shape)
+
+    @property
+    def hits(self) -> Mask:
+        """(R,) whether a ray met something."""
+        return np.isfinite(self.ranges)
+
+    def points(self) -> Array:
+        """(H, 3) where rays met something, in the base's frame [m]."""
+        at = self.hits
+        r, a = self.ranges[at], self.angles[at]
+        local = np.stack((r * np.cos(a), r * np.sin(a), np.zeros_like(r)), axis=1)
+        return local @ self.T_base_sensor[:3, :3].T + self.T_base_sensor[:3, 3]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RangeRing(Summary):
+    """One round of a ring of single-range sensors: sonars, or infrared distance sensors.
+
+    Attributes:
+        sensor: name of the ring.
+        kind: ``"sonar"`` or ``"infrared"``.
+        time: when it was measured [s].
+        T_base_sensor: (S, 4, 4) poses of the sensors in the base's frame; each looks along its x axis.
+        ranges: (S,) [m]; ``NOTHING`` where nothing is within ``range_max``, ``NO_ANSWER`` where nothing is known.
+        half_angle: of the cone that a sensor sees [rad]; the range does not say where in it something is.
+        range_min, range_max: shortest and longest range that a sensor can tell [m].
+    """
+
+    sensor: str
+    kind: str
+    time: float
+    T_base_sensor: Array
+    ranges: Array
+    half_angle: float
+    range_min: float
+    range_max: float
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("sonar", "infrared"):
+            raise ParameterError(f"RangeRing.kind={self.kind!r} is neither 'sonar' nor 'infrared'")
+        _freeze(self, "T_base_sensor", (-1, 4, 4))
+        _freeze(self, "ranges", self.T_base_sensor.shape[:1])
+
+    @property
+    def hits(self) -> Mask:
+        """(S,) whether a sensor sees something."""
+        return np.isfinite(self.ranges)
+
+    def points(self) -> Array:
+        """(H, 3) on the axes of the sensors that see something, at their ranges, in the base's frame [m]."""
+        at = self.hits
+        T = self.T_base_sensor[at]
+        return T[:, :3, 3] + self.ranges[at, None] * T[:, :3, 0]
+
+
+Reading = LaserScan | RangeRing
+
+
+def _freeze(reading: LaserScan | RangeRing, name: str, shape: tuple[int, ...]) -> None:
+    """Keep a field as a read-only array of floats of this shape (−1: any)."""
+    array = np.array(getattr(reading, name), dtype=float)
+    if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
+        raise ParameterError(f"{type(reading).__name__}.{name} has shape {array.shape}; it needs {shape}")
+    array.flags.writeable = False
+    object.__setattr__(reading, name, array)
+
+
+_LEVEL = math.cos(math.radians(5.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanRays:
+    """A planar scan in the world.
+
+    Attributes:
+        time: of the scan [s].
+        origin: (2,) where its rays start [m].
+        height: of its plane over the floor [m].
+        way: (R, 2) unit directions.
+        bearing: (R,) their angles, ascending, not wrapped [rad].
+        ranges: (R,) as in the scan [m].
+        range_min, range_max: of the sensor [m].
+        closed: whether the rays go all the way round.
+    """
+
+    time: float
+    origin: Array
+    height: float
+    way: Array
+    bearing: Array
+    ranges: Array
+    range_min: float
+    range_max: float
+    closed: bool
+
+    @property
+    def hits(self) -> Mask:
+        """(R,) whether a ray met something."""
+        return np.isfinite(self.ranges)
+
+    def locate(self, points: Array) -> tuple[Array, Array, Mask]:
+        """Distance (n,) [m], nearest ray (n, as float), and whether in the field of view (n,), of points (n, 2)."""
+        d = points - self.origin
+        distance = np.hypot(d[:, 0], d[:, 1])
+        first, last = self.bearing[0], self.bearing[-1]
+        step = (last - first) / (len(self.bearing) - 1)
+        turn = np.mod(np.arctan2(d[:, 1], d[:, 0]) - first + 0.5 * step, 2.0 * math.pi) - 0.5 * step
+        inside = turn <= last - first + 0.5 * step
+        ray = np.interp(turn, self.bearing - first, np.arange(len(self.bearing)))
+        return distance, ray, inside & (distance >= self.range_min) & (distance <= self.range_max)
+
+    def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
+        """Which of the points (n, 2) the scan sees through, and which it could not see, for something is before them.
+
+        Rays within half of ``margin`` to either side of a point, and the next ones, must all end more than ``margin``
+        [m] behind it for the point to be free. A point is hidden where the ray to it ends that much before it, or says
+        nothing, or there is none.
+        """
+        distance, ray, inside = self.locate(points)
+        step = (self.bearing[-1] - self.bearing[0]) / (len(self.bearing) - 1)
+        spread = np.minimum(0.5 * margin / np.maximum(distance, 1e-6), 0.5) / step + 1.0
+        count = len(self.bearing)
+        reach = np.where(np.isnan(self.ranges), -1.0, np.minimum(self.ranges, self.range_max))
+        offsets = np.linspace(-1.0, 1.0, 9)
+        index = np.rint(ray[:, None] + offsets * spread[:, None]).astype(np.intp)
+        index = index % count if self.closed else np.minimum(np.maximum(index, 0), count - 1)
+        seen = reach[index]
+        # a range that is not known says nothing; the ranges that are known must all be long enough
+        known = np.where(seen < 0.0, np.inf, seen)
+        through = inside & (known.min(axis=1) > distance + margin) & (seen[:, 4] > 0.0)
+        at_point = seen[:, 4]
+        hidden = ~inside | (at_point < distance - margin)
+        return through, hidden
+
+
+def pose_matrix(base_pose: Any) -> Array:
+    """T_world_base (4, 4) of a base's pose (x [m], y [m], yaw [rad]) on the floor."""
+    try:
+        x, y, yaw = (float(v) for v in base_pose)
+    except (TypeError, ValueError):
+        raise ParameterError(f"base_pose={base_pose!r} must be three numbers: x [m], y [m], yaw [rad]") from None
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
+        raise ParameterError(f"base_pose={(x, y, yaw)} must be finite")
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def rays_of(scan: LaserScan, base_pose: Any) -> ScanRays:
+    """Lay a scan out in the world.
+
+    Args:
+        scan: of a level sensor, the right way up or upside down.
+        base_pose: (x [m], y [m], yaw [rad]) of the base when it was measured.
+
+    Raises:
+        ParameterError: the sensor is tilted by more than 5°, the scan has fewer than two rays, or its angles do not
+            ascend.
+    """
+    T = pose_matrix(base_pose) @ scan.T_base_sensor
+    if abs(T[2, 2]) < _LEVEL:
+        raise ParameterError(f"the laser {scan.sensor!r} is tilted; only level scans say where in the plane things are")
+    if len(scan.angles) < 2 or not (np.diff(scan.angles) > 0.0).all():
+        raise ParameterError(f"the scan of {scan.sensor!r} needs at least two rays, their angles ascending")
+    up = T[2, 2] > 0.0
+    angles, ranges = (scan.angles, scan.ranges) if up else (-scan.angles[::-1], scan.ranges[::-1])
+    bearing = math.atan2(T[1, 0], T[0, 0]) + angles
+    step = (angles[-1] - angles[0]) / (len(angles) - 1)
+    return ScanRays(
+        time=scan.time,
+        origin=T[:2, 3].copy(),
+        height=float(T[2, 3]),
+        way=np.column_stack((np.cos(bearing), np.sin(bearing))),
+        bearing=bearing,
+        ranges=ranges,
+        range_min=scan.range_min,
+        range_max=scan.range_max,
+        closed=bool(angles[-1] - angles[0] > 2.0 * math.pi - 1.5 * step),
+    )

@@ -1,0 +1,400 @@
+"""Tracking: things followed from scan to scan with Kalman filters: what moves, what stands, what is lost."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from ..robot.space import Array, Mask
+from ..scene import Cylinder, Motion, Obstacle, Twist, Unknown
+from .clusters import OTHER, ROUND, Cluster, Footprint, footprint
+from .params import SceneEstimatorParams
+from .readings import ScanRays
+
+_KEPT_POINTS = 64
+_SLACK = 0.01
+"""A mover's solid is made that much larger [m] than it has to be, so that it need not be made anew at once."""
+
+
+class TrackState(Enum):
+    """How sure a track is."""
+
+    TENTATIVE = "tentative"
+    CONFIRMED = "confirmed"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedObstacle:
+    """A mover as the sensors have it: an upright cylinder with a velocity, and how sure both are.
+
+    Attributes:
+        name: of the track and of the obstacle, ``"track-3"``; it stays with the thing.
+        obstacle: with its pose and `Twist` at `time`, or `Unknown` where that is all that is known; its solid is
+            the same object as long as its size is.
+        time: of the estimate [s].
+        position: (2,) of the cylinder's axis [m].
+        velocity: (2,) [m/s].
+        position_sigma: standard deviation of the position along any direction [m].
+        velocity_sigma: the same of the velocity [m/s].
+        radius: of the cylinder, with padding [m].
+        seen: when it was last seen [s].
+        age: since it was first seen [s].
+    """
+
+    name: str
+    obstacle: Obstacle
+    time: float
+    position: Array
+    velocity: Array
+    position_sigma: float
+    velocity_sigma: float
+    radius: float
+    seen: float
+    age: float
+
+    def within(self, position_error: float, velocity_error: float, *, sigmas: float = 3.0) -> bool:
+        """Whether ``sigmas`` standard deviations are no more than what a planner assumes [m, m/s]."""
+        return sigmas * self.position_sigma <= position_error and sigmas * self.velocity_sigma <= velocity_error
+
+
+class Track:
+    """Workspace: the state of one thing.
+
+    Noise is the same in all directions, so x and y share one covariance [[pp, pv], [pv, vv]] and no matrices are
+    needed.
+    """
+
+    __slots__ = (
+        "born",
+        "fitted",
+        "hits",
+        "misses",
+        "moved",
+        "moving",
+        "number",
+        "p",
+        "points",
+        "pp",
+        "pv",
+        "radius",
+        "rested",
+        "seen",
+        "solid",
+        "solid_radius",
+        "state",
+        "stirred",
+        "time",
+        "v",
+        "votes",
+        "vv",
+    )
+
+    def __init__(self, number: int, time: float, cluster: Cluster, shape: Footprint, params: SceneEstimatorParams):
+        self.number, self.time, self.born, self.seen = number, time, time, time
+        self.p, self.v = np.array(shape.center), np.zeros(2)
+        self.pp, self.pv, self.vv = _noise(cluster, shape, params, shape.radius), 0.0, (0.5 * params.max_speed) ** 2
+        self.fitted = self.radius = shape.radius
+        self.hits, self.misses, self.votes = 1, 0, 0
+        self.state, self.moving = TrackState.TENTATIVE, False
+        # when it last moved, when it came to rest, and when scans last contradicted that it stands
+        self.moved = self.rested = self.stirred = -math.inf
+        self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
+        self.solid: Cylinder | None = None
+        self.solid_radius = 0.0
+
+    @property
+    def name(self) -> str:
+        return f"track-{self.number}"
+
+    @property
+    def speed(self) -> float:
+        return math.hypot(self.v[0], self.v[1])
+
+    def predict(self, time: float, params: SceneEstimatorParams) -> None:
+        """Go on at the same velocity; the acceleration is noise, constant within a step."""
+        dt = max(time - self.time, 0.0)
+        q = params.mover_acceleration**2
+        self.p = self.p + dt * self.v
+        self.pp += dt * (2.0 * self.pv + dt * self.vv) + 0.25 * q * dt**4
+        self.pv += dt * self.vv + 0.5 * q * dt**3
+        self.vv += q * dt * dt
+        self.time = max(time, self.time)
+
+    def measured(self, cluster: Cluster, shape: Footprint) -> Array:
+        """(2,) where the cluster has the thing's centre, given the radius that earlier scans had [m].
+
+        Of a circle the side next to the sensor is known well and its far side is not: the centre is put behind the
+        near side by the radius of all scans, not of this one.
+        """
+        center = np.array(shape.center)
+        if shape.kind != ROUND or self.hits < 2:
+            return center
+        view = center - cluster.origin
+        return center + view / max(float(np.hypot(view[0], view[1])), 1e-9) * (self.fitted - shape.radius)
+
+    def distance2(self, cluster: Cluster, shape: Footprint, params: SceneEstimatorParams) -> float:
+        """Squared Mahalanobis distance of a cluster; infinite where it is too far for anything that moves."""
+        d = self.measured(cluster, shape) - self.p
+        square = float(d @ d)
+        size = abs(shape.radius - self.fitted) / (0.1 + 0.3 * self.fitted)
+        return square / (self.pp + _noise(cluster, shape, params, self.fitted)) + size * size
+
+    def correct(self, cluster: Cluster, shape: Footprint, params: SceneEstimatorParams) -> None:
+        """Take a cluster in."""
+        noise = _noise(cluster, shape, params, self.fitted)
+        total = self.pp + noise
+        gain_p, gain_v = self.pp / total, self.pv / total
+        d = self.measured(cluster, shape) - self.p
+        self.p, self.v = self.p + gain_p * d, self.v + gain_v * d
+        self.vv -= gain_v * self.pv
+        self.pp, self.pv = (1.0 - gain_p) * self.pp, (1.0 - gain_p) * self.pv
+        if self.speed > params.max_speed:
+            self.v *= params.max_speed / self.speed
+        self.hits += 1
+        self.misses = 0
+        self.seen = self.time
+        self.points.append((self.time, cluster.points))
+        if shape.kind != OTHER or not cluster.hidden:
+            self.fitted += (shape.radius - self.fitted) / min(self.hits, 20)
+        far = float(np.hypot(*(cluster.points - self.p).T).max())
+        needed = min(max(self.fitted, far), 0.75 * params.max_mover_size)
+        self.radius = needed if needed > self.radius else self.radius + 0.1 * (needed - self.radius)
+        if self.state is TrackState.TENTATIVE and self.hits >= params.confirm_hits:
+            self.state = TrackState.CONFIRMED
+
+    def significant(self, params: SceneEstimatorParams) -> bool:
+        """Whether it is faster than what stands, and than its uncertainty."""
+        return self.speed >= max(params.min_speed, params.significance * math.sqrt(self.vv))
+
+    def wary(self, params: SceneEstimatorParams) -> bool:
+        """Whether it has moved, stands, and may set off again."""
+        return not self.moving and self.time - self.rested <= params.wary_time
+
+    def stirring(self, params: SceneEstimatorParams) -> bool:
+        """Whether scans contradict that it stands, while its velocity is not known yet."""
+        return not self.moving and self.time - self.stirred <= params.stir_time
+
+    def past_points(self, time: float) -> Array:
+        """The newest points that are not younger than ``time`` [s]; empty where there are none."""
+        for t, points in reversed(self.points):
+            if t <= time:
+                return points
+        return np.zeros((0, 2))
+
+    def tracked(self, params: SceneEstimatorParams) -> TrackedObstacle:
+        """The mover as a value; its solid is made anew only where its radius has changed."""
+        wanted = self.radius + params.padding
+        if self.solid is None or not self.solid_radius - params.shape_change - _SLACK <= wanted <= self.solid_radius:
+            self.solid_radius = wanted + _SLACK
+            self.solid = Cylinder(self.solid_radius, params.height, name=self.name, motion=Twist())
+        pose = np.eye(4)
+        pose[:2, 3], pose[2, 3] = self.p, 0.5 * params.height
+        pose.flags.writeable = False
+        position, velocity = self.p.copy(), self.v.copy()
+        position.flags.writeable = velocity.flags.writeable = False
+        motion: Motion = Twist(np.array([velocity[0], velocity[1], 0.0]))
+        if self.stirring(params):
+            motion = Unknown(min(params.stir_speed, self.speed + 2.0 * math.sqrt(self.vv)))
+        elif not self.moving:
+            motion = Unknown(params.wary_speed)
+        return TrackedObstacle(
+            name=self.name,
+            obstacle=self.solid.at(self.time).sensed(pose, motion),
+            time=self.time,
+            position=position,
+            velocity=velocity,
+            position_sigma=math.sqrt(self.pp),
+            velocity_sigma=math.sqrt(self.vv),
+            radius=self.solid_radius,
+            seen=self.seen,
+            age=self.time - self.born,
+        )
+
+
+def _noise(cluster: Cluster, shape: Footprint, params: SceneEstimatorParams, radius: float) -> float:
+    """Variance of a cluster's centre along any direction, given the radius of earlier scans [m²]."""
+    fit = 2.0 if shape.kind == ROUND else 4.0
+    variance = (fit * params.range_noise) ** 2 + params.pose_noise**2
+    if cluster.hidden:  # how much is missing beyond the hidden end, and where a straight thing is along itself
+        chord = cluster.points[-1] - cluster.points[0]
+        variance += max(radius - 0.5 * math.hypot(chord[0], chord[1]), 0.0) ** 2
+        if shape.kind != ROUND:
+            variance += (0.5 * max(shape.size)) ** 2
+    return variance
+
+
+_FORBIDDEN = 1e6
+_VIEW_STEP = 0.04
+_MAX_VIEWS = 64
+_WAY = 0.3
+"""A thing is looked for where it was this far [m] ago, or as long ago as ``look_back``."""
+_EVIDENCE = 0.2
+_VOTES = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """What one scan did to the tracks.
+
+    Attributes:
+        moved: (n, 2) points in the world that turned out to belong to a mover: they are not of the static world.
+        tracks: how many there are, movers or not.
+        started, lost: how many began and ended.
+    """
+
+    moved: Array
+    tracks: int
+    started: int
+    lost: int
+
+
+class Tracker:
+    """Workspace: follows clusters that are small enough to be movers; nothing in it is random.
+
+    A track is a *mover* once it is confirmed, its speed is significant, and the scans agree: it is now where an earlier
+    scan saw through, or this scan sees through where it was. The visible end of a wall that wanders along it with the
+    viewpoint does neither.
+    """
+
+    def __init__(self, params: SceneEstimatorParams) -> None:
+        self.params = params
+        self._tracks: list[Track] = []
+        self._views: dict[str, deque[ScanRays]] = {}
+        self._born = 0
+
+    @property
+    def movers(self) -> tuple[TrackedObstacle, ...]:
+        """What moves, by age."""
+        return tuple(t.tracked(self.params) for t in self._tracks if t.moving)
+
+    @property
+    def suspects(self) -> tuple[TrackedObstacle, ...]:
+        """What has moved and may set off again, or begins to: with bounds of their speeds, by age."""
+        return tuple(t.tracked(self.params) for t in self._tracks if t.wary(self.params) or t.stirring(self.params))
+
+    def predict(self, time: float) -> None:
+        """Take all tracks to ``time`` [s]."""
+        for track in self._tracks:
+            track.predict(time, self.params)
+
+    def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Sighting:
+        """Take a scan in: assign its clusters, judge what was not seen, begin new tracks."""
+        params = self.params
+        self.predict(rays.time)
+        small = [c for c in clusters if len(c.points) >= params.min_points and c.extent <= params.max_mover_size]
+        shapes = [footprint(c, params) for c in small]
+        pairs = self._assign(small, shapes)
+        moved: list[Array] = []
+        seen, used = set(), set()
+        for k, j in pairs:
+            track = self._tracks[k]
+            track.correct(small[j], shapes[j], params)
+            seen.add(k)
+            used.add(j)
+            self._judge(track, small[j], rays, sensor, moved)
+        for k, track in enumerate(self._tracks):
+            if k not in seen:
+                self._missed(track, rays)
+        before = len(self._tracks)
+        self._tracks = [t for t in self._tracks if t.state is not TrackState.LOST]
+        lost = before - len(self._tracks)
+        started = self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], rays.time)
+        views = self._views.setdefault(sensor, deque(maxlen=_MAX_VIEWS))
+        if not views or rays.time - views[-1].time >= _VIEW_STEP:
+            views.append(rays)
+        return Sighting(np.concatenate([np.zeros((0, 2)), *moved]), len(self._tracks), started, lost)
+
+    def of_movers(self, points: Array) -> Mask:
+        """Which of the points (n, 2) lie within movers, with their padding."""
+        inside = np.zeros(len(points), dtype=bool)
+        for track in self._tracks:
+            if track.moving:
+                d = points - track.p
+                inside |= np.hypot(d[:, 0], d[:, 1]) <= track.radius + self.params.padding
+        return inside
+
+    def _assign(self, clusters: list[Cluster], shapes: list[Footprint]) -> list[tuple[int, int]]:
+        if not clusters or not self._tracks:
+            return []
+        from scipy.optimize import linear_sum_assignment  # late: slow to import
+
+        params = self.params
+        cost = np.full((len(self._tracks), len(clusters)), _FORBIDDEN)
+        centers = np.array([s.center for s in shapes])
+        places = np.array([t.p for t in self._tracks])
+        apart = np.hypot(*(places[:, None] - centers[None]).transpose(2, 0, 1))
+        for k, j in np.argwhere(apart < params.max_mover_size + 0.5).tolist():
+            square = self._tracks[k].distance2(clusters[j], shapes[j], params)
+            if square < params.gate:
+                cost[k, j] = square
+        rows, columns = linear_sum_assignment(cost)
+        return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN]
+
+    def _judge(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str, moved: list[Array]) -> None:
+        """Whether a track that was just seen is a mover from now on, or none any more."""
+        params = self.params
+        significant = track.state is TrackState.CONFIRMED and track.significant(params)
+        if track.moving:
+            if significant:
+                track.moved = track.time
+            elif track.time - track.moved > params.rest_time:
+                track.moving, track.votes, track.rested = False, 0, track.time
+            return
+        displaced = self._displaced(track, cluster, rays, sensor)
+        if displaced:
+            track.stirred = track.time
+        # what has moved before needs no proof that it can
+        track.votes = track.votes + 1 if significant and (displaced or track.wary(params)) else 0
+        if track.votes >= _VOTES:
+            track.moving, track.moved = True, track.time
+            moved.extend(points for _, points in track.points)
+
+    def _displaced(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str) -> bool:
+        """Whether scans some time apart contradict that a track stands."""
+        then = rays.time - min(self.params.look_back, _WAY / max(track.speed, 1e-9))
+        view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
+        if view is None:
+            return False
+        margin = self.params.carve_margin
+        was = track.past_points(view.time + 1e-6)
+        for scan, points in ((view, cluster.points), (rays, was)):
+            if len(points):
+                through, _ = scan.beyond(points, margin)
+                if through.sum() >= max(2.0, _EVIDENCE * len(points)):
+                    return True
+        return False
+
+    def _missed(self, track: Track, rays: ScanRays) -> None:
+        """A track without a cluster: seen through, it is not there; hidden or next to something else, it may be."""
+        params = self.params
+        track.votes = 0
+        places = track.p + track.radius * _STAR
+        through, _ = rays.beyond(places, 0.5 * params.carve_margin)
+        if through.sum() > 0.5 * len(places):
+            track.misses += 1
+        if track.misses >= params.lost_misses or (through.any() and track.state is TrackState.TENTATIVE):
+            track.state = TrackState.LOST
+        if rays.time - track.seen > params.coast_time:
+            track.state = TrackState.LOST
+
+    def _begin(self, fresh: list[tuple[Cluster, Footprint]], time: float) -> int:
+        """New tracks, but for parts of movers."""
+        if not fresh:
+            return 0
+        inside = self.of_movers(np.array([shape.center for _, shape in fresh]))
+        count = 0
+        for (cluster, shape), part in zip(fresh, inside.tolist(), strict=True):
+            if not part:
+                self._tracks.append(Track(self._born, time, cluster, shape, self.params))
+                self._born += 1
+                count += 1
+        return count
+
+
+_STAR = np.array([[0.0, 0.0], [0.7, 0.0], [-0.7, 0.0], [0.0, 0.7], [0.0, -0.7]])

@@ -1,0 +1,184 @@
+"""Devices: laser, sonars and infrared sensors, which report a world with noise, losses and limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ...perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing
+from ...robot.space import Array
+from .mounting import Mount, Posture
+from .params import LaserParams, RangeParams, RingParams
+from .rays import ObstacleRays, OwnBody, Rays
+
+CUT = 3.0
+"""Noise is cut off at this many standard deviations."""
+
+
+def measured(distance: Array, params: RangeParams, rng: np.random.Generator) -> Array:
+    """Ranges (R,) [m] that a device reports.
+
+    As many random numbers are drawn whatever the distances are, so that one range does not change the noise of another.
+
+    Args:
+        distance: (R,) true ones [m]; infinite where nothing is, NaN where nothing is known.
+        params: of the device.
+        rng: source of noise and dropouts.
+
+    Returns:
+        ``NOTHING`` beyond the longest range, ``NO_ANSWER`` where the range was lost or is not known; else within
+        ``range_min`` and ``range_max``.
+    """
+    white = np.clip(rng.standard_normal(distance.shape), -CUT, CUT)
+    lost = rng.random(distance.shape) < params.dropout
+    there = np.where(np.isfinite(distance), distance, 0.0)
+    ranges = np.clip(there + (params.noise + params.noise_ratio * there) * white, params.range_min, params.range_max)
+    near = distance < params.range_min
+    ranges[near] = params.range_min if params.near_reads_min else NO_ANSWER
+    ranges[distance > params.range_max] = NOTHING
+    ranges[lost | np.isnan(distance)] = NO_ANSWER
+    return ranges
+
+
+class LaserRangefinder:
+    """Workspace: one laser range finder on a robot.
+
+    Args:
+        params: of the device.
+        posture: of the robot; whoever asks for a scan has placed it.
+        obstacles: of the world.
+        rng: source of noise and dropouts.
+        self_padding: of the links that move before the laser [m].
+
+    Raises:
+        RobotError: the robot has no such link.
+    """
+
+    def __init__(
+        self,
+        params: LaserParams,
+        posture: Posture,
+        obstacles: ObstacleRays,
+        rng: np.random.Generator,
+        self_padding: float,
+    ) -> None:
+        self.params, self._obstacles, self._rng = params, obstacles, rng
+        self._mount = Mount(posture, (params.frame,))
+        half, full = 0.5 * params.field_of_view, params.field_of_view >= 2.0 * math.pi - 1e-9
+        self.angles = np.linspace(-half, half, params.rays, endpoint=not full) if params.rays > 1 else np.zeros(1)
+        fan = np.stack((np.cos(self.angles), np.sin(self.angles), np.zeros(params.rays)), axis=1)
+        self._local = Rays(np.zeros((1, 3)), fan)
+        joint = np.full(params.rays, self._mount.joint[0])
+        self._own = OwnBody(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
+
+    def measure(self, t: float) -> LaserScan:
+        """The scan at time ``t`` [s] from where the robot was placed.
+
+        A beam that meets the robot before an obstacle says ``NO_ANSWER``.
+        """
+        p = self.params
+        T_world_sensor, T_base_sensor = self._mount.poses()
+        rays = self._local.moved(T_world_sensor[0])
+        distance = self._obstacles.cast(t, rays, p.range_max).distance
+        own = self._own.distances(rays, p.range_max)
+        distance[np.isfinite(own) & (own <= distance)] = NO_ANSWER
+        ranges = measured(distance, p, self._rng)
+        return LaserScan(p.name, t, T_base_sensor[0], self.angles, ranges, p.range_min, p.range_max)
+
+
+_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # [rad] turn from one ray to the next
+
+
+def cone_rays(half_angle: float, count: int) -> Array:
+    """Directions (count, 3) that fill a cone about the x axis evenly; the first is the axis, the last on the rim.
+
+    Args:
+        half_angle: of the cone [rad].
+        count: how many.
+    """
+    k = np.arange(count)
+    tilt, turn = half_angle * np.sqrt(k / max(count - 1, 1)), _GOLDEN * k
+    return np.stack((np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)), axis=1)
+
+
+class SensorRing:
+    """Workspace: one ring of sonars or infrared sensors on a robot; one group of them fires at a time.
+
+    Args:
+        params: of the devices.
+        posture: of the robot; whoever asks for a reading has placed it.
+        obstacles: of the world.
+        rng: source of noise, dropouts and crosstalk.
+        self_padding: of the links that move before the sensors [m].
+
+    Raises:
+        RobotError: the robot has no such link.
+    """
+
+    def __init__(
+        self,
+        params: RingParams,
+        posture: Posture,
+        obstacles: ObstacleRays,
+        rng: np.random.Generator,
+        self_padding: float,
+    ) -> None:
+        self.params, self._obstacles, self._rng = params, obstacles, rng
+        self._mount = Mount(posture, params.frames)
+        self._cone = cone_rays(params.half_angle, params.rays)
+        self._groups: list[tuple[npt.NDArray[np.intp], OwnBody]] = []
+        for g in range(params.groups):
+            members = np.arange(g, len(params.frames), params.groups)
+            joint = np.repeat(self._mount.joint[members], params.rays)
+            local = self._rays(self._mount.T_joint_sensor[members])
+            self._groups.append((members, OwnBody(posture, joint, local, self_padding)))
+        self.restart()
+
+    def restart(self) -> None:
+        """The first group fires next."""
+        self._next = 0
+
+    def measure(self, t: float) -> RangeRing:
+        """The reading at time ``t`` [s] of the group whose turn it is; all other sensors say ``NO_ANSWER``.
+
+        Each sensor reports the nearest echo of its cone. Where that is the robot itself, it says ``NO_ANSWER``.
+        """
+        p = self.params
+        members, own = self._groups[self._next]
+        self._next = (self._next + 1) % p.groups
+        T_world_sensor, T_base_sensor = self._mount.poses()
+        distance = self._distances(t, self._rays(T_world_sensor[members]), own)
+        ranges = np.full(len(p.frames), NO_ANSWER)
+        ranges[members] = measured(self._overheard(distance), p, self._rng)
+        return RangeRing(p.name, p.kind, t, T_base_sensor, ranges, p.half_angle, p.range_min, p.range_max)
+
+    def _rays(self, T: Array) -> Rays:
+        """All rays of sensors at ``T`` (S, 4, 4), sensor by sensor."""
+        direction = np.matmul(self._cone, T[:, :3, :3].transpose(0, 2, 1)).reshape(-1, 3)
+        return Rays(np.repeat(T[:, :3, 3], self.params.rays, axis=0), direction)
+
+    def _distances(self, t: float, rays: Rays, own: OwnBody) -> Array:
+        """Nearest true echo (S,) [m] of each sensor; infinite without one, NaN where it is the robot's own."""
+        p = self.params
+        met = self._obstacles.cast(t, rays, p.range_max, normals=True)
+        body = own.distances(rays, p.range_max)
+        blocked = np.isfinite(body) & (body <= met.distance)
+        assert met.normal is not None
+        facing = -np.einsum("ij,ij->i", met.normal, rays.direction)
+        heard = (facing >= math.cos(p.max_incidence) - 1e-9) | (met.distance == 0.0)
+        echo = np.where(heard, met.distance, np.inf).reshape(-1, p.rays).min(axis=1)
+        self_echo = np.where(blocked, body, np.inf).reshape(-1, p.rays).min(axis=1)
+        echo[np.isfinite(self_echo) & (self_echo <= echo)] = NO_ANSWER
+        return echo
+
+    def _overheard(self, distance: Array) -> Array:
+        """Some sensors hear the echo of a neighbour that fires with them, if it comes before their own."""
+        n = len(distance)
+        side = np.where(self._rng.random(n) < 0.5, -1, 1)
+        hears = self._rng.random(n) < self.params.crosstalk
+        if n < 2 or not hears.any():
+            return distance
+        neighbour = distance[(np.arange(n) + side) % n]
+        return np.where(hears & (neighbour < distance), neighbour, distance)

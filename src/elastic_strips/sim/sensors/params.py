@@ -1,0 +1,261 @@
+"""Sensors room, params: what range sensors are like: their rays, reach, rate, latency and errors, checked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from ...errors import ParameterError, nearest_name
+
+RingKind = Literal["sonar", "infrared"]
+KINDS: tuple[RingKind, ...] = ("sonar", "infrared")
+MOST_RAYS = 100_000
+SHORTEST_PERIOD = 1e-3  # [s]
+
+
+def _where(params: Any) -> str:
+    name = getattr(params, "name", None)
+    return f"{type(params).__name__}({name!r})" if isinstance(name, str) else type(params).__name__
+
+
+def _check(params: Any, key: str, low: float, high: float, unit: str) -> None:
+    value = getattr(params, key)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not math.isfinite(value) or not low <= value <= high:
+        raise ParameterError(f"{_where(params)}.{key}={value!r} must be a number in [{low:g}, {high:g}] {unit}")
+
+
+def _check_count(params: Any, key: str, low: int, high: int) -> None:
+    value = getattr(params, key)
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ParameterError(f"{_where(params)}.{key}={value!r} must be an integer in [{low}, {high}]")
+
+
+def _check_name(params: Any, key: str) -> None:
+    value = getattr(params, key)
+    if not isinstance(value, str) or not value.strip():
+        raise ParameterError(f"{type(params).__name__}.{key}={value!r} must be a name")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeParams:
+    """What all range sensors have in common.
+
+    Attributes:
+        name: of the sensor; its readings carry it.
+        range_min, range_max: shortest and longest range that it can tell [m].
+        rate: firings per second [Hz].
+        latency: from a measurement to the time at which it can be read [s].
+        noise: standard deviation of a range [m]; Gaussian, cut off at three standard deviations.
+        noise_ratio: what the standard deviation grows by per metre of range [-].
+        dropout: probability that a range is lost (``NO_ANSWER``), for each ray or sensor alone [-].
+        near_reads_min: whether something nearer than ``range_min`` reads as ``range_min``; else as ``NO_ANSWER``.
+    """
+
+    name: str
+    range_min: float
+    range_max: float
+    rate: float
+    latency: float
+    noise: float
+    noise_ratio: float
+    dropout: float
+    near_reads_min: bool
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            ParameterError: a value that is no number, not finite or outside its bounds.
+        """
+        _check_name(self, "name")
+        _check(self, "range_min", 0.0, 1e3, "m")
+        _check(self, "range_max", 0.0, 1e3, "m")
+        if not self.range_max > self.range_min:
+            raise ParameterError(
+                f"{_where(self)}.range_max={self.range_max!r} must exceed range_min={self.range_min!r} m"
+            )
+        _check(self, "rate", 1e-3, 1.0 / SHORTEST_PERIOD, "Hz")
+        _check(self, "latency", 0.0, 10.0, "s")
+        _check(self, "noise", 0.0, 10.0, "m")
+        _check(self, "noise_ratio", 0.0, 1.0, "-")
+        _check(self, "dropout", 0.0, 1.0, "-")
+        if not isinstance(self.near_reads_min, bool):
+            raise ParameterError(f"{_where(self)}.near_reads_min={self.near_reads_min!r} must be True or False")
+
+    def noise_bound(self, distance: float) -> float:
+        """Largest error [m] of a range of something ``distance`` [m] away."""
+        return 3.0 * (self.noise + self.noise_ratio * distance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaserParams(RangeParams):
+    """A planar laser range finder. The figures are those assumed of a small one of 10 m; see docs/sensors.md.
+
+    Attributes:
+        frame: link of the URDF whose xy plane the rays lie in; the middle one looks along x.
+        field_of_view: angle between the first and the last ray [rad]; 2π leaves out the last one.
+        rays: number of rays.
+    """
+
+    name: str = "laser"
+    frame: str = "laser_frame"
+    field_of_view: float = math.pi
+    rays: int = 361
+    range_min: float = 0.05
+    range_max: float = 10.0
+    rate: float = 20.0
+    latency: float = 0.03
+    noise: float = 0.008
+    noise_ratio: float = 0.001
+    dropout: float = 0.005
+    near_reads_min: bool = False
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            ParameterError: a value outside its bounds.
+        """
+        RangeParams.__post_init__(self)
+        _check_name(self, "frame")
+        _check(self, "field_of_view", 0.0, 2.0 * math.pi + 1e-9, "rad")
+        _check_count(self, "rays", 1, MOST_RAYS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RingParams(RangeParams):
+    """A ring of single-range sensors: sonars or infrared distance sensors.
+
+    Attributes:
+        kind: ``"sonar"`` or ``"infrared"``.
+        frames: links of the URDF, one for each sensor, which looks along its x axis; in order around the robot.
+        half_angle: of the cone that a sensor sees [rad].
+        rays: rays in that cone; the nearest echo counts.
+        max_incidence: angle between a ray and the normal of a surface beyond which the surface reflects it away [rad].
+        crosstalk: probability that a sensor hears the echo of its neighbour in the group that fires with it [-].
+        groups: sensor i fires in group i modulo ``groups``, one group a firing; each is asked ``rate / groups`` times a
+            second.
+    """
+
+    kind: RingKind
+    frames: tuple[str, ...]
+    half_angle: float
+    rays: int
+    max_incidence: float
+    crosstalk: float
+    groups: int
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            ParameterError: a value outside its bounds.
+        """
+        RangeParams.__post_init__(self)
+        if self.kind not in KINDS:
+            raise ParameterError(f"{_where(self)}.kind={self.kind!r} is unknown{nearest_name(self.kind, KINDS)}")
+        if isinstance(self.frames, str) or not all(isinstance(f, str) and f for f in self.frames) or not self.frames:
+            raise ParameterError(f"{_where(self)}.frames={self.frames!r} must be one or more names of links")
+        object.__setattr__(self, "frames", tuple(self.frames))
+        if len(set(self.frames)) < len(self.frames):
+            raise ParameterError(f"{_where(self)}.frames={self.frames!r} names a link twice")
+        _check(self, "half_angle", 0.0, 0.5 * math.pi, "rad")
+        _check_count(self, "rays", 1, MOST_RAYS // len(self.frames))
+        _check(self, "max_incidence", 0.0, 0.5 * math.pi, "rad")
+        _check(self, "crosstalk", 0.0, 1.0, "-")
+        _check_count(self, "groups", 1, len(self.frames))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SonarParams(RingParams):
+    """A ring of sonars; the figures are those assumed of twelve small ones of 3 m."""
+
+    name: str = "sonar"
+    kind: RingKind = "sonar"
+    frames: tuple[str, ...] = tuple(f"sonar_{k}_frame" for k in range(12))
+    half_angle: float = 0.2617993877991494
+    rays: int = 31
+    max_incidence: float = 0.6
+    crosstalk: float = 0.01
+    groups: int = 3
+    range_min: float = 0.15
+    range_max: float = 3.0
+    rate: float = 15.0
+    latency: float = 0.03
+    noise: float = 0.01
+    noise_ratio: float = 0.01
+    dropout: float = 0.02
+    near_reads_min: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InfraredParams(RingParams):
+    """Infrared distance sensors; the figures are those assumed of six triangulating ones of 0.8 m."""
+
+    name: str = "infrared"
+    kind: RingKind = "infrared"
+    frames: tuple[str, ...] = tuple(f"ir_{k}_frame" for k in range(6))
+    half_angle: float = 0.03
+    rays: int = 7
+    max_incidence: float = 1.4
+    crosstalk: float = 0.0
+    groups: int = 1
+    range_min: float = 0.1
+    range_max: float = 0.8
+    rate: float = 25.0
+    latency: float = 0.04
+    noise: float = 0.003
+    noise_ratio: float = 0.02
+    dropout: float = 0.005
+    near_reads_min: bool = True
+
+
+SensorParams = LaserParams | RingParams
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorConfig:
+    """The range sensors of a robot.
+
+    Attributes:
+        sensors: what they are like; no two have the same name. The default is the Silvermate's set.
+        self_padding: by how much the links are thought thicker than they are, when the robot decides what a beam met
+            was itself [m].
+    """
+
+    sensors: tuple[SensorParams, ...] = (LaserParams(), SonarParams(), InfraredParams())
+    self_padding: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            ParameterError: something that is no sensor, two of one name, or a padding out of bounds.
+        """
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        names: set[str] = set()
+        for sensor in self.sensors:
+            if not isinstance(sensor, (LaserParams, RingParams)):
+                raise ParameterError(f"SensorConfig.sensors: {sensor!r} is neither LaserParams nor RingParams")
+            if sensor.name in names:
+                raise ParameterError(f"SensorConfig.sensors: two of them are named {sensor.name!r}; names are unique")
+            names.add(sensor.name)
+        _check(self, "self_padding", 0.0, 1.0, "m")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sensors."""
+        return tuple(s.name for s in self.sensors)
+
+    def only(self, *names: str) -> SensorConfig:
+        """These sensors alone.
+
+        Raises:
+            ParameterError: there is no sensor of such a name.
+        """
+        for name in names:
+            if name not in self.names:
+                raise ParameterError(f"sensor {name!r} is unknown{nearest_name(name, self.names)}")
+        return replace(self, sensors=tuple(s for s in self.sensors if s.name in names))

@@ -1,0 +1,229 @@
+"""Tracks: movers are found with their velocities and keep their names; walls never move."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from ray_caster import box_segments, scan
+
+from elastic_strips.perception import SceneEstimator, SceneEstimatorParams
+from elastic_strips.scene import Twist
+
+ROOM = box_segments(4, 0, 12, 8) + box_segments(5, 2, 1.0, 0.6, 0.3) + box_segments(2, -2.5, 0.5, 0.5)
+
+
+def drive(estimator, seconds, circles_at, *, pose_at=lambda t: (0, 0, 0), noise=0.01, pose_noise=0.0, seed=0, **world):
+    """Feed scans at 10 Hz; yields (time, movers)."""
+    rng = np.random.default_rng(seed)
+    for k in range(round(seconds * 10) + 1):
+        t = 0.1 * k
+        pose = np.array(pose_at(t), dtype=float)
+        reading = scan(pose, t, circles=circles_at(t), noise=noise, rng=rng, **{"segments": ROOM, **world})
+        estimator.update(reading, pose + rng.normal(0, 1, 3) * pose_noise * np.array([1, 1, 0.5]))
+        yield t, estimator.movers
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.7, 1.1, 1.5])
+@pytest.mark.parametrize("way", [(0.0, 1.0), (-1.0, 0.0), (1.0, 0.0), (0.7, -0.7)])
+def test_a_lone_mover_has_its_velocity_after_a_second(speed, way):
+    """Across, towards and away from the sensor; one mover, one name, and errors as small as their sigmas say."""
+    v = speed * np.array(way)
+    start = np.array([3.2, 0.0]) - v * 0.9
+    names = set()
+    for t, movers in drive(SceneEstimator(), 1.8, lambda t: [(*(start + v * t), 0.25)]):
+        names |= {m.name for m in movers}
+        if t > 0.99:
+            (mover,) = movers
+            error = np.hypot(*(mover.velocity - v))
+            assert error < 0.15
+            assert error < 3.5 * mover.velocity_sigma
+            assert np.hypot(*(mover.position - start - v * t)) < 0.06
+            assert mover.radius == pytest.approx(0.25 + 0.03, abs=0.05)
+    assert len(names) == 1
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.6])
+def test_a_box_that_drives_is_a_mover_that_holds_it(yaw):
+    """A cart of 0.7 × 0.45 m across the view: its cylinder holds what is seen of it, and goes its way."""
+    found, estimator, rng = 0, SceneEstimator(), np.random.default_rng(0)
+    for k in range(25):
+        t, y = 0.1 * k, -1.2 + 0.08 * k
+        cart = box_segments(3.0, y, 0.45, 0.7, yaw)
+        estimator.update(scan((0, 0, 0), t, segments=ROOM + cart, noise=0.01, rng=rng), (0, 0, 0))
+        if t > 1.2:
+            (mover,) = estimator.movers
+            assert np.hypot(*(mover.velocity - (0.0, 0.8))) < 0.2
+            corners = np.array([(s[0], s[1]) for s in cart])
+            near = corners[corners[:, 0] < 3.0]
+            assert np.hypot(*(near - mover.position).T).max() < mover.radius + 0.03
+            found += 1
+    assert found > 10
+
+
+def test_two_that_cross_keep_their_names():
+    """Their ways cross 0.8 m behind one another; the far one is hidden for a while."""
+    ways = {"near": ((2.5, -1.5), (0.0, 0.9)), "far": ((3.6, 1.6), (0.0, -0.9))}
+
+    def at(t):
+        return [(p[0] + v[0] * t, p[1] + v[1] * t, 0.22) for p, v in ways.values()]
+
+    known: dict[str, set[str]] = {"near": set(), "far": set()}
+    for t, movers in drive(SceneEstimator(), 3.2, at):
+        if t > 0.9:
+            assert len(movers) == 2
+            for mover in movers:
+                who = min(ways, key=lambda w: abs(mover.position[0] - ways[w][0][0]))
+                known[who].add(mover.name)
+                assert mover.velocity[1] * ways[who][1][1] > 0.0
+    assert [len(names) for names in known.values()] == [1, 1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_driving_robot_among_walls_sees_nothing_move(seed):
+    """Ten seconds with noise of ranges and pose, past corners, thin poles and a gap through which a wall is seen."""
+    gap = [(3.0, 1.0, 3.0, 3.9), (3.0, -0.2, 3.0, 0.4), (3.0, -3.9, 3.0, -0.8)]
+    estimator = SceneEstimator()
+
+    def pose_at(t):
+        return 0.25 * t - 1.2, 0.4 * math.sin(0.8 * t), 0.5 * math.sin(0.6 * t)
+
+    steps = drive(
+        estimator,
+        10.0,
+        lambda t: [(1.6, 1.9, 0.05), (0.9, -1.2, 0.2)],
+        pose_at=pose_at,
+        pose_noise=0.01,
+        seed=seed,
+        segments=ROOM + gap,
+    )
+    for t, movers in steps:
+        assert not movers, f"{movers} at {t:g} s"
+    assert estimator.report.tracks > 0
+
+
+def test_a_mover_that_stops_goes_back_into_the_map_and_leaves_nothing_behind():
+    estimator = SceneEstimator()
+    moved = False
+    for t, movers in drive(estimator, 6.0, lambda t: [(2.5, -1.0 + min(t, 1.8), 0.25)]):
+        if movers and not moved:  # from the first scan on its traces are gone, also those that nobody has seen through
+            trace = np.array([[2.28 + d, -1.0 + y] for y in np.arange(0.0, t + 0.15, 0.04) for d in (0, 0.04, 0.08)])
+            assert not estimator.map.occupied(trace).any()
+        moved |= bool(movers)
+        if 1.2 < t < 1.75:
+            assert not estimator.map.occupied(movers[0].position[None] + [[0.0, -0.9]]).any()
+    assert moved
+    assert not estimator.movers
+    assert estimator.map.occupied(np.array([[2.26, 0.8]])).all()
+    assert not estimator.map.occupied(np.array([[2.26, y] for y in (-1.0, -0.5, 0.0, 0.3)])).any()
+
+
+def test_who_has_come_to_rest_may_set_off_again_for_a_while():
+    """It brakes at 0.5 m/s², stands from 2 s on, and sets off at 7 s: somebody who is known to move."""
+
+    def y(t: float) -> float:
+        s = min(t, 2.0)
+        return -1.0 + s - 0.25 * s * s + 0.2 * max(t - 7.0, 0.0) ** 2
+
+    def at(t):
+        return [(2.5, y(t), 0.25)]
+
+    estimator = SceneEstimator(SceneEstimatorParams(wary_time=8.0))
+    wary, moving = {}, {}
+    for t, movers in drive(estimator, 9.0, at):
+        wary[round(t, 1)], moving[round(t, 1)] = estimator.suspects, movers
+    for t in (5.0, 6.0, 6.9):
+        (suspect,) = wary[t]
+        assert not moving[t]
+        assert suspect.obstacle.motion.max_speed == 0.2
+        assert np.hypot(*(suspect.position - (2.5, y(t)))) < 0.06
+    assert len({m.name for found in (wary, moving) for t in found for m in found[t]}) == 1
+    assert all(isinstance(moving[t][0].obstacle.motion, Twist) for t in (2.0, 8.5, 9.0))
+    assert suspect.name in estimator.scene()
+    estimator = SceneEstimator(SceneEstimatorParams(wary_time=1.0))
+    assert not any(estimator.suspects for t, _ in drive(estimator, 6.9, at) if t > 6.0)
+    assert estimator.map.occupied(np.array([[2.26, y(6.9)]])).all()
+
+
+def test_who_comes_out_from_behind_something_is_suspect_at_once():
+    """A crate hides it; scans saw through where it is now, long before its velocity can be known."""
+    crate = box_segments(1.6, 0.9, 0.8, 0.8)
+
+    def at(t):
+        return [(2.6, 1.3 - max(t - 1.0, 0.0) * 1.0, 0.25)]
+
+    estimator = SceneEstimator()
+    first: dict[str, float] = {}
+    for t, movers in drive(estimator, 2.6, at, segments=ROOM + crate):
+        for kind, found in (("suspect", estimator.suspects), ("mover", movers)):
+            for m in found:
+                if np.hypot(*(m.position - at(t)[0][:2])) < 0.4:
+                    first.setdefault(kind, t)
+    assert first["suspect"] <= first["mover"] - 0.2
+    assert estimator.scene().obstacle(movers[0].name).motion is not None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_in_a_standing_room_nothing_is_suspect(seed):
+    """A robot drives and turns among walls and boxes, with noise in its ranges and its pose."""
+    rng = np.random.default_rng(seed)
+    spin, step = rng.uniform(-0.7, 0.7), rng.uniform(0.1, 0.5)
+    estimator = SceneEstimator()
+    posts = [(1.5, -1.0, 0.06), (3.0, 1.5, 0.2), (-1.0, 2.0, 0.3)]
+    for _ in drive(estimator, 5.0, lambda t: posts, pose_at=lambda t: (step * t, 0.1 * t, spin * t), pose_noise=0.005,
+                   seed=seed):  # fmt: skip
+        assert not estimator.suspects
+
+
+def test_what_is_seen_through_is_lost_and_what_is_hidden_is_foreseen():
+    params = SceneEstimatorParams(coast_time=1.0)
+    screen = [(1.0, -0.3, 1.0, 0.3)]
+    estimator = SceneEstimator(params)
+    before = None
+    for t, movers in drive(estimator, 3.0, lambda t: [(2.5, -1.5 + 0.8 * t, 0.2)], segments=ROOM + screen):
+        if 1.2 < t < 1.9:
+            assert len(movers) == 1
+        if t > 1.55 and movers and movers[0].seen < t - 0.25:  # behind the screen
+            before = before or movers[0].position_sigma
+            assert abs(movers[0].position[1] - (-1.5 + 0.8 * t)) < 0.15
+    assert before is not None
+    estimator = SceneEstimator(params)
+    last = None
+    for t, movers in drive(estimator, 3.0, lambda t: [(2.5, -1.0 + 0.8 * t, 0.2)] if t < 1.5 else []):
+        if movers:
+            last = t
+    assert last is not None
+    assert 1.45 < last < 1.5 + 0.1 * params.lost_misses + 0.01
+
+
+def test_a_mover_keeps_solid_and_name_and_moves_on_in_the_scene():
+    estimator = SceneEstimator()
+    solids = []
+    for t, movers in drive(estimator, 2.5, lambda t: [(2.5, -1.2 + 0.8 * t, 0.25)]):
+        if not movers:
+            continue
+        scene = estimator.scene()
+        obstacle = scene.obstacle(movers[0].name)
+        solids.append(obstacle.solid)
+        assert scene.time == t
+        assert isinstance(obstacle.motion, Twist)
+        np.testing.assert_allclose(obstacle.pose[:2, 3], movers[0].position)
+        later = scene.at(t + 1.0).obstacle(movers[0].name)
+        np.testing.assert_allclose(later.pose[:2, 3], movers[0].position + movers[0].velocity, atol=1e-9)
+        assert not movers[0].within(0.0, 0.02)
+        assert movers[0].within(1.0, 1.0)
+    assert len(solids) > 10
+    assert len({id(s) for s in solids}) <= 3
+    assert solids[-1] is solids[-2]
+
+
+def test_the_same_readings_give_the_same_tracks():
+    def run():
+        estimator = SceneEstimator()
+        for _ in drive(estimator, 1.5, lambda t: [(2.5, t - 1.0, 0.2), (3.5, 1.0 - t, 0.2)]):
+            pass
+        return [(m.name, m.position.tolist(), m.velocity.tolist()) for m in estimator.movers]
+
+    assert run() == run()
+    assert len(run()) == 2

@@ -1,0 +1,57 @@
+"""Mounting: the links that sensors sit on, and their poses, by Pinocchio's frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import configuration, random_chart
+
+from elastic_strips.errors import ConfigurationError, RobotError
+from elastic_strips.sim.sensors import sensor_frames
+from elastic_strips.sim.sensors.mounting import Mount, Posture
+
+
+def test_the_silvermate_has_its_sensors(silvermate):
+    found = sensor_frames(silvermate)
+    assert found["laser"] == ("laser_frame",)
+    assert found["sonar"] == tuple(f"sonar_{k}_frame" for k in range(12))
+    assert found["infrared"] == tuple(f"ir_{k}_frame" for k in range(6))
+
+
+def test_another_robot_has_none(gantry):
+    assert sensor_frames(gantry) == {"laser": (), "sonar": (), "infrared": ()}
+
+
+def test_a_missing_link_is_named_with_those_there_are(gantry, silvermate):
+    with pytest.raises(
+        RobotError, match=r"no link 'laser_frame'.* It has: camera, carriage, finger, rail, spindle, tip"
+    ):
+        Mount(Posture(gantry), ["laser_frame"])
+    with pytest.raises(RobotError, match="did you mean 'sonar_1_frame'"):
+        Mount(Posture(silvermate), ["sonar_1_fram"])
+
+
+@pytest.mark.parametrize(
+    "name, links", [("silvermate", ["laser_frame", "ir_5_frame", "arm_7_link"]), ("gantry", ["tip"])]
+)
+def test_poses_are_pinocchios(name, links, request):
+    robot = request.getfixturevalue(name)
+    posture = Posture(robot)
+    mount = Mount(posture, links)
+    data = robot.model.createData()
+    for chart in random_chart(robot, np.random.default_rng(0), 4):
+        posture.place(chart)
+        pin.framesForwardKinematics(robot.model, data, configuration(robot, chart))
+        world, base = mount.poses()
+        T_world_base = data.oMi[1].homogeneous if robot.space.planar else np.eye(4)
+        for k, link in enumerate(links):
+            T = data.oMf[robot.model.getFrameId(link, pin.FrameType.BODY)].homogeneous
+            np.testing.assert_allclose(world[k], T, atol=1e-12)
+            np.testing.assert_allclose(T_world_base @ base[k], T, atol=1e-12)
+
+
+@pytest.mark.parametrize("bad", [np.zeros(3), np.full(10, np.nan)])
+def test_a_chart_row_that_is_none(silvermate, bad):
+    with pytest.raises(ConfigurationError, match="finite numbers"):
+        Posture(silvermate).place(bad)

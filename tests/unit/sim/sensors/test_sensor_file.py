@@ -1,0 +1,83 @@
+"""Sensor files: the Silvermate's is what the defaults say; wrong files name file, line, key, value and bound."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.sim.sensors import (
+    InfraredParams,
+    LaserParams,
+    SensorConfig,
+    SonarParams,
+    read_sensors,
+    silvermate_sensors,
+)
+
+DOCS = Path(__file__).parents[3] / "docs" / "sensors.md"
+
+
+def written(tmp_path, text):
+    path = tmp_path / "sensors.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_silvermates_file_is_the_default():
+    assert read_sensors() == SensorConfig()
+    assert read_sensors(silvermate_sensors()) == SensorConfig()
+
+
+def test_the_silvermates_file_says_everything():
+    text = silvermate_sensors().read_text(encoding="utf-8")
+    for make in (LaserParams, SonarParams, InfraredParams):
+        for f in fields(make):
+            assert f.name == "name" or re.search(rf"^    {f.name}:", text, re.MULTILINE), f.name
+
+
+def test_what_a_file_leaves_out_is_the_default(tmp_path):
+    config = read_sensors(written(tmp_path, "sensors:\n  front: {kind: laser, rays: 7}\n  ir: {kind: infrared}\n"))
+    assert config == SensorConfig(sensors=(LaserParams(name="front", rays=7), InfraredParams(name="ir")))
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (
+            "sensors:\n  a: {kind: laser}\n  b: {kind: laser, rangemax: 3}\n",
+            r":3: .*rangemax.*did you mean 'range_max'",
+        ),
+        ("sensors:\n  a:\n    kind: laser\n    dropout: 2\n", r":2: sensors\.a: .*dropout=2\.0 must be .*\[0, 1\]"),
+        ("sensors:\n  a:\n    kind: laser\n    dropout: high\n", r":4: sensors\.a\.dropout: must be a number"),
+        ("sensors:\n  a:\n    kind: laser\n    rays: 3.5\n", r":4: sensors\.a\.rays: must be an integer"),
+        ("sensors:\n  a: {kind: lasr}\n", r":2: sensors\.a\.kind: .*did you mean 'laser'"),
+        ("sensors:\n  a: {rate: 3}\n", r"the key 'kind' is missing.*infrared, laser, sonar"),
+        ("sensors: [laser]\n", "must be a mapping from names to sensors"),
+        ("sensors:\n  a: 3\n", "must be a mapping"),
+        ("sensor: {}\n", "did you mean 'sensors'"),
+        ("self_padding: 0.1\n", "the key 'sensors' is missing"),
+        ("sensors: {}\nself_padding: 2\n", r"self_padding=2\.0.*\[0, 1\] m"),
+        ("sensors:\n  a: {kind: sonar, frames: [a, a], groups: 1}\n", "names a link twice"),
+    ],
+)
+def test_wrong_files(tmp_path, text, message):
+    path = written(tmp_path, text)
+    with pytest.raises(ParameterError, match=message) as caught:
+        read_sensors(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(ParameterError, match=r"none\.yaml"):
+        read_sensors(tmp_path / "none.yaml")
+
+
+def test_the_document_names_every_key():
+    text = DOCS.read_text(encoding="utf-8")
+    for make in (LaserParams, SonarParams, InfraredParams):
+        for f in fields(make):
+            assert f.name == "name" or f"`{f.name}`" in text, f.name
