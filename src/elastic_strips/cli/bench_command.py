@@ -12,7 +12,7 @@ from ..io import check_writable, write_json
 from ..io.files import write_whole
 from ..robot import load_robot
 from .bench_drive_command import COMMANDS
-from .numbers import Finite
+from .group import Finite
 from .progress import LateProgress
 
 _robot = click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")

@@ -10,7 +10,7 @@ from ..bench import bench_bridge, bench_drive, bench_faults, bench_problems, ben
 from ..io import check_writable, write_json
 from ..robot import load_robot
 from ..scenarios import DRIVE_METHODS, PLANTS, STRIP
-from .numbers import Finite
+from .group import Finite
 from .progress import LateProgress
 from .sensor_option import sensors_of, sensors_option
 

@@ -26,7 +26,7 @@ from ..scenarios import (
 from ..sim import FAULTS, Fault, Simulation
 from ..strip import Strip
 from . import EXIT_INTERRUPTED
-from .numbers import Finite
+from .group import Finite
 from .pictures import browser_option, open_viewer, write_page
 from .progress import LateProgress
 from .run_command import check_outputs

@@ -1,17 +1,29 @@
-"""The command group, which loads a command when it is called, and how errors end one: a message and exit code 2, never
-a traceback."""
+"""The command group, which loads a command when it is called, and how errors end one."""
 
 from __future__ import annotations
 
 import logging
+import math
 import sys
 from importlib import import_module
+from typing import Any
 
 import click
 
 from .._version import __version__
 from ..errors import ElasticStripsError
 from . import interruptible_imports
+
+
+class Finite(click.FloatRange):
+    """A finite number, within a range where one is given; click's own ranges let NaN through."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
 
 EXIT_INPUT = 2
 

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..io import check_writable, write_json
 from ..robot import RobotModel
 from ..scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
-from .numbers import Finite
+from .group import Finite
 from .pictures import browser_option, serve, write_page
 from .progress import LateProgress
 

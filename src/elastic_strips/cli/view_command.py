@@ -17,7 +17,7 @@ from ..robot import RobotModel, load_robot, recorded_robot
 from ..scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
 from ..strip import Strip
-from .numbers import Finite
+from .group import Finite
 from .pictures import TITLE, browser_option, serve, write_page
 from .run_command import check_outputs
 

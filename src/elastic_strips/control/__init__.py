@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from .base_controller import BaseController
-from .deliberative import Deliberation, DeliberativeLayer, Part, Step
-from .director import Director
-from .hybrid import HybridControl, deliberate
-from .reach import Reach, Reached
+from .hybrid import Director, HybridControl, deliberate
 from .sequencing import Facts, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskState, TaskWatch
-from .tasks import DriveAndReach, DriveTo, ReachHand, Task
+from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, Reached, ReachHand, Step, Task
 
 __all__ = [
     "BaseController",

@@ -9,9 +9,8 @@ from ..proximity import ObstacleProximity, SelfProximity
 from ..relax import BandedSolver, project_rolling
 from ..robot import BaseKind, Kinematics, RobotModel
 from ..robot.space import Array
-from .clock import PhaseClock
 from .params import DeformParams
-from .report import ForceField
+from .report import ForceField, PhaseClock
 from .task import TaskForce
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step

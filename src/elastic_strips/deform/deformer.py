@@ -16,12 +16,20 @@ from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate, Tunnel, protective_hulls
 from ..validation import check_able, check_choice, check_count, check_number, check_type, shown
-from .clock import PhaseClock
 from .default_step import DefaultStep
 from .paper_step import PaperStep
 from .params import DeformParams
-from .report import DeformReport, DeformStatus, ForceField, TickResult
-from .status import SLIP_LIMIT, settled_report, tick_status, wide_spacing
+from .report import (
+    SLIP_LIMIT,
+    DeformReport,
+    DeformStatus,
+    ForceField,
+    PhaseClock,
+    TickResult,
+    settled_report,
+    tick_status,
+    wide_spacing,
+)
 from .task import AxisTask, TaskForce
 from .workspace import Foresight, Workspace
 

@@ -13,8 +13,8 @@ from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate, Certifier
-from .clock import PhaseClock
 from .params import DeformParams
+from .report import PhaseClock
 
 Foresight = Callable[[Array], Ahead]
 """Says for nodes (N, nv) where moving obstacles will be when each of them is reached."""

@@ -7,14 +7,12 @@ from .controller import Controller, Tick
 from .estimation import Estimator, EstimatorParams
 from .limits import MotionLimits
 from .measurement import Measurement
+from .onward import Proposal
 from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
 from .path import DrivePath, RetimingError
 from .pilot import Pilot
 from .prediction import predict
-from .proposal import Proposal
-from .record import Event, Record, RecordError, RunState
-from .recorder import Recorder
-from .result import DriveResult, TickStatistics
+from .record import DriveResult, Event, Record, Recorder, RecordError, RunState, TickStatistics
 from .retiming import Retimer, retime
 from .supervisor import Supervisor
 from .timed_certificate import TrajectoryCertifier

@@ -25,12 +25,11 @@ from ..validation import check_able, check_count, check_number, check_type
 from .estimation import Estimator
 from .limits import MotionLimits
 from .measurement import Measurement
+from .onward import Proposal
 from .params import DriveParams, Tolerance
 from .pilot import Pilot
-from .proposal import Proposal
-from .record import Event, RunState
+from .record import Event, RunState, TickStatistics
 from .replanning import Replanner
-from .result import TickStatistics
 from .supervisor import Supervisor, standstill
 from .tracking import Command, TrackingController, TrackingGains
 from .trajectory import ReferenceState, Trajectory

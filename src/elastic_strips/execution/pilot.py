@@ -17,11 +17,10 @@ from ..strip import Strip
 from ..tunnel import Certificate
 from .evasion import Evasion
 from .limits import MotionLimits
-from .onward import Onward
+from .onward import Onward, Proposal
 from .params import DriveParams
 from .prediction import ArrivalTimes, as_expected, predict, usual_pace
 from .progress import reattached, remaining
-from .proposal import Proposal
 from .trajectory import ReferenceState, Trajectory
 
 

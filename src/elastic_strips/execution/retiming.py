@@ -14,8 +14,7 @@ from ..strip import Strip
 from ..validation import check_type
 from .braking import brake
 from .limits import MotionLimits
-from .path import DrivePath, RetimingError, integrate_travel, smooth_path
-from .polyline import Polyline, metric, polyline
+from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
 from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, load_solver
 from .trajectory import Trajectory, joined
 

@@ -12,13 +12,27 @@ if TYPE_CHECKING:
     from elastic_strips.io.files import check_writable, write_json
     from elastic_strips.io.laser_log import LaserLogError, LoggedScan, read_laser_log
     from elastic_strips.io.nav2_map import load_nav2_map
-    from elastic_strips.io.obstacle_document import obstacle_documents, shape_document
     from elastic_strips.io.point_cloud import PointCloud, cloud_scene, read_point_cloud
-    from elastic_strips.io.record_file import check_record_file, read_record, record_robot, write_record
-    from elastic_strips.io.record_table import record_columns, record_csv, record_frame
+    from elastic_strips.io.record_file import (
+        check_record_file,
+        read_record,
+        record_columns,
+        record_csv,
+        record_frame,
+        record_robot,
+        write_record,
+    )
     from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
-    from elastic_strips.io.scene_file import read_scene, read_world, scene_from_node, world_from_node
-    from elastic_strips.io.scene_writer import write_scene, write_world
+    from elastic_strips.io.scene_file import (
+        obstacle_documents,
+        read_scene,
+        read_world,
+        scene_from_node,
+        shape_document,
+        world_from_node,
+        write_scene,
+        write_world,
+    )
     from elastic_strips.io.yaml_source import Node, load_yaml
 
 __all__ = [
@@ -82,25 +96,19 @@ __getattr__ = late_names(  # a scene file needs nothing of what records need
             "read_laser_log",
         ),
         "nav2_map": ("load_nav2_map",),
-        "obstacle_document": (
-            "obstacle_documents",
-            "shape_document",
-        ),
         "point_cloud": (
             "PointCloud",
             "cloud_scene",
             "read_point_cloud",
         ),
         "record_file": (
+            "record_columns",
+            "record_csv",
+            "record_frame",
             "check_record_file",
             "read_record",
             "record_robot",
             "write_record",
-        ),
-        "record_table": (
-            "record_columns",
-            "record_csv",
-            "record_frame",
         ),
         "scenario_file": (
             "PoseSpec",
@@ -108,14 +116,14 @@ __getattr__ = late_names(  # a scene file needs nothing of what records need
             "read_scenario",
         ),
         "scene_file": (
+            "obstacle_documents",
+            "shape_document",
+            "write_scene",
+            "write_world",
             "read_scene",
             "read_world",
             "scene_from_node",
             "world_from_node",
-        ),
-        "scene_writer": (
-            "write_scene",
-            "write_world",
         ),
         "yaml_source": (
             "Node",

@@ -14,7 +14,7 @@ from elastic_strips.input_file import read_input
 from elastic_strips.io import schema
 from elastic_strips.io.yaml_source import Node, load_yaml
 from elastic_strips.scene import Scene, Voxels
-from elastic_strips.scene.clusters import MAX_CENTERS
+from elastic_strips.scene.parts import MAX_CENTERS
 
 _KEYS = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _UNKNOWN = ("free", "occupied")

@@ -1,7 +1,9 @@
-"""IO room, record files: a run as one ``.npz`` file that numpy alone can read; docs/record-format.md describes it."""
+"""Record files: NPZ and CSV records in and out, as tables too."""
 
 from __future__ import annotations
 
+import csv
+import importlib
 import io
 import json
 import logging
@@ -11,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import fields
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +21,195 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips._version import __version__
-from elastic_strips.errors import InputError, RobotError
-from elastic_strips.execution.record import (
-    DRIVE_NAMES,
-    ControlRows,
-    Event,
-    PlanningRows,
-    Record,
-    RecordError,
-    frozen,
-)
+from elastic_strips.errors import InputError, RobotError, missing_extra
+from elastic_strips.execution.record import DRIVE_NAMES, ControlRows, Event, PlanningRows, Record, RecordError, frozen
 from elastic_strips.input_file import open_input
 from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.npy_source import NpzArrays
-from elastic_strips.io.record_table import UNITS, chart_columns, record_csv, velocity_columns
-from elastic_strips.io.record_world import world_documents, world_from_documents
+from elastic_strips.io.scene_file import obstacle_documents
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
+from elastic_strips.robot.space import Array
+from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Keyframes, Obstacle, Scene, Sphere, World
 from elastic_strips.validation import check_type
+
+MAX_ROWS = 4_000_000
+"""Most poses of moving pieces that a record's world is made of: their number times the control rows."""
+
+
+def world_documents(world: World, time: Array) -> tuple[list[dict[str, Any]], list[str], Array, Array]:
+    """A world as obstacle documents and tracks.
+
+    Args:
+        world: the obstacles.
+        time: (T,) when moving ones are looked at [s].
+
+    Returns:
+        Documents as of ``obstacle_documents``, each with ``appears`` and ``vanishes`` [s] (None: always, never) and
+        ``track``: None for a fixed one, else its place among the tracks, whose pose its own ``pose`` is relative to;
+        the names of the obstacles that move (M), their positions (T, M, 3) [m] and quaternions (T, M, 4).
+    """
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
+    documents: list[dict[str, Any]] = []
+    moving: list[Obstacle] = []
+    taken: set[str] = set()
+    for obstacle in world.scene:
+        name = obstacle.name or ""
+        when = {"appears": world.appears.get(name), "vanishes": world.vanishes.get(name)}
+        moves = obstacle.motion is not None and not obstacle.motion.still
+        for document in obstacle_documents(Scene([obstacle], time=obstacle.time)):
+            while document["name"] in taken:  # "a#0" may be a piece of "a", or an obstacle's name
+                document["name"] += "'"
+            taken.add(document["name"])
+            if moves:
+                document["pose"] = _vector(
+                    np.asarray(np.linalg.solve(obstacle.pose, _matrix(document["pose"])), dtype=float)
+                )
+            documents.append({**document, **when, "track": len(moving) if moves else None})
+        if moves:
+            moving.append(obstacle)
+    poses = np.array([[o.at(float(t)).pose for o in moving] for t in time]).reshape(len(time), len(moving), 4, 4)
+    quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat() if moving else np.zeros((0, 4))
+    names = [o.name or "" for o in moving]
+    return documents, names, poses[..., :3, 3].copy(), quaternions.reshape(len(time), len(moving), 4)
+
+
+def world_from_documents(documents: Any, time: Array, position: Array, quaternion: Array) -> World:
+    """The world of what `world_documents` gave: convex obstacles that follow the recorded poses.
+
+    Raises:
+        RecordError: the documents are damaged; a `SceneError` where an obstacle cannot be made.
+    """
+    from scipy.spatial.transform import Rotation
+
+    obstacles: list[Obstacle] = []
+    appears: dict[str, float] = {}
+    vanishes: dict[str, float] = {}
+    try:
+        rows = len(time) * sum(document["track"] is not None for document in documents)
+        if rows > MAX_ROWS:
+            raise RecordError(f"the pieces of the obstacles that move need {rows} rows; at most {MAX_ROWS} are read")
+        for document in documents:
+            name, track = document["name"], document["track"]
+            place = _matrix(document["pose"])
+            if track is None:
+                where: dict[str, Any] = {"at": place[:3, 3], "quat": document["pose"][3:]}
+            elif isinstance(track, int) and 0 <= track < position.shape[1]:
+                turned = Rotation.from_quat(quaternion[:, track])
+                positions = position[:, track] + turned.apply(place[:3, 3])
+                quats = (turned * Rotation.from_matrix(place[:3, :3])).as_quat()
+                where = {"motion": Keyframes(time, positions, quats=quats)}
+            else:
+                raise RecordError(f"obstacle {name!r} follows track {track!r}; there are {position.shape[1]}")
+            obstacles.append(_obstacle(document["shape"], document["size"], {**where, "name": name}))
+            for times, key in ((appears, "appears"), (vanishes, "vanishes")):
+                if document[key] is not None:
+                    times[name] = document[key]
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, RecordError):
+            raise
+        raise RecordError(f"an obstacle is damaged: {type(error).__name__}: {error}") from None
+    return World(Scene(obstacles, time=float(time[0])), appears, vanishes)
+
+
+def _obstacle(shape: str, size: Any, where: dict[str, Any]) -> Obstacle:
+    if shape == "box":
+        return Box(size, **where)
+    if shape == "convex":
+        return ConvexHull(size, **where)
+    return {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule, "cone": Cone}[shape](*size, **where)
+
+
+def _matrix(pose: Any) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    values = np.array(pose, dtype=float)
+    if values.shape != (7,) or not np.isfinite(values).all() or not math.isclose(np.linalg.norm(values[3:]), 1.0):
+        raise RecordError(f"a pose is seven finite numbers with a unit quaternion, not {pose!s:.80}")
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = Rotation.from_quat(values[3:]).as_matrix(), values[:3]
+    return result
+
+
+def _vector(T: Array) -> list[float]:
+    from scipy.spatial.transform import Rotation
+
+    return [*map(float, T[:3, 3]), *map(float, Rotation.from_matrix(T[:3, :3]).as_quat())]
+
+
+UNITS = {
+    "time": "s",
+    "chart": "m, m, rad (base); rad or m (joints)",
+    "velocity": "m/s, m/s, rad/s (base, in its own frame); rad/s or m/s (joints)",
+    "drive": "m/s (rad/s for an omnidirectional base's yaw)",
+    "tick_ms": "ms",
+    "clearance": "m",
+    "position": "m, world",
+    "quaternion": "x, y, z, w, world",
+}
+
+
+def chart_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
+    """Names of the columns of a chart row (nv): x, y, yaw of a base that moves, then the joints."""
+    base = ("x", "y", "yaw") if record.drive_names else ()
+    return tuple(prefix + name for name in (*base, *record.joint_names))
+
+
+def velocity_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
+    """Names of the columns of a velocity (nv)."""
+    base = ("vx", "vy", "omega") if record.drive_names else ()
+    return tuple(prefix + name for name in (*base, *(f"{joint}_rate" for joint in record.joint_names)))
+
+
+def control_columns(record: Record) -> tuple[str, ...]:
+    """Names of all columns of a control row, in the order of a CSV file."""
+    return (
+        "time",
+        "state",
+        *chart_columns(record),
+        *velocity_columns(record),
+        *chart_columns(record, "reference_"),
+        *velocity_columns(record, "reference_"),
+        *chart_columns(record, "estimate_"),
+        *(f"command_{name}" for name in record.drive_names),
+        *(f"command_{name}_rate" for name in record.joint_names),
+        *(f"motor_{name}" for name in record.drive_names),
+    )
+
+
+def record_columns(record: Record) -> dict[str, Any]:
+    """The control rows by column name: arrays (T,); ``state`` holds names."""
+    rows = record.control
+    arrays = (rows.chart, rows.v, rows.reference, rows.reference_v, rows.estimate, rows.drive, rows.joints, rows.motors)
+    columns = [rows.time, np.array(record.states)[rows.state], *chain.from_iterable(array.T for array in arrays)]
+    return dict(zip(control_columns(record), columns, strict=True))
+
+
+def record_frame(record: Record) -> Any:
+    """The control rows as a ``pandas.DataFrame``.
+
+    Raises:
+        MissingExtraError: pandas is not installed.
+    """
+    try:
+        pandas = importlib.import_module("pandas")
+    except ModuleNotFoundError:
+        raise missing_extra("record_frame (record_columns gives plain arrays)", "pandas") from None
+    return pandas.DataFrame(record_columns(record))
+
+
+def record_csv(record: Record) -> str:
+    """The control rows as CSV: a line of column names, numbers that read back to the last bit, nothing for NaN."""
+    columns = record_columns(record)
+    states = columns.pop("state")
+    numbers = np.column_stack(list(columns.values())).tolist()
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(control_columns(record))
+    for (time, *rest), state in zip(numbers, states, strict=True):
+        writer.writerow([repr(time), state, *("" if x != x else repr(x) for x in rest)])
+    return stream.getvalue()
+
 
 _log = logging.getLogger(__name__)
 FORMAT = "elastic-strips-record"

@@ -1,8 +1,9 @@
-"""IO room, scene files: a `Scene` or a `World` from YAML; the schema is documented in docs/scene-files.md."""
+"""Scene files: YAML scenes and worlds in and out."""
 
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import os
 from array import array
@@ -10,12 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.errors import InputError, SceneError, nearest_name
 from elastic_strips.input_file import open_input
 from elastic_strips.io import schema
+from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.npy_source import NpyError, read_npy
 from elastic_strips.io.point_cloud import read_point_cloud
 from elastic_strips.io.yaml_source import Node, load_yaml
@@ -38,8 +41,9 @@ from elastic_strips.scene import (
     World,
     checks,
 )
-from elastic_strips.scene.clusters import MAX_CENTERS
 from elastic_strips.scene.motion import MAX_SPEED
+from elastic_strips.scene.parts import MAX_CENTERS
+from elastic_strips.validation import check_type
 
 VERSION = 1
 MAX_ARRAY_BYTES = 100_000_000
@@ -299,3 +303,138 @@ def _quat_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, f
         cr * cp * sy - sr * sp * cy,
         cr * cp * cy + sr * sp * sy,
     )
+
+
+def obstacle_documents(scene: Scene) -> list[dict[str, Any]]:
+    """Every convex shape of a scene: name, shape, size as in URDF, pose [x, y, z, qx, qy, qz, qw].
+
+    ``size`` is [x, y, z] of a box, [radius] of a sphere, [radius, length] of a cylinder, capsule (length without the
+    caps) or cone, and the vertices [[x, y, z], …] of a convex hull. A mesh or a set of voxels gives one entry a
+    convex piece, ``name#k``.
+    """
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
+    documents = []
+    table = scene.table
+    counts = np.bincount(table.obstacle_index, minlength=len(scene)) if len(scene) else np.zeros(0, dtype=int)
+    number: dict[int, int] = {}
+    for row, part in enumerate(table.parts):
+        owner = int(table.obstacle_index[row])
+        rotation, translation = table.rotation[row], table.translation[row]
+        if part.geometry is None:
+            pieces = [(box, translation + rotation @ np.asarray(at)) for box, at in part.boxes]
+        else:
+            pieces = [(part.geometry, translation)]
+        for geometry, at in pieces:
+            k = number.get(owner, 0)
+            number[owner] = k + 1
+            single = counts[owner] == 1 and len(pieces) == 1
+            shape, size = shape_document(geometry)
+            documents.append(
+                {
+                    "name": scene.names[owner] if single else f"{scene.names[owner]}#{k}",
+                    "shape": shape,
+                    "size": size,
+                    "pose": [*map(float, at), *map(float, Rotation.from_matrix(rotation).as_quat())],
+                }
+            )
+    return documents
+
+
+def shape_document(geometry: Any) -> tuple[str, list[Any]]:
+    """Name and size of a Coal shape, as in :func:`obstacle_documents`."""
+    if isinstance(geometry, coal.Box):
+        return "box", [float(2 * h) for h in geometry.halfSide]
+    if isinstance(geometry, coal.Sphere):
+        return "sphere", [float(geometry.radius)]
+    for kind, name in ((coal.Cylinder, "cylinder"), (coal.Capsule, "capsule"), (coal.Cone, "cone")):
+        if isinstance(geometry, kind):
+            return name, [float(geometry.radius), float(2 * geometry.halfLength)]
+    return "convex", np.asarray(geometry.points()).reshape(-1, 3).tolist()
+
+
+def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
+    """Write a scene file that `read_scene` reads back; an existing file is replaced in one step.
+
+    Twists are written with their pose at time 0. Meshes that came from a file are written as that file's relative path.
+
+    Raises:
+        SceneError: A motion is neither a twist nor keyframes nor unknown, or the file cannot be written.
+    """
+    check_type("scene", scene, Scene, SceneError)
+    _write(scene, {}, path)
+
+
+def write_world(world: World, path: str | os.PathLike[str]) -> None:
+    """Write a scene file that `read_world` reads back: all obstacles, and when they appear and vanish.
+
+    Raises:
+        SceneError: As for `write_scene`.
+    """
+    check_type("world", world, World, SceneError)
+    spans: dict[str, dict[str, str]] = {name: {} for name in world.scene.names}
+    for key, times in (("appears", world.appears), ("vanishes", world.vanishes)):
+        for name, time in times.items():
+            spans[name][key] = _text(time)
+    _write(world.scene, spans, path)
+
+
+def _write(scene: Scene, spans: dict[str, dict[str, str]], path: str | os.PathLike[str]) -> None:
+    """Write the obstacles, each with further keys by its name."""
+    try:
+        target = check_writable(path)
+        write_whole(target, _document(scene, spans, target).encode())
+    except SceneError:
+        raise
+    except InputError as error:
+        raise SceneError(str(error)) from None
+
+
+def _document(scene: Scene, spans: dict[str, dict[str, str]], target: Path) -> str:
+    """The text of a scene file that is to stand at ``target``."""
+    lines = [f"version: {VERSION}", f"time: {_text(scene.time)}", "obstacles:" if len(scene) else "obstacles: []"]
+    for obstacle in scene:
+        entries = _entries(obstacle, target) | spans.get(obstacle.name or "", {})
+        lines += [f"  {'-' if k == 0 else ' '} {key}: {value}" for k, (key, value) in enumerate(entries.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: Any) -> str:
+    """JSON, which is YAML."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _entries(obstacle: Obstacle, target: Path) -> dict[str, str]:
+    """Keys of an obstacle in a file, with their values as text."""
+    motion, pose = obstacle.motion, obstacle.pose
+    entries = {"name": _text(obstacle.name), "shape": obstacle.shape}
+    spec = dict(obstacle.spec)
+    if obstacle.shape == "mesh":
+        origin, scale = spec.pop("path", None), spec.pop("scale", None)
+        if origin is not None and os.path.isfile(origin):
+            spec = {"file": os.path.relpath(os.path.abspath(origin), os.path.abspath(target.parent)), "scale": scale}
+    entries.update({key: _text(value) for key, value in spec.items()})
+    if isinstance(motion, Twist):
+        pose = motion.pose(obstacle.anchor, -obstacle.anchor_time)
+        entries["motion"] = (
+            f"{{twist: {_text({'linear': motion.linear.tolist(), 'angular': motion.angular.tolist()})}}}"
+        )
+    elif isinstance(motion, Keyframes):
+        frames: dict[str, Any] = {"times": motion.times.tolist(), "positions": motion.positions.tolist()}
+        if motion.quats is not None:
+            frames["quats"] = motion.quats.tolist()
+        frames["loop"] = motion.loop
+        entries["motion"] = f"{{keyframes: {_text(frames)}}}"
+    elif isinstance(motion, Unknown):
+        entries["motion"] = f"{{unknown: {_text({'max_speed': motion.max_speed})}}}"
+    elif motion is not None:
+        raise SceneError(
+            f"obstacle {obstacle.name!r}: a motion of type {type(motion).__name__} cannot be written to a file"
+        )
+    if not isinstance(motion, Keyframes):
+        entries["at"] = _text(pose[:3, 3])
+    if not (isinstance(motion, Keyframes) and motion.quats is not None):
+        entries["quat"] = _text(checks.quaternion_of(pose[:3, :3]))
+    return entries

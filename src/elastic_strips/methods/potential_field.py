@@ -15,8 +15,8 @@ from ..perception import Reading
 from ..robot.space import Array
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
+from .certainty_grid import SensedPoints
 from .helm import GoalParams, Helm, angle_between
-from .sensed import SensedPoints
 
 _BINS = 72  # sectors of 5 degrees in which only the nearest point counts
 _APART = 9  # sectors (45 degrees) within which a point must be the nearest to count as an obstacle's nearest

@@ -1,18 +1,14 @@
 """Planning: initial strips, alternatives on other sides of the obstacles, and families of them."""
 
 from .alternatives import Alternative, AlternativesReport, plan_alternatives, strip_cost
-from .edges import certify_path
 from .ends import check_ends
-from .family import FamilyReport, StripFamily
-from .family_params import FamilyParams
+from .family import FamilyParams, FamilyReport, StripFamily
 from .grid_path import GridPath, grid_path
-from .homotopy import Component, base_class, base_components, parted_by
-from .line import straight_line
+from .homotopy import Component, Way, base_class, base_components, distinct_ways, parted_by
+from .line import straight_line, tucked_rows, waypoint_rows
 from .ompl_planner import PathResult, ompl_path
 from .plan import PlanReport, plan, plan_report
-from .validity import Validity
-from .waypoints import tucked_rows, waypoint_rows
-from .ways import Way, distinct_ways
+from .validity import Validity, certify_path
 
 __all__ = [
     "Alternative",

@@ -19,12 +19,10 @@ from ..strip import Strip
 from ..summary import Summary
 from .deadline import Deadline
 from .ends import check_ends, check_search, workspace
-from .homotopy import BaseClass, Component, ComponentMap, base_class, component_map
+from .homotopy import BaseClass, Component, ComponentMap, base_class, component_map, distinct_ways
 from .line import straight_line
-from .ompl_planner import ompl_path
-from .region import Region
+from .ompl_planner import Region, ompl_path
 from .relaxation import path_strip, relax_line, relax_while_clearer, way_rows
-from .ways import distinct_ways
 
 _log = logging.getLogger(__name__)
 _TIGHT = 1.0  # cost [m] of no clearance at all against all that counts

@@ -1,4 +1,4 @@
-"""StripFamily: alternatives that are deformed side by side, and which of them to follow."""
+"""Family: strips on different sides of the obstacles, deformed side by side; which to follow, and why."""
 
 from __future__ import annotations
 
@@ -8,17 +8,90 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..deform import Deformer, DeformParams
+from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ConfigurationError, ParameterError
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..summary import Summary
-from .alternatives import Alternative, plan_alternatives, strip_path
-from .family_params import FamilyParams
+from .alternatives import Alternative, plan_alternatives, strip_cost, strip_path
 from .homotopy import base_class, component_map, obstacle_points, parted_by
-from .member import Member, fault
 from .rejoin import parting_angle, rejoined
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FamilyParams:
+    """How many strips a family keeps, and when it changes over.
+
+    Attributes:
+        count: most strips, the current one included.
+        margin: share by which another strip must be cheaper than the current one to be better.
+        patience: so many times in a row another strip must have been found better before it is followed; and broken
+            before it is dropped, or the current one planned anew.
+        stem: how far ahead [m] it is looked where a strip leads, once the robot has gone as far since it was planned.
+        part: a strip is dropped then that leads another way than a certified current one by more than this angle
+            [rad]: the robot has passed where they part.
+        plan_every: a planner is called at most once in so many ticks; 0 calls none.
+        timeout: of a planner's call within a tick [s].
+    """
+
+    count: int = 3
+    margin: float = 0.15
+    patience: int = 5
+    stem: float = 0.6
+    part: float = 1.8
+    plan_every: int = 50
+    timeout: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, least in (("count", 1), ("patience", 1), ("plan_every", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+                raise ParameterError(f"{name}={value!r} must be an integer ≥ {least}")
+        for name in ("margin", "stem", "part", "timeout"):
+            value = getattr(self, name)
+            number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+            if not number or not np.isfinite(value) or value < 0:
+                raise ParameterError(f"{name}={value!r} must be a finite number ≥ 0")
+        if self.margin >= 1.0:
+            raise ParameterError(f"margin={self.margin!r} must be below 1: no strip costs nothing")
+        if self.timeout == 0.0:
+            raise ParameterError("timeout=0.0 must be > 0 s")
+
+
+class Member:
+    """One strip with the workspace that deforms it."""
+
+    def __init__(self, robot: RobotModel, params: DeformParams, found: Alternative) -> None:
+        self.deformer = Deformer(robot, params)
+        self.report, self.base_class, self.method = found.report, found.base_class, found.method
+        self.origin = found.strip.chart[0].copy()  # where the robot was when it was planned
+        self.broken = self.better = 0  # ticks in a row, of those in which it was deformed
+
+    def deform(self, scene: Scene) -> None:
+        self.report = self.deformer.step(self.report.strip, scene)
+        self.broken = 0 if self.report.usable else self.broken + 1
+
+    @property
+    def travelled(self) -> float:
+        """How far from there it begins now [m]; 0 for a fixed base."""
+        strip = self.report.strip
+        return float(np.hypot(*(strip.chart[0] - self.origin)[:2])) if strip.robot.space.planar else 0.0
+
+    @property
+    def cost(self) -> float:
+        return strip_cost(self.report, self.deformer.params)
+
+    def alternative(self) -> Alternative:
+        r = self.report
+        return Alternative(r.strip, r, self.base_class, self.method, r.strip.length, self.cost)
+
+
+def fault(report: DeformReport) -> str:
+    """Why a strip is of no use."""
+    broken = report.certificate.broken
+    return str(broken) if broken is not None else report.reason
+
 
 _log = logging.getLogger(__name__)
 

@@ -23,14 +23,12 @@ from ..scene import Scene
 from ..strip import Strip
 from ..summary import Summary
 from .deadline import Deadline
-from .edges import certify_path
 from .ends import check_ends, check_search, workspace
 from .grid_path import MOST_CELLS, footprint, grid_path
-from .line import straight_line
-from .ompl_planner import ompl_path
-from .region import Region
+from .line import straight_line, waypoint_rows
+from .ompl_planner import Region, ompl_path
 from .relaxation import at_most, path_strip, relax_line, relax_path, way_rows
-from .waypoints import waypoint_rows
+from .validity import certify_path
 
 _log = logging.getLogger(__name__)
 _FINEST = 4.0  # times as many samples on an edge as usual, at most

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..deform import Deformer, DeformReport
-from ..deform.status import SLIP_LIMIT
+from ..deform.report import SLIP_LIMIT
 from ..relax import project_rolling
 from ..robot import BaseKind
 from ..robot.space import Array, Indices

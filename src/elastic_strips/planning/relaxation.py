@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..deform import Deformer, DeformReport, DeformStatus
-from ..deform.status import settled_report
+from ..deform.report import settled_report
 from ..relax import project_rolling
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
-from .waypoints import tucked_rows, waypoint_rows
+from .line import tucked_rows, waypoint_rows
 
 _LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
 _TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it

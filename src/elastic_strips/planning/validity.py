@@ -1,4 +1,4 @@
-"""Validity of single configurations for sampling planners: Pinocchio's and Coal's broadphase, with a margin."""
+"""Validity: configurations and edges of planned paths, checked by distances and motion bounds."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ..robot import RobotModel
+from ..deform import Deformer
+from ..relax import project_rolling
+from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
 from ..scene import Scene
+from ..strip import Strip
+from ..tunnel import Certificate
 
 _MAX_PAIRED = 400
 
@@ -95,3 +99,19 @@ class Validity:
             if callback.data.result.isCollision():
                 return True
         return False
+
+
+def certify_path(deformer: Deformer, scene: Scene, chart: Array) -> Certificate:
+    """The certificate of a path as it is, edge by edge, with the clearances of the deformer's parameters.
+
+    A differential drive's waypoints are first moved, as little as possible, until wheels can follow them.
+
+    Args:
+        deformer: a workspace of the robot; what it knows of other strips is lost.
+        scene: the obstacles.
+        chart: waypoints (N, nv).
+    """
+    robot = deformer.robot
+    if robot.base_kind is BaseKind.DIFF_DRIVE:
+        chart, _ = project_rolling(robot.space, chart)
+    return deformer.certify(Strip.from_chart(robot, chart), scene)

@@ -1,10 +1,8 @@
 """Proximity: how near the robot's bodies are to obstacles and to each other, along a whole strip."""
 
-from .bodies import BodySet
-from .bounds import MotionBounds
-from .contacts import Contacts
+from .bounds import BodySet, MotionBounds
 from .forecast import Ahead, Forecast, Movers
-from .narrowphase import GJK_EXCESS, Narrowphase
+from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
 from .obstacles import ObstacleProximity
 from .self_distance import SelfContacts, SelfProximity
 from .window import Window

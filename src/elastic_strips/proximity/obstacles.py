@@ -14,10 +14,9 @@ import numpy.typing as npt
 from ..robot import Kinematics
 from ..robot.space import Array, Mask, where_true
 from ..scene import Scene
-from .bodies import BodySet
-from .contacts import Contacts
+from .bounds import BodySet
 from .forecast import Ahead, Movers
-from .narrowphase import GJK_EXCESS, Narrowphase
+from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
 from .window import Window
 
 _FAR = 1e9

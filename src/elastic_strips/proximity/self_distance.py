@@ -11,10 +11,8 @@ import numpy.typing as npt
 
 from ..robot import Kinematics
 from ..robot.space import Array, Indices, where_true
-from .bodies import BodySet
-from .bounds import MotionBounds
-from .narrowphase import GJK_EXCESS
-from .solver import PairSolver, ShapePair
+from .bounds import BodySet, MotionBounds
+from .narrowphase import GJK_EXCESS, PairSolver, ShapePair
 
 _FAR = 1e9
 

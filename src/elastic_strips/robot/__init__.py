@@ -1,13 +1,12 @@
 """Robots: URDF files and Pinocchio models become frozen :class:`RobotModel` values."""
 
 from ..catalogue import recorded_robot, robot_names, robot_summary
-from .base import BaseKind
 from .control_points import ControlPoints
 from .geometry import Capsule, LinkGeometry
 from .kinematics import Kinematics, KinematicTree
 from .loading import load_robot
 from .model import RobotModel
-from .space import ConfigurationSpace
+from .space import BaseKind, ConfigurationSpace
 
 __all__ = [
     "BaseKind",

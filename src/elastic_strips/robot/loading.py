@@ -15,11 +15,10 @@ import pinocchio as pin
 
 from ..catalogue import find_robot, is_known
 from ..errors import RobotError, nearest_name
-from .base import BaseKind
 from .model import RobotModel
+from .space import BaseKind
 from .srdf import Srdf, read_srdf, within_limits
-from .urdf import UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
-from .urdf_geometry import MAX_LENGTH
+from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about

@@ -1,4 +1,4 @@
-"""The configuration space SE(2) × Rⁿ: batched twins of Pinocchio's difference, integrate and interpolate.
+"""The configuration space SE(2) × Rⁿ: base kinds, and batched twins of Pinocchio functions.
 
 Pinocchio works on one configuration a call. A tick needs a whole strip at once, so this room holds
 configurations in a *chart* of one number per degree of freedom, ``[x, y, yaw, joints…]`` for a planar root
@@ -9,13 +9,44 @@ equal to ``pin.difference``, ``pin.integrate``, ``pin.interpolate`` and ``pin.dD
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from ..errors import RobotError
+from ..errors import RobotError, nearest_name
 from ..summary import Summary
+
+
+class BaseKind(str, Enum):
+    """How the root moves.
+
+    ``DIFF_DRIVE``: planar, and the wheels allow no sideways velocity (v_y = 0 in the base's frame).
+    ``OMNI``: planar without that constraint. ``FIXED``: it does not move.
+    """
+
+    DIFF_DRIVE = "diff_drive"
+    OMNI = "omni"
+    FIXED = "fixed"
+
+    @property
+    def planar(self) -> bool:
+        return self is not BaseKind.FIXED
+
+    @staticmethod
+    def parse(value: str | BaseKind) -> BaseKind:
+        """Read a base kind.
+
+        Raises:
+            RobotError: an unknown kind.
+        """
+        try:
+            return BaseKind(value)
+        except ValueError:
+            names = [k.value for k in BaseKind]
+            raise RobotError(f"base={value!r} is no kind of base{nearest_name(value, names)}") from None
+
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

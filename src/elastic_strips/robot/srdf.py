@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError
-from .mends import Mends
 from .space import LIMIT_TOLERANCE
-from .urdf import UrdfSource
-from .xml_source import read_xml
+from .urdf import Mends, UrdfSource, read_xml
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,10 @@ description is checked here first, and Pinocchio and Coal build their models fro
 
 from __future__ import annotations
 
+import logging
 import math
+import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +19,243 @@ import pinocchio as pin
 from lxml import etree
 
 from ..errors import RobotError, nearest_name
+from ..input_file import check_input, read_input
 from ..summary import shortened
-from .mends import Mends
-from .urdf_geometry import MAX_LENGTH, check_geometry, search_folders
-from .xml_source import floats, read_xml
+
+_log = logging.getLogger(__name__)
+_SHOWN = 12
+
+
+class Mends:
+    """Faults of one file, counted by kind."""
+
+    def __init__(self, source: Path) -> None:
+        self._source = source
+        self._found: dict[str, list[str]] = {}
+
+    def add(self, kind: str, name: object) -> None:
+        """Note a fault: its kind, in words that follow a count ("links that the robot has not"), and whose it is."""
+        names = self._found.setdefault(kind, [])
+        if repr(name) not in names:
+            names.append(repr(name))
+
+    def say(self) -> None:
+        """Log one warning for each kind of fault, with the names."""
+        for kind, names in self._found.items():
+            more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+            _log.warning("%s: %d %s: %s%s", self._source, len(names), kind, ", ".join(names[:_SHOWN]), more)
+
+
+MAX_BYTES = 8_000_000
+MAX_TEXT = 500  # characters of an attribute
+
+
+def read_xml(path: Path, *, root: str, kind: str) -> Any:
+    """Parse a file and return its root element (``lxml``).
+
+    Args:
+        path: the file.
+        root: the tag that the root element must have.
+        kind: what to call the file in messages ("URDF", "SRDF").
+
+    Raises:
+        RobotError: missing, unreadable, too large, with a document type or entities, malformed, or another root.
+    """
+    text = read_input(path, f"{kind} file", MAX_BYTES, RobotError)
+    if not text.strip():
+        raise RobotError(f"{path}: the {kind} file is empty")
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise RobotError(f"{path}: the {kind} file has a document type or entities, which are not accepted")
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True)
+    try:
+        element = etree.fromstring(text, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        said = " ".join(str(error).split())
+        raise RobotError(f"{path}: the {kind} file is not well-formed XML: {said}") from None
+    docinfo = element.getroottree().docinfo
+    if docinfo.doctype or docinfo.internalDTD is not None:  # another encoding hides it from the search above
+        raise RobotError(f"{path}: the {kind} file has a document type, which is not accepted")
+    if b"\0" in text or not _is_utf8(text):  # Pinocchio reads nothing else
+        raise RobotError(f"{path}: the {kind} file is not UTF-8 text")
+    if element.tag != root:
+        raise RobotError(f"{path}:{element.sourceline}: root element is <{element.tag}>; a {kind} file has <{root}>")
+    for each in element.iter():  # so that every message that quotes a name stays readable
+        for key, value in each.attrib.items():
+            if len(value) > MAX_TEXT:
+                where = f"{path}:{each.sourceline}: <{each.tag!s:.60}>"
+                raise RobotError(f"{where}: attribute {key!s:.60} has {len(value)} characters; at most {MAX_TEXT}")
+    return element
+
+
+def _is_utf8(text: bytes) -> bool:
+    try:
+        text.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
+
+
+def shown(text: str) -> str:
+    """An attribute's text as it is shown in messages: quoted, and not too long."""
+    return repr(text if len(text) <= 80 else text[:77] + "...")
+
+
+def floats(
+    element: Any, key: str, count: int, source: Path, what: str, default: str | None = None, *, bound: float = math.inf
+) -> list[float]:
+    """The numbers of an attribute.
+
+    Args:
+        element: the XML element.
+        key: the attribute's name.
+        count: how many numbers it has to hold.
+        source: the file; what: the link or joint that it belongs to, for messages.
+        default: text where the attribute is missing; it is needed where None.
+        bound: largest magnitude.
+
+    Raises:
+        RobotError: missing, not ``count`` finite numbers, or beyond ``bound``.
+    """
+    text = element.get(key, default)
+    where = f"{source}:{element.sourceline}: {what}"
+    if text is None:
+        raise RobotError(f"{where}: <{element.tag}> has no attribute {key!r}")
+    try:
+        words = text.split()
+        if not all(_NUMBER.fullmatch(word) for word in words):  # float() reads more than a URDF may hold
+            raise ValueError
+        values = [float(word) for word in words]
+    except ValueError:
+        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is not {count} number(s)") from None
+    if len(values) != count or not all(math.isfinite(v) for v in values):
+        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is not {count} finite number(s)")
+    if any(abs(v) > bound for v in values):
+        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is beyond ±{bound:g}")
+    return values
+
+
+_MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
+MAX_MESH_BYTES = 100_000_000
+MAX_SHAPES = 500
+MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
+_SHAPES = {
+    "box": ("size", 3),
+    "sphere": ("radius", 1),
+    "cylinder": ("radius length", 1),
+    "capsule": ("radius length", 1),
+}
+
+
+def search_folders(source: Path, extra: tuple[str | Path, ...]) -> list[Path]:
+    """Folders that may hold packages: given ones, the file's, its ancestors', and those of ROS and of cmeel."""
+
+    folders = [Path(f).expanduser().absolute() for f in extra]
+    folders += [source.parent, *list(source.parents)[1:6]]
+    for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        for entry in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            folders += [Path(entry), Path(entry) / "share"]
+    return list(dict.fromkeys(f for f in folders if os.path.isdir(f)))
+
+
+def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
+    """The file that a URDF mesh name means, or None."""
+    # os.path.isfile is false where Path.is_file raises: a name that is too long, a folder that may not be entered
+    if name.startswith("file://"):
+        candidate = Path(name[len("file://") :])
+        return candidate if os.path.isfile(candidate) else None
+    if name.startswith("package://"):
+        rest = name[len("package://") :].lstrip("/")  # some name no package
+        return next((f / rest for f in folders if os.path.isfile(f / rest)), None)
+    candidate = Path(name)
+    if candidate.is_absolute():
+        return candidate if os.path.isfile(candidate) else None
+    return next((f / name for f in [source.parent, *folders] if os.path.isfile(f / name)), None)
+
+
+def check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) -> None:
+    """Check all shapes; mesh names become paths, and a visual shape with a fault is left out.
+
+    Raises:
+        RobotError: a collision shape with a fault, or too many of them.
+    """
+    count = len(root.findall("link/collision"))
+    if count > MAX_SHAPES:
+        raise RobotError(f"{source}: the robot has {count} collision shapes; at most {MAX_SHAPES} are accepted")
+    for link in root.findall("link"):
+        for tag in ("collision", "visual"):
+            for element in link.findall(tag):
+                what = f"link {link.get('name')!r} <{tag}>"
+                try:
+                    _check_element(element, source, folders, what)
+                except RobotError:
+                    if tag == "collision":
+                        raise
+                    mends.add("links with a visual shape or mesh that cannot be read, not drawn", link.get("name"))
+                    link.remove(element)
+        for number, material in enumerate(link.iter("material")):
+            if not material.get("name"):
+                mends.add("links with a <material> without a name, given one", link.get("name"))
+                material.set("name", f"{link.get('name')} {number}")
+    for material in root.findall("material"):
+        if not material.get("name"):  # nothing can refer to it
+            root.remove(material)
+
+
+def _check_element(element: Any, source: Path, folders: list[Path], what: str) -> None:
+    for origin in element.findall("origin"):
+        floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+        floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+    geometry = element.find("geometry")
+    if geometry is None or len(geometry) == 0:
+        raise RobotError(f"{source}:{element.sourceline}: {what} has no <geometry>")
+    shapes = [shape for each in element.findall("geometry") for shape in each]
+    if len(shapes) > 1:  # all but the first would be ignored in silence
+        raise RobotError(
+            f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; give it its own "
+            f"<{element.tag}>"
+        )
+    shape = geometry[0]
+    if shape.tag == "mesh":
+        _check_mesh(shape, source, folders, what)
+    elif shape.tag in _SHAPES:
+        keys, count = _SHAPES[shape.tag]
+        for key in keys.split():
+            values = floats(shape, key, count, source, what, bound=MAX_LENGTH)
+            if min(values) < _MIN_SIZE:
+                least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
+                raise RobotError(f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}")
+        if shape.tag == "capsule":
+            raise RobotError(
+                f"{source}:{shape.sourceline}: {what}: Pinocchio reads no <capsule> from a URDF; give a <cylinder> and "
+                "two <sphere>s"
+            )
+    else:
+        hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
+        raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")
+
+
+def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> None:
+    name = shape.get("filename")
+    if not name:
+        raise RobotError(f"{source}:{shape.sourceline}: {what} has a <mesh> without filename")
+    if 0.0 in floats(shape, "scale", 3, source, what, "1 1 1"):
+        raise RobotError(f"{source}:{shape.sourceline}: {what} has a mesh scale of 0")
+    found = resolve_mesh(name, source, folders)
+    if found is None:
+        searched = ", ".join(str(f) for f in folders[:4])
+        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh {name!r} not found (searched {searched}, …)")
+    if found.suffix.lower() not in MESH_SUFFIXES:
+        hint = nearest_name(found.suffix.lower(), MESH_SUFFIXES)
+        raise RobotError(
+            f"{source}:{shape.sourceline}: {what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}"
+        )
+    if not check_input(found, "mesh file", MAX_MESH_BYTES, RobotError):
+        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
+    shape.set("filename", f"file://{found}")
+
 
 _JOINT_TYPES = {"revolute", "continuous", "prismatic", "fixed", "floating", "planar"}
 _ROUNDING = 1e-12  # a moment of inertia [kg m²] below 0 by at most this was 0 before it was rounded

@@ -12,7 +12,7 @@ from ..control import BaseController
 from ..deform import DeformParams
 from ..errors import RobotError, ScenarioError
 from ..execution import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams, MotionLimits
-from ..execution.switching import SwitchingReplanner
+from ..execution.replanning import SwitchingReplanner
 from ..methods import BASE_METHODS
 from ..planning import FamilyParams
 from ..robot import RobotModel

@@ -15,11 +15,10 @@ import numpy as np
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import checks
-from elastic_strips.scene.clusters import cluster_solid
 from elastic_strips.scene.decompose import convex_pieces, load_mesh
 from elastic_strips.scene.motion import Motion
 from elastic_strips.scene.obstacle import Obstacle
-from elastic_strips.scene.parts import Solid, coal, hull_part, primitive
+from elastic_strips.scene.parts import Solid, cluster_solid, coal, hull_part, primitive
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)

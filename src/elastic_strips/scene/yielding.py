@@ -1,6 +1,6 @@
 """Scene room, yielding: a known track that is followed by a clock of its own, which slows down and stops for somebody.
 
-Who slows the clock is not said here; see `elastic_strips.sim.bystanders`.
+Who slows the clock is not said here; see `elastic_strips.sim.pedestrians`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from typing import Any
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import checks
 from elastic_strips.scene.checks import Array
-from elastic_strips.scene.keyframes import Keyframes
-from elastic_strips.scene.motion import Motion, check_radius
+from elastic_strips.scene.motion import Keyframes, Motion, check_radius
 from elastic_strips.scene.world import World
 
 _SLACK = 1e-9  # [s] by which a place on the track may be rounded

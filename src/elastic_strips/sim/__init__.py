@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from .base import RawReadings, base_simulation
-from .bumper import Bumper
 from .faults import FAULTS, Fault
-from .judge import judge
+from .judge import Contact, Verdict, judge
 from .odometry import SensorParams
 from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
 from .plant import KinematicPlant, Plant, PlantParams
-from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensedPerception
+from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensedPerception
 from .separation import protective_separation
 from .simulation import MACHINE, Simulation, simulation
 from .task import TaskResult, TaskSimulation
 from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
-from .verdict import Contact, Verdict
 
 __all__ = [
     "Bumper",

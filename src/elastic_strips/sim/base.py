@@ -15,9 +15,9 @@ from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..validation import check_able, check_count
-from .bumper import Bumper
-from .bystanders import Bystanders
+from .pedestrians import Bystanders
 from .plant import KinematicPlant, Plant
+from .sensed_perception import Bumper
 from .sensors import SensorConfig, SensorSuite
 from .simulation import MACHINE, Simulation
 

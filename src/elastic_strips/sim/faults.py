@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import ParameterError, nearest_name
 from ..execution.controller import Propose
 from ..execution.measurement import Measurement
-from ..execution.proposal import Proposal
+from ..execution.onward import Proposal
 from ..execution.tracking import Command
 from ..execution.trajectory import Trajectory
 from ..robot.space import Array

@@ -16,7 +16,7 @@ from ..errors import ParameterError, RobotError, missing_extra
 from ..execution.limits import MotionLimits
 from ..robot import BaseKind, RobotModel
 from ..robot.space import Array
-from ..robot.xml_source import read_xml
+from ..robot.urdf import read_xml
 from ..scene import Obstacle
 from .mujoco_geoms import FLOOR, OBSTACLE, WITH_FLOOR, add_obstacle, add_robot
 from .plant import PlantParams

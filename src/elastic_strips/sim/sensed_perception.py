@@ -1,4 +1,4 @@
-"""Sim room, sensed perception: the scene that a robot's own range sensors show, in place of the true one."""
+"""Sensed perception: the scene that a robot's own range sensors show, and whether it touches something."""
 
 from __future__ import annotations
 
@@ -6,16 +6,40 @@ import numpy as np
 import numpy.typing as npt
 
 from ..control.pose_history import PoseHistory
+from ..execution.evasion import Silhouette
 from ..execution.params import ObstacleAssumptions
-from ..execution.silhouette import Silhouette
 from ..perception import SceneEstimator, SceneEstimatorParams
-from ..robot import RobotModel
+from ..proximity import BodySet, ObstacleProximity
+from ..robot import Kinematics, RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
-from . import PerceptionParams
-from .bumper import Bumper
-from .perception import PerceptionError
+from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
+
+_NEAR = 0.02  # [m] what is further off is not measured
+
+
+class Bumper:
+    """Workspace: what a robot touches.
+
+    Args:
+        robot: the robot.
+    """
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._kin = Kinematics(robot.tree, 1)
+        self._obstacles = ObstacleProximity(BodySet.links(robot), influence=_NEAR)
+
+    def touched(self, scene: Scene, chart: Array) -> str:
+        """The obstacle that is touched at a chart row (nv,), or ""."""
+        self._kin.update(chart[None], jacobians=False)
+        self._obstacles.update(self._kin, scene)
+        exact = self._obstacles.exact
+        if exact.size == 0 or exact.min() > 0.0:
+            return ""
+        part = int(np.unravel_index(int(exact.argmin()), exact.shape)[2])
+        return self._obstacles.obstacle_name(part)
+
 
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """What tracks of a laser at 20 Hz are taken to be wrong by at most; tests compare it with what they are wrong by."""

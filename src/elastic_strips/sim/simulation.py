@@ -18,17 +18,15 @@ from ..execution.controller import KEPT_EVENTS, Controller, Tick
 from ..execution.limits import MotionLimits
 from ..execution.measurement import Measurement
 from ..execution.params import DriveParams, Tolerance
-from ..execution.record import Event, RunState
-from ..execution.recorder import Recorder
-from ..execution.result import DriveResult, TickStatistics
+from ..execution.record import DriveResult, Event, Recorder, RunState, TickStatistics
 from ..execution.tracking import Command
 from ..execution.trajectory import ReferenceState
 from ..robot import RobotModel
 from ..robot.space import Array
 from ..scene import Scene, World
 from ..validation import check_able, check_count, check_number, check_type
-from .bystanders import Bystanders
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
+from .pedestrians import Bystanders
 from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
 from .plant import KinematicPlant, Plant, PlantParams
 

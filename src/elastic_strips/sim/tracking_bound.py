@@ -12,7 +12,7 @@ from ..execution.estimation import Estimator
 from ..execution.limits import MotionLimits
 from ..execution.tracking import TrackingController, TrackingGains
 from ..execution.trajectory import Trajectory
-from ..proximity.bodies import BodySet
+from ..proximity.bounds import BodySet
 from ..robot import Kinematics, RobotModel
 from ..robot.space import Array
 from .plant import KinematicPlant, Plant, PlantParams

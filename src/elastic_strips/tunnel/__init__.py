@@ -1,10 +1,9 @@
 """Tunnel: protective hulls, their connectivity, and the motion-bound certificate of every segment."""
 
-from .certificate import Certifier
+from .certificate import BrokenSegment, Certificate, Certifier, SegmentState
 from .clearance import strip_clearance
 from .hulls import Tunnel, protective_hulls
 from .motion_certificate import MotionCertifier
-from .values import BrokenSegment, Certificate, SegmentState
 
 __all__ = [
     "BrokenSegment",

@@ -16,8 +16,7 @@ from ..proximity import GJK_EXCESS, Ahead, BodySet, MotionBounds, Movers, Narrow
 from ..robot import Kinematics
 from ..robot.space import Array, Indices, Mask
 from ..scene import Scene
-from .certificate import undefined
-from .values import BrokenSegment, Certificate, SegmentState
+from .certificate import BrokenSegment, Certificate, SegmentState, undefined
 
 _SLACK = 0.6
 """How far [m] a motion may leave the boxes of the window before it is collected anew."""

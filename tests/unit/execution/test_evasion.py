@@ -9,10 +9,8 @@ import pytest
 from drivable import limits_of, most_used
 
 from elastic_strips.execution import Controller, DriveParams, predict
-from elastic_strips.execution.evasion import Evasion
+from elastic_strips.execution.evasion import Evasion, Outlook, Silhouette, lattice, motion_to, roll_to_rest
 from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.manoeuvres import lattice, motion_to, roll_to_rest
-from elastic_strips.execution.outlook import Outlook, Silhouette
 from elastic_strips.execution.params import EvasionParams, ObstacleAssumptions
 from elastic_strips.execution.progress import reattached
 from elastic_strips.execution.trajectory import ReferenceState

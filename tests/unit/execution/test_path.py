@@ -7,9 +7,8 @@ import pytest
 from brute_force import random_configurations
 from drivable import arcs, distance_from_strip, limits_of, motor_travel
 
-from elastic_strips.execution import following
-from elastic_strips.execution.path import RetimingError, integrate_travel, smooth_path
-from elastic_strips.execution.polyline import metric, polyline
+from elastic_strips.execution import path as following
+from elastic_strips.execution.path import RetimingError, integrate_travel, metric, polyline, smooth_path
 from elastic_strips.robot import RobotModel
 
 

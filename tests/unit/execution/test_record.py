@@ -9,8 +9,7 @@ import pytest
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.errors import InputError
-from elastic_strips.execution.record import STATES, RecordError, RunState
-from elastic_strips.execution.recorder import Recorder
+from elastic_strips.execution.record import STATES, Recorder, RecordError, RunState
 from elastic_strips.robot import BaseKind
 from elastic_strips.scene import Scene, World
 

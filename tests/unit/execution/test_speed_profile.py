@@ -10,8 +10,7 @@ import toppra.constraint
 from drivable import arcs, limits_of, most_used
 
 from elastic_strips.execution import speed_profile
-from elastic_strips.execution.path import smooth_path
-from elastic_strips.execution.polyline import metric, polyline
+from elastic_strips.execution.path import metric, polyline, smooth_path
 from elastic_strips.execution.retiming import Retimer
 from elastic_strips.execution.speed_profile import Profile, broken_limit, fastest
 

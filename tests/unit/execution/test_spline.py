@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from elastic_strips.execution.spline import SHAPES, Curve, greville, shapes
+from elastic_strips.execution.path import SHAPES, Curve, greville, shapes
 
 
 def example(rng: np.random.Generator, knots: int) -> tuple[Curve, np.ndarray]:

@@ -9,7 +9,7 @@ from elastic_strips.deform import Deformer
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.execution import DriveParams, RunState
 from elastic_strips.execution import replanning as replanning_room
-from elastic_strips.execution.switching import SwitchingReplanner, slow
+from elastic_strips.execution.replanning import SwitchingReplanner, slow
 from elastic_strips.planning import FamilyParams
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim import judge, simulation

@@ -16,12 +16,20 @@ from brute_force import make_scene, scene_pieces
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.errors import InputError, MissingExtraError
-from elastic_strips.execution.record import Record, RecordError
-from elastic_strips.execution.recorder import Recorder
-from elastic_strips.io import record_file, record_table, record_world
-from elastic_strips.io.record_file import FORMAT_VERSION, check_record_file, read_record, record_robot, write_record
-from elastic_strips.io.record_table import control_columns, record_columns, record_csv, record_frame
-from elastic_strips.io.record_world import world_from_documents
+from elastic_strips.execution.record import Record, Recorder, RecordError
+from elastic_strips.io import record_file
+from elastic_strips.io.record_file import (
+    FORMAT_VERSION,
+    check_record_file,
+    control_columns,
+    read_record,
+    record_columns,
+    record_csv,
+    record_frame,
+    record_robot,
+    world_from_documents,
+    write_record,
+)
 from elastic_strips.scene import Box, Keyframes, Mesh, Scene, Sphere, Twist, World
 
 
@@ -207,7 +215,7 @@ def test_no_frame_where_pandas_is_not(record, monkeypatch):
     def missing(name):
         raise ModuleNotFoundError(name)
 
-    monkeypatch.setattr(record_table.importlib, "import_module", missing)
+    monkeypatch.setattr(record_file.importlib, "import_module", missing)
     with pytest.raises(MissingExtraError, match="pip install pandas"):
         record_frame(record)
     assert len(record_columns(record)["x"]) == len(record.control)
@@ -406,7 +414,7 @@ def test_obstacles_that_follow_one_track_are_bounded(file, tmp_path, monkeypatch
     """A line of metadata each, and all of them would hold the track's poses."""
     entry = {"shape": "sphere", "size": [1.0], "pose": [0, 0, 0, 0, 0, 0, 1], "appears": None, "vanishes": None}
     many = [{**entry, "name": f"b{k}", "track": 0} for k in range(20)]
-    monkeypatch.setattr(record_world, "MAX_ROWS", 1000)
+    monkeypatch.setattr(record_file, "MAX_ROWS", 1000)
     with pytest.raises(RecordError, match=r"need \d+ rows; at most 1000"):
         read_record(with_metadata(file, tmp_path / "x.npz", obstacles=many))
 

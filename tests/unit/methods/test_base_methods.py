@@ -12,8 +12,8 @@ from flat_world import World, door, drive, moved, patience, placed, ring, scan
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.methods import BASE_METHODS, BaseLimits, BaseMethod, GoalParams, make_base_method
+from elastic_strips.methods.certainty_grid import SensedPoints, planar_rays
 from elastic_strips.methods.helm import Helm
-from elastic_strips.methods.sensed import SensedPoints, planar_rays
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
 
 LIMITS = BaseLimits()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.methods import BaseLimits, ElasticBand, ElasticBandParams, SensedWay
-from elastic_strips.methods.bubbles import (
+from elastic_strips.methods.elastic_band import (
     FreeDistance,
     connected,
     contraction_force,

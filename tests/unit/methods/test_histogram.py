@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.methods import BaseLimits, HistogramParams, VectorFieldHistogram
-from elastic_strips.methods.polar_histogram import (
+from elastic_strips.methods.histogram import (
     Valley,
     binary_histogram,
     candidates,

@@ -14,7 +14,7 @@ from elastic_strips.errors import ConfigurationError, InputError, ParameterError
 from elastic_strips.planning import check_ends, ompl_path, plan, plan_alternatives, plan_report
 from elastic_strips.planning import deadline as deadlines
 from elastic_strips.planning.grid_path import grid_frame
-from elastic_strips.planning.region import Region
+from elastic_strips.planning.ompl_planner import Region
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene, Sphere
 from elastic_strips.strip import Strip

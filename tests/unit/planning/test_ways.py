@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.planning import base_class, base_components, distinct_ways, grid_path
-from elastic_strips.planning.homotopy import component_map
-from elastic_strips.planning.ways import _heights, _summed
+from elastic_strips.planning.homotopy import _heights, _summed, component_map
 from elastic_strips.scene import Box, Cylinder, Scene
 
 PILLARS = Scene([Cylinder(0.2, 1.4, at=(x, y, 0.7)) for x, y in ((1.5, 0.1), (3.0, -0.9), (3.0, 0.8), (4.5, 0.0))])

@@ -8,7 +8,7 @@ import coal
 import numpy as np
 import pytest
 
-from elastic_strips.proximity.solver import PairSolver, ShapePair, rounded
+from elastic_strips.proximity.narrowphase import PairSolver, ShapePair, rounded
 
 SHAPES = {
     "point": coal.Sphere(1e-6),

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.scene import Points, Voxels
-from elastic_strips.scene.clusters import BLOCK, merge_cells, merged_boxes
+from elastic_strips.scene.parts import BLOCK, merge_cells, merged_boxes
 
 cells_lists = st.lists(st.tuples(*[st.integers(-6, 6)] * 3), min_size=1, max_size=120)
 

@@ -11,7 +11,7 @@ from elastic_strips.execution import MotionLimits
 from elastic_strips.execution.tracking import Command
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World, Yielding
 from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, judge, simulation
-from elastic_strips.sim.bystanders import Bystanders, Courtesy
+from elastic_strips.sim.pedestrians import Bystanders, Courtesy
 
 DT = 0.01
 LIMIT = 0.48

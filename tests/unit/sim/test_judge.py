@@ -12,13 +12,11 @@ from synthetic_run import moving_world, straight_run
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.record import RecordError
-from elastic_strips.execution.recorder import Recorder
+from elastic_strips.execution.record import Recorder, RecordError
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Points, Scene, Sphere, Twist, Voxels, World
-from elastic_strips.sim.course import Course
 from elastic_strips.sim.judge import Tolerance, judge
-from elastic_strips.sim.sweep import Sweep
+from elastic_strips.sim.sweep import Course, Sweep
 
 
 def at(robot, time, chart, t):

@@ -18,7 +18,7 @@ from elastic_strips.sim.sensors import (
     silvermate_sensors,
 )
 
-DOCS = Path(__file__).parents[3] / "docs" / "sensors.md"
+DOCS = Path(__file__).parents[4] / "docs" / "sensors.md"
 
 
 def written(tmp_path, text):
