@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ElasticStripsError, ParameterError, RobotError, SceneError
+from ..errors import ConfigurationError, ElasticStripsError, ParameterError, RobotError, SceneError
 from ..planning import PlanReport
 from ..robot import RobotModel
 from ..robot.space import Array
@@ -245,10 +245,18 @@ class Controller:
         self._stopping = ""
 
     def retarget(self, goal: npt.ArrayLike) -> None:
-        """At rest, take another goal (nq,), and have a strip planned to it."""
+        """At rest, take another goal (nq,), and have a strip planned to it.
+
+        Raises:
+            ConfigurationError: the robot moves, or the goal is no configuration of it.
+        """
+        if self.reference.v.any():
+            raise ConfigurationError("retarget: the robot moves; stop it, and give it another goal when it stands")
         self.goal_q = self.robot.check_q(goal, what="goal")
         self.goal = self.robot.space.to_chart(self.goal_q)
         self._no_way = ""
+        self._planning, self.replanner.pending = None, False  # what is planned now leads to the goal before
+        self._ready.clear()
         self.supervisor.restart("new goal", self.time)
         q = self.robot.space.from_chart(self.reference.chart)
         self._heading = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
@@ -295,7 +303,7 @@ class Controller:
 
     def _take_in(self, measurement: Measurement, dt: float) -> None:
         self.estimate = self.estimator.update(measurement)
-        self._contact = measurement.contact
+        self._contact = self._contact or measurement.contact  # until a planning tick has seen it
         if measurement.odometry_lost:
             self.supervisor.log(self.time, "fault", "odometry lost")
         step = self.robot.space.difference(self._measured, self.estimate)
@@ -334,8 +342,9 @@ class Controller:
     def _plan(self, t: float) -> None:
         params, supervisor = self.params, self.supervisor
         if self._contact:
-            supervisor.log(t, "fault", self._contact)
-            self._brake(self._contact, t)
+            contact, self._contact = self._contact, ""
+            supervisor.log(t, "fault", contact)
+            self._brake(contact, t)
             return
         if self._trouble or self._newest is None:
             supervisor.keep(self._trouble, t)
@@ -422,8 +431,8 @@ class Controller:
             found, self._heading = self._heading, None
             try:
                 report = found.result()
-            except ElasticStripsError as error:
-                self._no_way = str(error)
+            except Exception as error:  # whatever it is, the strip that is there leads elsewhere
+                self._no_way = f"no way to the goal: {error}"
                 raise
             supervisor.log(t, "goal", report.reason)
             self.pilot.take(report.strip)

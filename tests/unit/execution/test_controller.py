@@ -154,6 +154,58 @@ def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
     assert any(e.kind == "fault" and "crate" in e.reason for e in controller.events)
 
 
+@pytest.mark.parametrize("error", [RuntimeError("the planner broke"), ConfigurationError("nobody can be there")])
+def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_one(silvermate, monkeypatch, error):
+    """The strip that it has leads to the goal before: nothing may call that reached."""
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=Immediate())
+    wheels = Wheels(silvermate)
+    k = drive(controller, wheels, 2000, still(CRATE))
+
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(controller.replanner, "plan", fails)
+    controller.retarget(silvermate.home(x=3.0))
+    drive(controller, wheels, 100, still(CRATE), first=k + 1)
+    assert controller.state is RunState.STOPPED
+    assert str(error) in controller.reason
+
+
+def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
+    wall = Box((0.2, 3.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    through = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
+    later, wheels, k = Later(), Wheels(silvermate), 0
+    controller = Controller(
+        silvermate, start, goal, Scene([wall]), strip=through, executor=later, params=DriveParams(replan_after=0.1)
+    )
+    while not later.jobs and k < 1000:
+        k = drive(controller, wheels, 5, still(wall), first=k) + 1
+    controller.retarget(silvermate.home())
+    later.work()  # the strip to the first goal, and the one to the second
+    drive(controller, wheels, 3000, still(wall), first=k)
+    assert controller.state is RunState.REACHED, controller.reason
+    np.testing.assert_allclose(wheels.chart[:2], 0.0, atol=0.05)
+
+
+def test_a_robot_that_moves_takes_no_other_goal(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    drive(controller, Wheels(silvermate), 100, still())
+    with pytest.raises(ConfigurationError, match="moves"):
+        controller.retarget(silvermate.home())
+
+
+def test_a_contact_between_two_planning_ticks_counts(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    wheels = Wheels(silvermate)
+    first = drive(controller, wheels, 150, still()) + 1
+    for k in range(first, first + 20):
+        contact = "the left bumper" if k == first + 2 else ""
+        measurement = Measurement(k * DT, np.zeros(2), wheels.chart[3:], contact=contact)
+        controller.step(k * DT, measurement, Scene([], time=k * DT))
+    assert any("bumper" in e.reason for e in controller.events if e.kind == "braked")
+
+
 def test_a_stop_can_be_taken_back(silvermate):
     controller, wheels = (
         Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([])),
