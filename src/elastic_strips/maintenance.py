@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from .robot import ConfigurationSpace
-from .robot.space import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from .errors import ConfigurationError, RobotError
 from .robot import BaseKind, RobotModel
-from .robot.space import Array
 from .summary import Summary
 from .validation import check_number, check_type
 

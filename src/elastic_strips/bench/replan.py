@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..deform import Deformer, DeformReport
 from ..proximity import BodySet
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import strip_clearance

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ConfigurationError, ElasticStripsError, ScenarioError
 from ..planning import check_ends, plan_report
 from ..robot import RobotModel, load_robot, robot_names
-from ..robot.space import Array
 from ..scene import Scene, Sphere
 from ..strip import Strip
 from .measure import machine

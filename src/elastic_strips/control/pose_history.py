@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
 
 _KEPT = 200
 

@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, RobotError, nearest_name
 from ..planning.validity import Validity
 from ..robot import RobotModel
 from ..robot.control_points import find_frame
-from ..robot.space import Array
 from ..scene import Scene
 from ..summary import Summary
 from ..validation import check_type, shown

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..forces import System, add_elastic, add_joint_limits, add_posture, add_repulsion, add_self_repulsion
 from ..proximity import ObstacleProximity, SelfProximity
 from ..relax import BandedSolver, project_rolling
 from ..robot import BaseKind, Kinematics, RobotModel
-from ..robot.space import Array
 from .params import DeformParams
 from .report import ForceField, PhaseClock
 from .task import TaskForce

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices
+
 from ..errors import ConfigurationError, ParameterError, RobotError, SceneError
 from ..maintenance import maintain, node_spacing
 from ..relax import project_rolling
 from ..robot import RobotModel
-from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate, Tunnel, protective_hulls

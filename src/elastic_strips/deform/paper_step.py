@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..forces import (
     contraction_force,
@@ -15,7 +17,6 @@ from ..forces import (
 from ..proximity import BodySet, ObstacleProximity
 from ..relax import explicit_step
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..tunnel import Tunnel, protective_hulls
 from .params import DeformParams

@@ -8,7 +8,8 @@ from time import perf_counter
 
 import numpy as np
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
+
 from ..scene import Scene
 from ..strip import Strip
 from ..summary import Summary

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, RobotError, nearest_name
 from ..forces import add_axis_task, axis_in_world
 from ..forces.system import System
 from ..robot import Kinematics, RobotModel
 from ..robot.control_points import find_frame
-from ..robot.space import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

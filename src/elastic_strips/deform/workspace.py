@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices
+
 from ..maintenance import Edit
 from ..proximity import Ahead, BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate, Certifier

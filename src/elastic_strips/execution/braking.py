@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
+
 from .limits import MotionLimits
 from .path import integrate_travel
 from .speed_profile import Profile, broken_limit

@@ -15,10 +15,11 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import ConfigurationError, ElasticStripsError, ParameterError, RobotError, SceneError
 from ..planning import PlanReport
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
 from ..validation import check_able, check_count, check_number, check_type

@@ -8,9 +8,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..robot import RobotModel
-from ..robot.space import Array
 from .limits import MotionLimits
 from .measurement import Measurement
 from .planar import Pose, compose, exp, inverse, log

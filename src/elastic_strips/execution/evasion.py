@@ -12,10 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices, Mask
+
 from ..proximity import BodySet, Forecast
 from ..robot import Kinematics, RobotModel
 from ..robot.geometry import support_points
-from ..robot.space import Array, Indices, Mask, wrap_angle
+from ..robot.space import wrap_angle
 from ..scene import Scene
 from .limits import MotionLimits
 from .onward import Proposal, fastest_drive

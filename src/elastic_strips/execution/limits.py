@@ -19,9 +19,10 @@ import numpy.typing as npt
 import pinocchio as pin
 from lxml import etree
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, RobotError, SceneError, nearest_name
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..robot.urdf import floats, read_xml, resolve_mesh, search_folders
 from ..scene.decompose import load_mesh
 from ..summary import Summary

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

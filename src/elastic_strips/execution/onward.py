@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..deform import DeformReport
 from ..proximity import Forecast
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..tunnel import Certificate
 from .limits import MotionLimits

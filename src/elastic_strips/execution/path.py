@@ -12,9 +12,11 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import ElasticStripsError
 from ..robot import RobotModel
-from ..robot.space import Array, ConfigurationSpace
+from ..robot.space import ConfigurationSpace
 from ..summary import Summary
 from .limits import MotionLimits, prismatic_joints
 

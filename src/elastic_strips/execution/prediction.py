@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..proximity import Ahead, Forecast
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene, Unknown
 from .limits import MotionLimits
 from .params import ObstacleAssumptions

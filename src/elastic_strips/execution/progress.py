@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices
+
 from ..robot import ConfigurationSpace
-from ..robot.space import Array, Indices, wrap_angle
+from ..robot.space import wrap_angle
 
 _SEARCHED = 24
 _CROWDED = 0.05

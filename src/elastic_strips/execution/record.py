@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import InputError
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..scene import Scene, World
 from ..scene.yielding import copied
 from ..summary import Summary

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import ConfigurationError, ParameterError, RobotError
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array, wrap_angle
+from ..robot.space import wrap_angle
 from ..strip import Strip
 from ..validation import check_type
 from .braking import brake

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
 
 TOLERANCE = 1e-3
 """Part of a limit by which a sample may exceed it."""

@@ -6,8 +6,9 @@ import logging
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..tunnel import Certificate
 from .limits import MotionLimits
 from .record import Event, RunState

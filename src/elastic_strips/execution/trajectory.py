@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..strip import Strip
 from ..summary import Summary
 from .limits import MotionLimits

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices
+
 from ..proximity import Contacts, SelfContacts, SelfProximity
 from ..robot import Kinematics
-from ..robot.space import Array, Indices
 from .system import System
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..robot import ConfigurationSpace
-from ..robot.space import Array, wrap_angle
+from ..robot.space import wrap_angle
 from .system import System
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.space import Array, Indices
+from elastic_strips.arrays import Array, Indices
 
 
 class System:

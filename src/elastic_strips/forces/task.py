@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..robot import Kinematics
-from ..robot.space import Array
 from .system import System
 
 

@@ -12,10 +12,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError
 from elastic_strips.input_file import open_input
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan
-from elastic_strips.robot.space import Array
 
 MAX_BYTES = 200_000_000
 MAX_LINE = 2_000_000  # bytes

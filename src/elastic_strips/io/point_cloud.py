@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.input_file import read_input
-from elastic_strips.robot.space import Array
 from elastic_strips.scene import Scene, Voxels, checks
 from elastic_strips.summary import Summary
 

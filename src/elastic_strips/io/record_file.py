@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips._version import __version__
+from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, RobotError, missing_extra
 from elastic_strips.execution.record import DRIVE_NAMES, ControlRows, Event, PlanningRows, Record, RecordError, frozen
 from elastic_strips.input_file import open_input
@@ -28,7 +29,6 @@ from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.npy_source import NpzArrays
 from elastic_strips.io.scene_file import obstacle_documents
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
-from elastic_strips.robot.space import Array
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Keyframes, Obstacle, Scene, Sphere, World
 from elastic_strips.validation import check_type
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..execution.limits import MotionLimits
 from ..perception import Reading
-from ..robot.space import Array
 from ..validation import check_numbers
 
 Status = Literal["moving", "arrived", "blocked"]

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, nearest_name
 from ..perception import LaserScan, RangeRing, Reading
-from ..robot.space import Array
 from ..validation import check_count, check_numbers
 
 Flags = npt.NDArray[np.bool_]

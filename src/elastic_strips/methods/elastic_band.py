@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..perception import Reading
 from ..planning.grid_path import cheapest_way, resample
-from ..robot.space import Array
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
 from .certainty_grid import SensedPoints

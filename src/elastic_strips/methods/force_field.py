@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..perception import Reading
-from ..robot.space import Array
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
 from .certainty_grid import GridParams, make_grid

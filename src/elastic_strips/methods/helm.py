@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
+
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits, Status
 

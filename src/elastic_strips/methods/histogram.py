@@ -15,9 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, nearest_name
 from ..perception import Reading
-from ..robot.space import Array
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
 from .certainty_grid import Flags, GridParams, make_grid

@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
+
 from ..scene import Box, Cylinder, Obstacle
 from .params import SceneEstimatorParams
 from .readings import ScanRays

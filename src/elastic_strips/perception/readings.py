@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Mask
+
 from ..errors import ParameterError
-from ..robot.space import Array, Mask
 from ..summary import Summary
 
 NOTHING = np.inf

@@ -10,7 +10,8 @@ from enum import Enum
 
 import numpy as np
 
-from ..robot.space import Array, Mask
+from elastic_strips.arrays import Array, Mask
+
 from ..scene import Cylinder, Motion, Obstacle, Twist, Unknown
 from .clusters import OTHER, ROUND, Cluster, Footprint, footprint
 from .params import SceneEstimatorParams

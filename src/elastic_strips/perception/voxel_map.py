@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array, Mask
+
 from ..errors import SceneError
-from ..robot.space import Array, Mask
 from ..scene import Obstacle, Voxels
 from .params import SceneEstimatorParams
 from .readings import RangeRing, ScanRays, pose_matrix

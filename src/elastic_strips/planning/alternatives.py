@@ -10,10 +10,11 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ParameterError
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
 from ..summary import Summary

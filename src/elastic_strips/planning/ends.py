@@ -8,11 +8,12 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..deform import Deformer, DeformParams
 from ..errors import ConfigurationError, ParameterError, RobotError, SceneError
 from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from .deadline import Deadline
 

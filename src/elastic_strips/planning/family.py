@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ConfigurationError, ParameterError
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..summary import Summary
 from .alternatives import Alternative, plan_alternatives, strip_cost, strip_path

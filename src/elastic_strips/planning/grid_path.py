@@ -15,9 +15,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.arrays import Array, Indices
+
 from ..errors import ParameterError
 from ..robot import RobotModel
-from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..summary import Summary
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array, Indices
+
 from ..errors import ParameterError
 from ..robot import RobotModel
-from ..robot.space import Array, Indices
 from ..scene import Scene
 from ..summary import Summary
 from .grid_path import FLOOR, MOST_CELLS, cell_cost, cell_graph, footprint, grid_frame, owner_map, smooth_way

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array, wrap_angle
+from ..robot.space import wrap_angle
 from .grid_path import resample
 
 _TURN = 0.35  # largest turn in place between two nodes [rad]

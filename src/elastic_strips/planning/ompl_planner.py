@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import ConfigurationError, ParameterError
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
 from .deadline import Deadline

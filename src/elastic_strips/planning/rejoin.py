@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices
+
 from ..deform import Deformer, DeformReport
 from ..deform.report import SLIP_LIMIT
 from ..relax import project_rolling
 from ..robot import BaseKind
-from ..robot.space import Array, Indices
 from ..strip import Strip
 
 _LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..deform import Deformer, DeformReport, DeformStatus
 from ..deform.report import settled_report
 from ..relax import project_rolling
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
 from .line import tucked_rows, waypoint_rows

@@ -6,10 +6,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..deform import Deformer
 from ..relax import project_rolling
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..strip import Strip
 from ..tunnel import Certificate

@@ -13,8 +13,9 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..robot import Kinematics, KinematicTree, RobotModel
-from ..robot.space import Array
 
 _POINT_RADIUS = 1e-6
 

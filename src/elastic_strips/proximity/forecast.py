@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices, Mask
+
 from ..errors import ParameterError
-from ..robot.space import Array, Indices, Mask
 from .window import Window
 
 _LONGEST = 1e6  # [s]

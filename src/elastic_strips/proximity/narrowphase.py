@@ -18,8 +18,9 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..robot import Kinematics
-from ..robot.space import Array
 from ..scene.parts import Part
 from .bounds import BodySet
 

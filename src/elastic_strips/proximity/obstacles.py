@@ -11,8 +11,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array, Mask
+
 from ..robot import Kinematics
-from ..robot.space import Array, Mask, where_true
+from ..robot.space import where_true
 from ..scene import Scene
 from .bounds import BodySet
 from .forecast import Ahead, Movers

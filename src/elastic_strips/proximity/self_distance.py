@@ -9,8 +9,10 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array, Indices
+
 from ..robot import Kinematics
-from ..robot.space import Array, Indices, where_true
+from ..robot.space import where_true
 from .bounds import BodySet, MotionBounds
 from .narrowphase import GJK_EXCESS, PairSolver, ShapePair
 

@@ -14,7 +14,8 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
+
 from ..scene import Scene
 from ..scene.parts import Part
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.space import Array, wrap_angle
+from elastic_strips.arrays import Array
+
+from ..robot.space import wrap_angle
 
 
 def explicit_step(

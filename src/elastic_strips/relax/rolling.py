@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..robot import ConfigurationSpace
-from ..robot.space import Array
 
 ROLLING_TOLERANCE = 1e-9
 """Largest sideways travel [m] of a segment that counts as none."""

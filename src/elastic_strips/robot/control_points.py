@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..errors import RobotError, nearest_name
-from .space import Array
 
 
 @dataclass(frozen=True, slots=True)

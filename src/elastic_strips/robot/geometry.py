@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..errors import RobotError
-from .space import Array
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull

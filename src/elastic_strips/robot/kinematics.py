@@ -12,9 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..errors import RobotError
 from ..summary import Summary
-from .space import Array, ConfigurationSpace
+from .space import ConfigurationSpace
 
 
 def _rotation_to_axis(axis: Array) -> Array:

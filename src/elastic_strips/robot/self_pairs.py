@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from .geometry import LinkGeometry
-from .space import Array
 
 _log = logging.getLogger(__name__)
 _SAMPLES = 300

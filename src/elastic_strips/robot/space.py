@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
+
+from elastic_strips.arrays import Array, Indices, Mask
 
 from ..errors import RobotError, nearest_name
 from ..summary import Summary
@@ -47,10 +48,6 @@ class BaseKind(str, Enum):
             names = [k.value for k in BaseKind]
             raise RobotError(f"base={value!r} is no kind of base{nearest_name(value, names)}") from None
 
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
 
 LIMIT_TOLERANCE = 1e-4
 """A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
@@ -92,8 +89,8 @@ class ConfigurationSpace(Summary):
     nq: int
     nv: int
     planar: bool
-    idx_q: npt.NDArray[np.intp]
-    circular: npt.NDArray[np.bool_]
+    idx_q: Indices
+    circular: Mask
     lower: Array
     upper: Array
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ScenarioError
 from ..io import PoseSpec
 from ..named import SCENARIOS
-from ..robot.space import Array
 from ..scene import Box, Cylinder, Obstacle, Scene
 from .scenario import Scenario
 

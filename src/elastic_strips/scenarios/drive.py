@@ -8,6 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..control import BaseController
 from ..deform import DeformParams
 from ..errors import RobotError, ScenarioError
@@ -16,7 +18,6 @@ from ..execution.replanning import SwitchingReplanner
 from ..methods import BASE_METHODS
 from ..planning import FamilyParams
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import World
 from ..sim import (
     LASER_ASSUMPTIONS,

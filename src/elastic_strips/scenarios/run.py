@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
 from ..errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from ..planning import check_ends, plan_report, straight_line
 from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..strip import Strip
 from ..summary import Summary
 from ..validation import check_able, check_choice, check_count, check_number, check_type

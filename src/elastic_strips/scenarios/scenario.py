@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from elastic_strips.arrays import Array
+
 from ..errors import ConfigurationError, RobotError, ScenarioError
 from ..io import PoseSpec, ScenarioSpec
 from ..robot import BaseKind, RobotModel, load_robot
-from ..robot.space import Array
 from ..scene import Scene, World
 from ..scene.yielding import copied
 from ..summary import Summary

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..execution import Record
 from ..perception import LaserScan, rays_of
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene, World
 from ..sim import Contact, Verdict
 from ..sim.sensors import LaserParams, SensorConfig, SensorSuite, seen_obstacles

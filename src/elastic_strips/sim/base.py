@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..control import BaseController
 from ..execution import MotionLimits
 from ..perception import Reading
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene, World
 from ..validation import check_able, check_count
 from .pedestrians import Bystanders

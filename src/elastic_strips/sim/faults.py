@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, nearest_name
 from ..execution.controller import Propose
 from ..execution.measurement import Measurement
 from ..execution.onward import Proposal
 from ..execution.tracking import Command
 from ..execution.trajectory import Trajectory
-from ..robot.space import Array
 from ..scene import Scene
 from ..validation import check_type, shown
 from .perception import Perceiver, PerceptionError

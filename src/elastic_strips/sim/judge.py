@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, RobotError, SceneError
 from ..execution.limits import MotionLimits
 from ..execution.params import Tolerance
 from ..execution.record import ControlRows, Record, RecordError
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..scene import World
 from ..summary import Summary
 from ..validation import check_number, check_type, shown

@@ -7,11 +7,12 @@ from typing import Any
 import coal
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..execution.limits import MotionLimits
 from ..robot import LinkGeometry, RobotModel
 from ..robot.geometry import support_points
-from ..robot.space import Array
 from ..scene import Obstacle
 
 FLOOR, ROLLING, LINK, OBSTACLE = range(4)

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from lxml import etree
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError, RobotError, missing_extra
 from ..execution.limits import MotionLimits
 from ..robot import BaseKind, RobotModel
-from ..robot.space import Array
 from ..robot.urdf import read_xml
 from ..scene import Obstacle
 from .mujoco_geoms import FLOOR, OBSTACLE, WITH_FLOOR, add_obstacle, add_robot

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..execution.limits import MotionLimits
 from ..execution.measurement import Measurement
 from ..execution.tracking import Command
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene
 from ..scene.world import World
 from .mujoco_geoms import FLOOR, LINK, OBSTACLE, ROLLING

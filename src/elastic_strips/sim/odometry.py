@@ -9,9 +9,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..execution.measurement import Measurement
-from ..robot.space import Array
 
 _SLACK = 1e-9  # [s] times that differ by less are the same
 

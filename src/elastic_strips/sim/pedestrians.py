@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..execution.evasion import Silhouette, beyond_box
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Obstacle, World, Yielding
 from ..validation import check_numbers
 

@@ -7,9 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ElasticStripsError, ParameterError
 from ..execution.params import ObstacleAssumptions
-from ..robot.space import Array
 from ..scene import Scene, Twist, Unknown, World
 
 

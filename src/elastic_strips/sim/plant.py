@@ -8,13 +8,14 @@ from typing import Protocol
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..execution.limits import MotionLimits
 from ..execution.measurement import Measurement
 from ..execution.planar import Pose, compose, exp
 from ..execution.tracking import Command
 from ..robot import RobotModel
-from ..robot.space import Array
 from .odometry import SensorParams, Sensors, standard_normals
 
 _STICTION = 5e-4  # [m/s, rad/s] below it, a motor that is told to stand stands

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..control.pose_history import PoseHistory
 from ..execution.evasion import Silhouette
 from ..execution.params import ObstacleAssumptions
 from ..perception import SceneEstimator, SceneEstimatorParams
 from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array
 from ..scene import Scene, World
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite

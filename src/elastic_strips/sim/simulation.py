@@ -13,6 +13,8 @@ from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ..errors import RobotError
 from ..execution.controller import KEPT_EVENTS, Controller, Tick
 from ..execution.limits import MotionLimits
@@ -22,7 +24,6 @@ from ..execution.record import DriveResult, Event, Recorder, RunState, TickStati
 from ..execution.tracking import Command
 from ..execution.trajectory import ReferenceState
 from ..robot import RobotModel
-from ..robot.space import Array
 from ..scene import Scene, World
 from ..validation import check_able, check_count, check_number, check_type
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning

@@ -19,8 +19,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.arrays import Array, Indices, Mask
+
 from ..robot import LinkGeometry, RobotModel
-from ..robot.space import Array, Indices, Mask
 from ..scene import Part, World
 
 _SIGNS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import ParameterError
 from ..execution.estimation import Estimator
 from ..execution.limits import MotionLimits
@@ -14,7 +16,6 @@ from ..execution.tracking import TrackingController, TrackingGains
 from ..execution.trajectory import Trajectory
 from ..proximity.bounds import BodySet
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array
 from .plant import KinematicPlant, Plant, PlantParams
 
 DEFAULT_TRACKING_ERROR = 0.02

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..bench.pool import cached, spread
 from ..control.base_controller import PATIENCE
 from ..errors import ElasticStripsError, ParameterError, nearest_name
 from ..execution import RunState
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
-from ..robot.space import Array
 from ..scenarios import STRIP, drive_scenario, get_scenario
 from ..sim import Simulation
 from ..sim.sensors import SensorConfig

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import coal
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices
+
 from ..proximity import BodySet
 from ..robot import Kinematics, RobotModel
 from ..robot.geometry import support_points
-from ..robot.space import Array, Indices
 from ..scene import Obstacle, Scene
 from .reactive import ReactiveRun
 

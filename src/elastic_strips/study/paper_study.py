@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ..errors import InputError, ScenarioError, missing_extra, nearest_name
 from ..io.files import check_writable, write_whole
-from ..robot.space import Array
 from ..scenarios import drive_scenario, get_scenario
 from ..scenarios.paper_cases import TABLE_1, TABLE_2
 from ..scenarios.traps import BOTTLENECK, DEAD_END

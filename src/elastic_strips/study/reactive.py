@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices
+
 from ..deform import Deformer, DeformParams
 from ..deform.paper_step import PaperStep
 from ..errors import RobotError
 from ..planning import straight_line
 from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel
-from ..robot.space import Array, Indices
 from ..scenarios.scenario import Scenario
 from ..scene import Scene
 from ..strip import Strip

@@ -14,9 +14,11 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array, Indices, Mask
+
 from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics
-from ..robot.space import Array, Indices, Mask, where_true
+from ..robot.space import where_true
 from ..scene import Scene
 from ..summary import Summary
 

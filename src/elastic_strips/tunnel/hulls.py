@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..robot.space import Array
+from elastic_strips.arrays import Array
+
 from ..summary import Summary
 
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Indices, Mask
+
 from ..proximity import GJK_EXCESS, Ahead, BodySet, MotionBounds, Movers, Narrowphase, SelfProximity, Window
 from ..robot import Kinematics
-from ..robot.space import Array, Indices, Mask
 from ..scene import Scene
 from .certificate import BrokenSegment, Certificate, SegmentState, undefined
 

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
+
 from ...perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing
-from ...robot.space import Array
 from .mounting import Mount, Posture
 from .params import LaserParams, RangeParams, RingParams
 from .rays import ObstacleRays, OwnBody, Rays

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
+
 from ...errors import ConfigurationError, RobotError, nearest_name
 from ...robot import RobotModel
 from ...robot.control_points import find_frame
-from ...robot.space import Array
 
 _NAMES = {"laser": r"laser(_\d+)?_frame", "sonar": r"sonar_\d+_frame", "infrared": r"ir_\d+_frame"}
 

@@ -17,9 +17,10 @@ import coal as _coal
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array, Indices
+
 from ...errors import missing_extra
 from ...robot.geometry import LinkGeometry, support_points
-from ...robot.space import Array, Indices
 from ...scene import Obstacle, Scene, World
 from ...scene.parts import Part
 from .mounting import Posture

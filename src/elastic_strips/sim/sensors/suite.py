@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.arrays import Array
+
 from ...errors import ParameterError, RobotError, SceneError
 from ...perception.readings import Reading
 from ...robot import RobotModel
-from ...robot.space import Array
 from ...scene import World
 from ...validation import check_count, check_type
 from .devices import LaserRangefinder, SensorRing

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array, Mask
+
 from ...perception.readings import LaserScan, ScanRays, rays_of
-from ...robot.space import Array, Mask
 from ...scene import Scene
 
 

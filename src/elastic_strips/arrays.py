@@ -1,0 +1,15 @@
+"""Types of what is handed round: arrays of NumPy, and documents as JSON and YAML have them."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Indices: TypeAlias = npt.NDArray[np.intp]
+Mask: TypeAlias = npt.NDArray[np.bool_]
+ArrayLike: TypeAlias = npt.ArrayLike
+Document: TypeAlias = dict[str, object]
+"""What is read from a file or written to one: names and plain values, lists and documents in it."""
