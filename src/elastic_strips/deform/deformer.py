@@ -15,7 +15,7 @@ from ..relax import project_rolling
 from ..robot import RobotModel
 from ..scene import Scene
 from ..strip import Strip
-from ..tunnel import Certificate, Tunnel, protective_hulls
+from ..tunnel import Certificate, ProtectiveHulls, protective_hulls
 from ..validation import check_able, check_choice, check_count, check_number, check_type, shown
 from .default_step import DefaultStep
 from .paper_step import PaperStep
@@ -307,7 +307,7 @@ class Deformer:
             return replace(result, certificate=work.certify(scene))
         return edited
 
-    def _tunnel(self, scene: Scene) -> Tunnel:
+    def _tunnel(self, scene: Scene) -> ProtectiveHulls:
         work, cap = self.workspace, self.params.influence
         if self._paper is not None:
             return self._paper.tunnel(work.kin, scene)

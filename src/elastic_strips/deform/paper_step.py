@@ -18,7 +18,7 @@ from ..proximity import BodySet, ObstacleProximity
 from ..relax import explicit_step
 from ..robot import Kinematics, RobotModel
 from ..scene import Scene
-from ..tunnel import Tunnel, protective_hulls
+from ..tunnel import ProtectiveHulls, protective_hulls
 from .params import DeformParams
 from .report import ForceField
 from .workspace import Workspace
@@ -115,7 +115,7 @@ class PaperStep:
         """Control points (N, C, 3) [m]."""
         return self.bodies.capsule_ends(kin)[:, :, 0]
 
-    def tunnel(self, kin: Kinematics, scene: Scene) -> Tunnel:
+    def tunnel(self, kin: Kinematics, scene: Scene) -> ProtectiveHulls:
         """Protective hulls of the nodes, capped at the safe distance."""
         self.proximity.update(kin, scene)
         return protective_hulls(self.points(kin), self.proximity.clearance(), cap=self.params.influence)

@@ -13,7 +13,7 @@ from elastic_strips.arrays import Array
 from ..scene import Scene
 from ..strip import Strip
 from ..summary import Summary
-from ..tunnel import Certificate, Tunnel, strip_clearance
+from ..tunnel import Certificate, ProtectiveHulls, strip_clearance
 from .params import DeformParams
 
 
@@ -120,7 +120,7 @@ class DeformReport(Summary):
     slip: float = 0.0
     asked: int = 0
     forces: ForceField | None = None
-    tunnel: Tunnel | None = None
+    tunnel: ProtectiveHulls | None = None
     connectivity_counts: bool = False
     heading_step: float = 0.0
     task_errors: Array | None = None
@@ -169,7 +169,7 @@ SLIP_LIMIT = 1e-6
 
 
 def tick_status(
-    certificate: Certificate, slip: float, rest: bool, tunnel: Tunnel | None, wide: str = ""
+    certificate: Certificate, slip: float, rest: bool, tunnel: ProtectiveHulls | None, wide: str = ""
 ) -> tuple[DeformStatus, str]:
     """Status and reason after one tick.
 

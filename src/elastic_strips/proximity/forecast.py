@@ -40,8 +40,10 @@ class Ahead:
         step = np.sqrt((np.diff(self.shift, axis=0) ** 2).sum(axis=2))
         return step + np.abs(np.diff(self.growth, axis=0))
 
-    def between(self, segment: Indices, fraction: Array, obstacle: Indices) -> tuple[Array, Array]:
-        """Shift (K, 3) and growth (K,) at fractions of segments; growth is convex in time, so that this bounds it."""
+    def between(self, place: Array, obstacle: Indices) -> tuple[Array, Array]:
+        """Shift (K, 3) and growth (K,) at places; growth is convex in time, so that this bounds it."""
+        segment = np.minimum(place.astype(np.intp), len(self.shift) - 2)
+        fraction = place - segment
         f = fraction[:, None]
         shift = (1.0 - f) * self.shift[segment, obstacle] + f * self.shift[segment + 1, obstacle]
         growth = (1.0 - fraction) * self.growth[segment, obstacle] + fraction * self.growth[segment + 1, obstacle]
@@ -175,12 +177,12 @@ class Movers:
         mover = self._mover[part]
         return self._still(mover, self.ahead.shift[node, mover], self.ahead.growth[node, mover])
 
-    def between(self, segment: Indices, fraction: Array, part: Indices) -> tuple[Array, Array] | None:
-        """Shift (K, 3) and growth (K,) of parts at fractions of segments; None where nothing moves."""
+    def between(self, place: Array, part: Indices) -> tuple[Array, Array] | None:
+        """Shift (K, 3) and growth (K,) of parts at places, node numbers with fractions; None where nothing moves."""
         if self.ahead is None:
             return None
         mover = self._mover[part]
-        return self._still(mover, *self.ahead.between(segment, fraction, mover))
+        return self._still(mover, *self.ahead.between(place, mover))
 
     @staticmethod
     def _still(mover: Indices, shift: Array, growth: Array) -> tuple[Array, Array]:

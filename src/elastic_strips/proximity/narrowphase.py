@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -23,6 +23,7 @@ from elastic_strips.arrays import Array
 from ..robot import Kinematics
 from ..scene.parts import Part
 from .bounds import BodySet
+from .window import Window
 
 _TOLERANCE = 1e-12
 _AGREEMENT = 1e-4
@@ -156,10 +157,7 @@ class Narrowphase:
         node: npt.NDArray[np.intp],
         body: npt.NDArray[np.intp],
         part: npt.NDArray[np.intp],
-        parts: Sequence[Part],
-        transforms: Sequence[Any],
-        rotations: Array,
-        translations: Array,
+        window: Window,
         reach: float,
         shift: Array | None = None,
     ) -> tuple[Array, Array, Array]:
@@ -168,9 +166,7 @@ class Narrowphase:
         Args:
             kin: kinematics of the nodes.
             node, body, part: (K,) index arrays, best sorted by node and body.
-            parts: the parts that ``part`` indexes.
-            transforms: their Coal transforms, world frame.
-            rotations, translations: (P, 3, 3), (P, 3) the same as arrays.
+            window: the parts that ``part`` indexes.
             reach: witness and direction are read only where the distance is below this [m].
             shift: (K, 3) displacement of the part at the node [m]; none of them moves where None.
 
@@ -188,13 +184,14 @@ class Narrowphase:
         ask, normal, transform = self._solver.ask, self._normal, self._transform
         nearest = self._solver.result.getNearestPoint1
         previous = (-1, -1)
+        parts, transforms = window.parts, window.transforms
         nodes, body_list, part_list = node.tolist(), body.tolist(), part.tolist()
         for k in range(count):
             g, p = body_list[k], part_list[k]
             shape = parts[p]
             if shape.geometry is None:
                 distance[k], direction[k], witness[k] = self._cluster(
-                    g, shape, rotation[k], translation[k], rotations[p], translations[p]
+                    g, shape, rotation[k], translation[k], window.rotation[p], window.translation[p]
                 )
                 continue
             if (nodes[k], g) != previous or shift is not None:

@@ -293,9 +293,8 @@ class ObstacleProximity:
             return
         shift, growth = (None, 0.0) if moved is None else (moved[0][near], moved[1][near])
         distance, direction, witness = self.narrow.query(
-            kin, node, body, part, window.parts, window.transforms, window.rotation, window.translation,
-            self.influence + float(np.max(growth)), shift,
-        )  # fmt: skip
+            kin, node, body, part, window, self.influence + float(np.max(growth)), shift
+        )
         distance -= growth
         self.exact[node, body, part] = distance
         self.bound[node, body, part] = distance - GJK_EXCESS
@@ -328,40 +327,4 @@ class ObstacleProximity:
     def obstacle_name(self, part: int) -> str:
         """Name of the obstacle that a window column belongs to."""
         assert self.window is not None
-        return self.window.scene.names[int(self.window.obstacle[part])]
-
-    def measure(
-        self,
-        kin: Kinematics,
-        node: npt.NDArray[np.intp],
-        body: npt.NDArray[np.intp],
-        part: npt.NDArray[np.intp],
-        need: Array,
-        moved: tuple[Array, Array] | None = None,
-    ) -> Array:
-        """Lower bounds (K,) [m] at configurations that are no nodes of the strip (those of ``kin``).
-
-        Args:
-            kin: kinematics of these configurations.
-            node, body, part: (K,) triples; ``part`` counts in the window.
-            need: (K,) a bound at least this large is good enough, so that the box test may do.
-            moved: shift and growth of the parts, as from :meth:`Movers.between`.
-        """
-        window = self.window
-        assert window is not None
-        ends = self.bodies.ends_at(kin, node, body)
-        if moved is not None:
-            ends -= moved[0][:, None]
-        bound = window.capsule_distance(ends, self.bodies.radius[body], part)
-        if moved is not None:
-            bound -= moved[1]
-        ask = np.flatnonzero(bound < need)
-        if len(ask):
-            ask = ask[np.lexsort((body[ask], node[ask]))]
-            bound[ask] = self.narrow.query(
-                kin, node[ask], body[ask], part[ask], window.parts, window.transforms, window.rotation,
-                window.translation, -np.inf, None if moved is None else moved[0][ask],
-            )[0] - GJK_EXCESS  # fmt: skip
-            if moved is not None:
-                bound[ask] -= moved[1][ask]
-        return bound
+        return self.window.obstacle_name(part)

@@ -187,14 +187,6 @@ class SelfProximity:
             second[k] = result.getNearestPoint2()
         return distance, -direction, first, second
 
-    def measure(self, kin: Kinematics, node: Indices, pair: Indices, need: Array) -> Array:
-        """Lower bounds (K,) [m]; where one is at least ``need`` (K,) the capsules may have done."""
-        bound = self.cheap(kin, node, pair)
-        ask = np.flatnonzero(bound < need)
-        if len(ask):
-            bound[ask] = self.distances(kin, node[ask], pair[ask]) - GJK_EXCESS
-        return bound
-
     def distances(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
         """Exact signed distances (K,) [m]; cheaper than :meth:`query`, which reads the nearest points, too."""
         return np.fromiter(self._each(kin, node, pair), dtype=float, count=len(node))
@@ -209,6 +201,11 @@ class SelfProximity:
             one.setTransform(r1[k], t1[k])
             two.setTransform(r2[k], t2[k])
             yield ask(functors[s], one, two)
+
+    def travel(self, v: Array) -> Array:
+        """Bounds (N, S) [m] on how far the two of each pair come nearer to each other along tangents (N, nv)."""
+        b = self.bodies.tree.space.base_nv
+        return np.abs(v[:, b:]) @ self.radius[b:]
 
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""

@@ -74,6 +74,10 @@ class Window:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def obstacle_name(self, part: int) -> str:
+        """Name of the obstacle that a part belongs to."""
+        return self.scene.names[int(self.obstacle[part])]
+
     def covered(self, low: Array, high: Array) -> npt.NDArray[np.bool_]:
         """(M,) whether each box (M, 3) lies in one of the window's boxes."""
         above = np.all(low[:, None] >= self.cover_low[None], axis=2)

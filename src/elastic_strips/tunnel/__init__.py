@@ -1,17 +1,16 @@
 """Tunnel: protective hulls, their connectivity, and the motion-bound certificate of every segment."""
 
-from .certificate import BrokenSegment, Certificate, Certifier, SegmentState
-from .clearance import strip_clearance
-from .hulls import Tunnel, protective_hulls
+from .certificate import BrokenSegment, Certificate, SegmentState
 from .motion_certificate import MotionCertifier
+from .strip_certificate import Certifier, ProtectiveHulls, protective_hulls, strip_clearance
 
 __all__ = [
     "BrokenSegment",
     "Certificate",
     "Certifier",
     "MotionCertifier",
+    "ProtectiveHulls",
     "SegmentState",
-    "Tunnel",
     "protective_hulls",
     "strip_clearance",
 ]

@@ -1,25 +1,28 @@
-"""The motion-bound certificate: proof, segment by segment, that the interpolated strip keeps its clearance.
+"""The certificate: proof that a robot keeps its clearance all along a path, by one branch and bound for all of it.
 
 Between two configurations no point of a body travels further than Λ. So the body stays further than c from an obstacle
 on the whole way if d_a + d_b − 2c > Λ, with d_a, d_b lower bounds of its distance at the two ends (Schwarzer, Saha and
-Latombe). Where that fails for a (segment, body, obstacle part), this triple alone is measured half-way, and the
-halves are asked again. At the depth floor the answer is *unknown*, never *safe*.
+Latombe). Where that fails for a pair of body and obstacle part, or of two bodies, this pair alone is measured half-way,
+and the halves are asked again. At the depth floor the answer is *unknown*, never *safe*.
+
+Who wants a proof gives three things to the :class:`Bisection`: the pairs and how they are measured, the intervals that
+are open to begin with, with what is known of them, and what the distances are wanted for.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
 
-from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from ..proximity import GJK_EXCESS, BodySet, Movers, Narrowphase, SelfProximity, Window
 from ..robot import Kinematics
-from ..robot.space import where_true
-from ..scene import Scene
 from ..summary import Summary
 
 HALF_TURN = "half turn"
@@ -88,270 +91,291 @@ class Certificate(Summary):
         return bool(self.segments.all())
 
 
-_MOST_SAMPLES = 256
-"""Most configurations of one segment about which obstacles are looked for."""
+_LOOSE = 0.15
+"""A lower bound may lie below the distance by the capsule's length and about this [m]; decides only what is asked."""
+_MARGIN = 1e-4
+"""What a lower bound decides by less than this [m] is measured exactly all the same."""
+
+_Measure = Callable[[Kinematics, Indices, Array, Indices], Array]
+
+
+class Pairs(Protocol):
+    """Numbered pairs that have to stay apart, and how they are measured.
+
+    The measures give distances (K,) [m] of ``pair`` (K,) at nodes (K,) of ``kin``; ``place`` (K,) is where on the path.
+    """
+
+    def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array: ...
+
+    def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
+        """Distances, less what Coal may say too much."""
+        ...
+
+    def loose(self, pair: Indices) -> Array:
+        """How far (K,) [m] the lower bounds may be off."""
+        ...
+
+    def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
+        """Name a pair that is too near, or that could not be decided."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ObstaclePairs:
+    """Pairs of a body and one of P obstacle parts, numbered body·P + part."""
+
+    bodies: BodySet
+    narrow: Narrowphase
+    window: Window
+    movers: Movers
+
+    def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
+        body, part = self._split(pair)
+        ends, moved = self.bodies.ends_at(kin, node, body), self.movers.between(place, part)
+        if moved is None:
+            return self.window.capsule_distance(ends, self.bodies.radius[body], part)
+        return self.window.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
+
+    def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
+        body, part = self._split(pair)
+        moved = self.movers.between(place, part)
+        shift = None if moved is None else moved[0]
+        d = self.narrow.query(kin, node, body, part, self.window, -np.inf, shift)[0] - GJK_EXCESS
+        return d if moved is None else d - moved[1]
+
+    def _split(self, pair: Indices) -> tuple[Indices, Indices]:
+        body = pair // len(self.window)
+        return body, pair - body * len(self.window)
+
+    def loose(self, pair: Indices) -> Array:
+        ends = self.bodies.ends
+        length = np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
+        return length[pair // len(self.window)] + _LOOSE
+
+    def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
+        body, part = divmod(pair, len(self.window))
+        link, obstacle = self.bodies.names[body], self.window.obstacle_name(part)
+        return BrokenSegment(segment, link, obstacle, distance, "obstacle", certain)
+
+
+@dataclass(frozen=True, slots=True)
+class SelfPairs:
+    """Pairs of the robot's own bodies, numbered as in the proximity."""
+
+    proximity: SelfProximity
+
+    def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
+        return self.proximity.cheap(kin, node, pair)
+
+    def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
+        return self.proximity.distances(kin, node, pair) - GJK_EXCESS
+
+    def loose(self, pair: Indices) -> Array:
+        return np.full(len(pair), _LOOSE)
+
+    def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
+        names, (one, two) = self.proximity.bodies.names, self.proximity.pairs[pair]
+        return BrokenSegment(segment, names[one], names[two], distance, "self", certain)
 
 
 @dataclass(slots=True)
-class _Open:
-    """Open triples of one bisection level (struct of arrays)."""
+class OpenIntervals:
+    """Intervals of pairs that are not proven yet (struct of arrays).
 
-    segment: Indices
-    body: Indices  # body, or self pair
-    part: Indices  # obstacle part; −1 for a self pair
-    low: Array  # fractions of the segment
+    Attributes:
+        pair: (K,) numbers of the pairs.
+        low, high: (K,) places on the path: node numbers with fractions. An interval lies within one segment or goes
+            from a node to a node.
+        d_low, d_high: (K,) lower bounds of the distances there [m].
+        exact_low, exact_high: (K,) whether these were measured exactly.
+        travel: (K,) Λ, how far the two of a pair can come nearer to each other on the way [m].
+    """
+
+    pair: Indices
+    low: Array
     high: Array
     d_low: Array
     d_high: Array
-    travel: Array  # Λ over the interval
+    exact_low: Mask
+    exact_high: Mask
+    travel: Array
 
-    def take(self, mask: Mask) -> _Open:
-        return _Open(*(getattr(self, name)[mask] for name in self.__slots__))
+    @staticmethod
+    def of_segments(pair: Indices, segment: Indices, d_low: Array, d_high: Array, travel: Array) -> OpenIntervals:
+        """Whole segments between nodes at which all has been measured that matters."""
+        known, low = np.ones(len(pair), dtype=bool), segment.astype(float)
+        return OpenIntervals(pair, low, low + 1.0, d_low, d_high, known, known, travel)
+
+    @property
+    def segment(self) -> Indices:
+        """(K,) the segment that the interval begins in."""
+        return self.low.astype(np.intp)
+
+    def take(self, which: Mask | Indices) -> OpenIntervals:
+        return OpenIntervals(*(getattr(self, name)[which] for name in self.__slots__))
+
+    def joined(self, other: OpenIntervals) -> OpenIntervals:
+        return OpenIntervals(*(np.concatenate((getattr(self, x), getattr(other, x))) for x in self.__slots__))
+
+    def open(self, clearance: float) -> Mask:
+        """Which of them the lemma does not prove."""
+        return self.d_low + self.d_high <= self.travel + 2.0 * clearance
 
     def __len__(self) -> int:
-        return len(self.segment)
+        return len(self.pair)
 
 
-class Certifier:
-    """Workspace: certifies strips for which the two proximities are up to date.
+class Search(Protocol):
+    """What distances are wanted for."""
 
-    Args:
-        bodies: the robot's links.
-        bounds: their motion radii.
-        obstacles, self_pairs: proximities of the strip's nodes.
-        max_depth: most halvings of a segment.
+    @property
+    def clearance(self) -> float:
+        """Intervals are open as long as they may hold a distance up to this [m]."""
+        ...
+
+    @property
+    def exact_below(self) -> float:
+        """What may be below this [m] is measured exactly, even where a lower bound closes the interval."""
+        ...
+
+    @property
+    def decided(self) -> Mask | None:
+        """(N−1,) segments of which nothing more is wanted, or None where all are wanted to the end."""
+        ...
+
+    def found(self, place: Array, pair: Indices, d: Array) -> bool:
+        """Take exact distances (K,) [m]; True ends the search."""
+        ...
+
+
+class Bisection:
+    """Workspace: halves open intervals along one path until none is left.
+
+    Attributes:
+        checks: number of configurations measured between nodes of the path.
     """
 
-    def __init__(
-        self,
-        bodies: BodySet,
-        bounds: MotionBounds,
-        obstacles: ObstacleProximity,
-        self_pairs: SelfProximity,
-        *,
-        max_depth: int = 12,
-    ) -> None:
-        self.bodies, self.bounds, self.obstacles, self.self_pairs = bodies, bounds, obstacles, self_pairs
-        self.max_depth = max_depth
-        self._between = Kinematics(bodies.tree, 64)
+    def __init__(self, bodies: BodySet) -> None:
+        self.checks = 0
+        self._space = bodies.tree.space
+        self._kin = self._between = Kinematics(bodies.tree, 64)
+        self._v = np.zeros((0, self._space.nv))
 
-    def certify(
-        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene
-    ) -> Certificate:
-        """Certify the segments between the nodes of ``kin``.
+    def begin(self, kin: Kinematics, v: Array) -> None:
+        """Take another path: its nodes (N), and the tangents (N−1, nv) from each to the next."""
+        self._kin, self._v, self.checks = kin, v, 0
+
+    def run(
+        self, pairs: Pairs, todo: OpenIntervals, search: Search, depth: int, way: Array | None = None
+    ) -> OpenIntervals:
+        """Halve what is open, level by level; returns what still is open after ``depth`` levels.
 
         Args:
-            kin: kinematics of the nodes (N), as last given to the proximities.
-            v: (N−1, nv) tangents of the segments.
-            clearance: required distance [m], > 0, to obstacles.
-            self_clearance: required distance [m], > 0, between the robot's own links.
-            scene: the snapshot, as last given to the obstacle proximity.
+            pairs: how the intervals' pairs are measured.
+            todo: the intervals; one of more than a segment is halved at nodes first.
+            search: what takes the distances.
+            depth: most levels.
+            way: (N, pairs) how far the two of each pair can have come nearer to each other since the first node [m];
+                None where all intervals lie in one segment.
         """
-        n = kin.n - 1
-        states = np.zeros(n, dtype=np.int8)
-        travel = self.bounds.travel(v)
-        checks = self._look_along(kin, v, travel, clearance, scene)
-        worst: list[BrokenSegment] = []
-        for j in np.flatnonzero(self.bodies.tree.space.half_turn(v)).tolist():
-            states[j] = SegmentState.UNKNOWN
-            worst.append(undefined(self.bodies, j))
-        self._colliding_nodes(kin, clearance, states, worst)
-        open_obstacles = self._open_obstacles(kin, v, travel, clearance, states)
-        open_self = self._open_self(kin, v, self_clearance)
-        for triples, is_self in ((open_obstacles, False), (open_self, True)):
-            if len(triples):
-                checks += self._bisect(
-                    kin, v, triples, self_clearance if is_self else clearance, states, worst, is_self
-                )
-        worst.sort(key=lambda b: (not b.certain, b.clearance))
-        return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
+        for _level in range(depth):
+            single = todo.high - todo.low <= 1.0
+            if not (todo.exact_low.all() and todo.exact_high.all()):
+                if self._settle(pairs, todo, search, single, "low") or self._settle(
+                    pairs, todo, search, single, "high"
+                ):
+                    break
+                keep = todo.open(search.clearance)
+                todo, single = todo.take(keep), single[keep]
+            if len(todo) == 0:
+                break
+            middle = 0.5 * (todo.low + todo.high)
+            first = second = 0.5 * todo.travel
+            if way is not None and not single.all():
+                middle = np.where(single, middle, np.floor(middle))
+                many = np.flatnonzero(~single)
+                low, at, high = (x[many].astype(np.intp) for x in (todo.low, middle, todo.high))
+                first, second, pair = first.copy(), second.copy(), todo.pair[many]
+                first[many], second[many] = way[at, pair] - way[low, pair], way[high, pair] - way[at, pair]
+            where = self._locate(middle)
+            d = self._measure(pairs.lower_bounds, where, middle, todo.pair)
+            c = search.clearance
+            one, two = first - todo.d_low + 2.0 * c, second - todo.d_high + 2.0 * c  # from here on, a half is proven
+            need = d < np.maximum(np.maximum(one, two), search.exact_below) + _MARGIN
+            if way is not None:  # of a long interval, only what can close a half; it is halved anyway
+                need &= single | (d + pairs.loose(todo.pair) >= np.minimum(one, two)) | (d <= c)
+            ask = np.flatnonzero(need)
+            exact = np.zeros(len(todo), dtype=bool)
+            if len(ask):
+                d[ask] = self._measure(pairs.distances, where, middle, todo.pair, ask)
+                exact[ask] = True
+                if search.found(middle[ask], todo.pair[ask], d[ask]):
+                    return todo.take(ask[:0])
+            left = OpenIntervals(todo.pair, todo.low, middle, todo.d_low, d, todo.exact_low, exact, first)
+            right = OpenIntervals(todo.pair, middle, todo.high, d, todo.d_high, exact, todo.exact_high, second)
+            keep_left, keep_right = left.open(search.clearance), right.open(search.clearance)
+            decided = search.decided
+            if decided is not None:
+                alive = ~decided[todo.segment]
+                keep_left &= alive
+                keep_right &= alive
+            todo = left.take(keep_left).joined(right.take(keep_right))
+        return todo
 
-    def _colliding_nodes(
-        self, kin: Kinematics, clearance: float, states: npt.NDArray[np.int8], worst: list[BrokenSegment]
-    ) -> None:
-        """A node that is itself too close decides both its segments."""
-        bound = self.obstacles.bound
-        if bound.shape[2] == 0:
-            return
-        node, body, part = where_true(bound <= clearance)
-        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + 1e-4))
-        nearest = bound.reshape(len(bound), -1).min(axis=1)
-        bad = np.flatnonzero(nearest <= clearance)
-        if len(bad) == 0:
-            return
-        last = len(states) - 1
-        states[np.minimum(bad, last)] = SegmentState.COLLIDING
-        states[np.maximum(bad - 1, 0)] = SegmentState.COLLIDING
-        node = int(bad[np.argmin(nearest[bad])])
-        body, part = np.unravel_index(int(np.argmin(bound[node])), bound.shape[1:])
-        worst.append(
-            BrokenSegment(
-                min(node, last), self.bodies.names[body], self.obstacles.obstacle_name(int(part)), float(nearest[node]),
-                "obstacle", True,
-            )
-        )  # fmt: skip
+    def _settle(self, pairs: Pairs, todo: OpenIntervals, search: Search, single: Mask, end: str) -> bool:
+        """Make distances at one end exact where that can close the interval, or where it is the last chance."""
+        place, d, exact = getattr(todo, end), getattr(todo, f"d_{end}"), getattr(todo, f"exact_{end}")
+        gap = todo.travel + 2.0 * search.clearance - todo.d_low - todo.d_high
+        ask = np.flatnonzero(
+            ~exact & (gap >= 0.0) & (single | (gap <= pairs.loose(todo.pair)) | (d <= search.clearance))
+        )
+        if len(ask) == 0:
+            return False
+        d[ask] = self._measure(pairs.distances, self._locate(place[ask]), place[ask], todo.pair[ask])
+        exact[ask] = True
+        return search.found(place[ask], todo.pair[ask], d[ask])
 
-    def _open_obstacles(
-        self, kin: Kinematics, v: Array, travel: Array, clearance: float, states: npt.NDArray[np.int8]
-    ) -> _Open:
-        bound = self.obstacles.bound
-        slack = bound[:-1] + bound[1:]
-        slack -= (travel + 2.0 * clearance)[:, :, None]
-        approach = self.obstacles.movers.travel()
-        if approach is not None:
-            slack -= approach[:, None, :]
-        slack[states != 0] = np.inf
-        segment, body, part = where_true(slack <= 0.0)
-        if len(segment) == 0:
-            return _empty()
-        # second chance with the tight travel of these bodies, then with refreshed distances at the ends
-        key = segment * len(self.bodies) + body
-        unique, inverse = np.unique(key, return_inverse=True)
-        s, g = unique // len(self.bodies), unique % len(self.bodies)
-        tight = self.bounds.tight_travel(kin, s, g, v[s])[inverse]
-        if approach is not None:
-            tight = tight + approach[segment, part]
-        keep = bound[segment, body, part] + bound[segment + 1, body, part] <= tight + 2.0 * clearance
-        segment, body, part, tight = segment[keep], body[keep], part[keep], tight[keep]
-        if len(segment) == 0:
-            return _empty()
-        # what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
-        for end in (0, 1):
-            other = bound[segment + 1 - end, body, part]
-            self.obstacles.refine_at(kin, segment + end, body, part, tight + 2.0 * clearance - other + 1e-4)
-        d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
-        count = len(segment)
-        triples = _Open(segment, body, part, np.zeros(count), np.ones(count), d_low, d_high, tight)
-        return triples.take(d_low + d_high <= tight + 2.0 * clearance)
+    def _locate(self, place: Array) -> tuple[Indices, Mask | None]:
+        """Where places are: numbers of nodes, or of configurations between nodes where the mask says so or is None."""
+        node = place.astype(np.intp)
+        between = place != node
+        if between.all():
+            return self._interpolate(place), None
+        if between.any():
+            node[between] = self._interpolate(place[between])
+        return node, between
 
-    def _open_self(self, kin: Kinematics, v: Array, clearance: float) -> _Open:
-        proximity = self.self_pairs
-        if proximity.bound.shape[1] == 0:
-            return _empty()
-        b = self.bodies.tree.space.base_nv
-        travel = np.abs(v[:, b:]) @ proximity.radius[b:]
-        bound = proximity.bound
-        segment, pair = where_true(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
-        if len(segment) == 0:
-            return _empty()
-        for end in (0, 1):
-            other = bound[segment + 1 - end, pair]
-            need = travel[segment, pair] + 2.0 * clearance - other + 1e-4
-            proximity.refine_at(kin, segment + end, pair, need)
-        count = len(segment)
-        triples = _Open(
-            segment, pair, np.full(count, -1), np.zeros(count), np.ones(count),
-            bound[segment, pair], bound[segment + 1, pair], travel[segment, pair],
-        )  # fmt: skip
-        return triples.take(triples.d_low + triples.d_high <= triples.travel + 2.0 * clearance)
+    def _interpolate(self, place: Array) -> Indices:
+        """Bring the configurations between nodes up to date; returns their numbers (K,)."""
+        unique, inverse = np.unique(place, return_inverse=True)
+        s = unique.astype(np.intp)
+        q = self._space.integrate(self._kin.chart[s], (unique - s)[:, None] * self._v[s])
+        self._between.update(q, jacobians=False)
+        self.checks += len(unique)
+        return inverse
 
-    def _bisect(
+    def _measure(
         self,
-        kin: Kinematics,
-        v: Array,
-        triples: _Open,
-        clearance: float,
-        states: npt.NDArray[np.int8],
-        worst: list[BrokenSegment],
-        is_self: bool,
-    ) -> int:
-        space = self.bodies.tree.space
-        checks = 0
-        d = np.minimum(triples.d_low, triples.d_high)
-        bad = d <= clearance
-        if bad.any():
-            self._report(triples.take(bad), d[bad], states, worst, is_self, certain=True)
-        triples = triples.take(states[triples.segment] == 0)
-        for _depth in range(self.max_depth):
-            if len(triples) == 0:
-                return checks
-            middle = 0.5 * (triples.low + triples.high)
-            key, inverse = np.unique(triples.segment + 1j * middle, return_inverse=True)
-            s = key.real.astype(np.intp)
-            self._between.update(space.integrate(kin.chart[s], key.imag[:, None] * v[s]), jacobians=False)
-            checks += len(key)
-            limit = triples.travel * 0.5 + 2.0 * clearance  # a half passes if both its ends sum above this
-            need = np.maximum(limit - np.minimum(triples.d_low, triples.d_high), clearance) + 1e-4
-            d = self._measure(inverse, triples, need, is_self)
-            bad = d <= clearance
-            if bad.any():
-                self._report(triples.take(bad), d[bad], states, worst, is_self, certain=True)
-            half = 0.5 * triples.travel
-            alive = states[triples.segment] == 0
-            left = alive & (triples.d_low + d <= half + 2.0 * clearance)
-            right = alive & (d + triples.d_high <= half + 2.0 * clearance)
-            triples = _Open(
-                segment=np.concatenate((triples.segment[left], triples.segment[right])),
-                body=np.concatenate((triples.body[left], triples.body[right])),
-                part=np.concatenate((triples.part[left], triples.part[right])),
-                low=np.concatenate((triples.low[left], middle[right])),
-                high=np.concatenate((middle[left], triples.high[right])),
-                d_low=np.concatenate((triples.d_low[left], d[right])),
-                d_high=np.concatenate((d[left], triples.d_high[right])),
-                travel=np.concatenate((half[left], half[right])),
-            )
-        if len(triples):
-            d = np.minimum(triples.d_low, triples.d_high)
-            self._report(triples, d, states, worst, is_self, certain=False)
-        return checks
-
-    def _measure(self, node: Indices, triples: _Open, need: Array, is_self: bool) -> Array:
-        """Lower bounds of the distances at the middles; exact where the box test does not already suffice."""
-        if is_self:
-            return self.self_pairs.measure(self._between, node, triples.body, need)
-        fraction = 0.5 * (triples.low + triples.high)
-        moved = self.obstacles.movers.between(triples.segment, fraction, triples.part)
-        return self.obstacles.measure(self._between, node, triples.body, triples.part, need, moved)
-
-    def _report(
-        self,
-        bad: _Open,
-        d: Array,
-        states: npt.NDArray[np.int8],
-        worst: list[BrokenSegment],
-        is_self: bool,
-        *,
-        certain: bool,
-    ) -> None:
-        state = SegmentState.COLLIDING if certain else SegmentState.UNKNOWN
-        states[bad.segment] = np.maximum(states[bad.segment], state)
-        k = int(np.argmin(d))
-        names = self.bodies.names
-        if is_self:
-            one, two = self.self_pairs.pairs[bad.body[k]]
-            link, other, kind = names[one], names[two], "self"
-        else:
-            link, other, kind = names[bad.body[k]], self.obstacles.obstacle_name(int(bad.part[k])), "obstacle"
-        worst.append(BrokenSegment(int(bad.segment[k]), link, other, float(d[k]), kind, certain))
-
-    def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
-        """Have the window hold all that long segments may come near; for short ones what is near the nodes will do.
-
-        A point of a long segment is no further from the nearest of some configurations on it than half the way from
-        one to the next.
-        """
-        if len(scene) == 0:
-            return 0
-        longest = travel.max(axis=1)
-        margin = self.obstacles.margin
-        long = np.flatnonzero(longest + 2.0 * clearance >= margin[:-1] + margin[1:])
-        if len(long) == 0:
-            return 0
-        counts = np.clip(np.ceil(longest[long] / self.obstacles.influence), 1, _MOST_SAMPLES).astype(int)
-        s = np.repeat(long, counts)
-        fraction = np.concatenate([(np.arange(c) + 0.5) / c for c in counts.tolist()])
-        space = self.bodies.tree.space
-        self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
-        reach = clearance + 0.5 * np.repeat(longest[long] / counts, counts) + 1e-6
-        self.obstacles.look_between(kin, self._between, reach)
-        return len(s)
+        measure: _Measure,
+        where: tuple[Indices, Mask | None],
+        place: Array,
+        pair: Indices,
+        only: Indices | None = None,
+    ) -> Array:
+        """Distances at places that are located, or at some of them only."""
+        node, between = where
+        if only is not None:
+            node, between = node[only], None if between is None else between[only]
+            place, pair = place[only], pair[only]
+        if between is None:
+            return measure(self._between, node, place, pair)
+        d = np.empty(len(place))
+        for kin, at in ((self._kin, ~between), (self._between, between)):
+            if at.any():
+                d[at] = measure(kin, node[at], place[at], pair[at])
+        return d
 
 
-def undefined(bodies: BodySet, segment: int) -> BrokenSegment:
+def half_turn(bodies: BodySet, segment: int) -> BrokenSegment:
     """A segment that makes half a turn."""
     return BrokenSegment(segment, bodies.names[0], "", 0.0, HALF_TURN, False)
-
-
-def _empty() -> _Open:
-    none, ints = np.zeros(0), np.zeros(0, dtype=np.intp)
-    return _Open(ints, ints, ints, none, none, none, none, none)

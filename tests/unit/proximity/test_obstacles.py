@@ -291,26 +291,6 @@ def test_control_points_are_measured_as_points(silvermate, rng):
         assert d == pytest.approx(expected, abs=1e-9)
 
 
-def test_measure_gives_bounds_that_are_exact_where_they_must(silvermate, rng):
-    bench = start(silvermate, rng, nodes=2)
-    rows = silvermate.space.interpolate(bench.chart[:1], bench.chart[1:], np.linspace(0.1, 0.9, 5))
-    between = Kinematics(silvermate.tree, 5)
-    between.update(rows, jacobians=False)
-    window = bench.proximity.window
-    truth = np.array([link_distances(silvermate, bench.scene, configuration(silvermate, r)) for r in rows])
-    truth = truth[:, :, window.rows]
-    node, body, part = (a.ravel() for a in np.indices(truth.shape))
-    truth = truth.ravel()
-    need = rng.uniform(0.01, 1.5, len(truth))
-    bound = bench.proximity.measure(between, node, body, part, need)
-    block = np.array([p.geometry is None for p in window.parts])[part]
-    solid = ~(block & (truth <= 0.0))
-    assert (bound <= truth + 1e-9)[solid].all()
-    near = solid & (bound < need)
-    np.testing.assert_allclose(bound[near], truth[near] - GJK_EXCESS, atol=GJK_NOISE)
-    assert (~near & solid).sum() > 100
-
-
 def test_many_scenes_do_not_mix_up_their_blocks(silvermate):
     """Parts are told apart by identity; what is forgotten must be forgotten everywhere."""
     chart = silvermate.space.to_chart(silvermate.home())[None]
