@@ -18,7 +18,7 @@ from elastic_strips.arrays import Array
 from ..errors import ParameterError, RobotError, nearest_name
 from ..planning.validity import Validity
 from ..robot import RobotModel
-from ..robot.control_points import find_frame
+from ..robot.kinematics import find_frame
 from ..scene import Scene
 from ..summary import Summary
 from ..validation import check_type, shown

@@ -14,7 +14,7 @@ from ..errors import ParameterError, RobotError, nearest_name
 from ..forces import add_axis_task, axis_in_world
 from ..forces.system import System
 from ..robot import Kinematics, RobotModel
-from ..robot.control_points import find_frame
+from ..robot.kinematics import find_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

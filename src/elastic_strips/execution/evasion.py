@@ -16,7 +16,7 @@ from elastic_strips.arrays import Array, Indices, Mask
 
 from ..proximity import BodySet, Forecast
 from ..robot import Kinematics, RobotModel
-from ..robot.geometry import support_points
+from ..robot.coal_shapes import support_points
 from ..robot.space import wrap_angle
 from ..scene import Scene
 from .limits import MotionLimits

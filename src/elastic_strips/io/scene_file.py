@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.io.npy_source import NpyError, read_npy
 from elastic_strips.io.point_cloud import read_point_cloud
 from elastic_strips.io.yaml_source import Node, load_yaml
+from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.scene import (
     Box,
     Capsule,
@@ -343,14 +343,14 @@ def obstacle_documents(scene: Scene) -> list[dict[str, Any]]:
 
 def shape_document(geometry: Any) -> tuple[str, list[Any]]:
     """Name and size of a Coal shape, as in :func:`obstacle_documents`."""
-    if isinstance(geometry, coal.Box):
-        return "box", [float(2 * h) for h in geometry.halfSide]
-    if isinstance(geometry, coal.Sphere):
-        return "sphere", [float(geometry.radius)]
-    for kind, name in ((coal.Cylinder, "cylinder"), (coal.Capsule, "capsule"), (coal.Cone, "cone")):
-        if isinstance(geometry, kind):
-            return name, [float(geometry.radius), float(2 * geometry.halfLength)]
-    return "convex", np.asarray(geometry.points()).reshape(-1, 3).tolist()
+    kind, size = shape_of(geometry)
+    if kind is ShapeKind.BOX:
+        return kind.value, [2 * h for h in size]
+    if kind is ShapeKind.SPHERE:
+        return kind.value, [*size]
+    if kind in LONG_ROUND:
+        return kind.value, [size[0], 2 * size[1]]
+    return ShapeKind.CONVEX.value, vertices(geometry).tolist()
 
 
 def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:

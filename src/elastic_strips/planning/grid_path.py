@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -19,6 +18,7 @@ from elastic_strips.arrays import Array, Indices
 
 from ..errors import ParameterError
 from ..robot import RobotModel
+from ..robot.coal_shapes import support
 from ..scene import Scene
 from ..summary import Summary
 
@@ -187,24 +187,6 @@ def footprint(robot: RobotModel, q: Array) -> Footprint:
         height = max(height, float(support(piece.geometry, pose.rotation[2:]).item() + pose.translation[2]))
         inner, outer = max(inner, float(reach.min())), max(outer, float(reach.max()) / np.cos(np.pi / _DIRECTIONS))
     return Footprint(inner, outer, height)
-
-
-def support(geometry: Any, directions: Array) -> Array:
-    """Support (K,) [m] of a convex Coal geometry: how far it extends along each of ``directions`` (K, 3), its frame."""
-    flat = np.hypot(directions[:, 0], directions[:, 1])
-    up = np.abs(directions[:, 2])
-    if isinstance(geometry, coal.Box):
-        return np.abs(directions) @ np.asarray(geometry.halfSide)
-    if isinstance(geometry, coal.Sphere):
-        return np.full(len(directions), geometry.radius)
-    if isinstance(geometry, coal.Capsule):
-        return geometry.radius + geometry.halfLength * up
-    if isinstance(geometry, coal.Cylinder):
-        return geometry.radius * flat + geometry.halfLength * up
-    if isinstance(geometry, coal.Cone):
-        base = geometry.radius * flat - geometry.halfLength * directions[:, 2]
-        return np.maximum(base, geometry.halfLength * directions[:, 2])
-    return (directions @ np.asarray(geometry.points()).reshape(-1, 3).T).max(axis=1)
 
 
 def clearance_map(

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 
 from ..robot import Kinematics
+from ..robot.coal_shapes import for_penetration, rounded
 from ..scene.parts import Part
 from .bounds import BodySet
 from .window import Window
@@ -55,17 +56,9 @@ class ShapePair(NamedTuple):
 
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
-        shapes = one, two
-        if {type(one), type(two)} == {coal.Sphere, coal.Cylinder}:
-            # Coal's closed form for these two forgets the cylinder's caps once the sphere's centre is inside
-            shapes = rounded(one), rounded(two)
+        shapes = for_penetration(one, two)
         deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
         return ShapePair(coal.ComputeDistance(one, two), deep, fine, (one, two, *shapes))
-
-
-def rounded(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
-    """A sphere as a capsule of no length, which keeps out of Coal's closed forms for spheres; others as they are."""
-    return coal.Capsule(geometry.radius, 0.0) if isinstance(geometry, coal.Sphere) else geometry
 
 
 class PairSolver:

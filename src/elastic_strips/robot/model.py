@@ -15,10 +15,8 @@ from elastic_strips.arrays import Array
 
 from ..errors import ConfigurationError, RobotError, nearest_name
 from ..summary import Summary
-from .control_points import ControlPoints, default_control_points, find_frame, parse_control_points
-from .geometry import LinkGeometry, link_geometries
-from .kinematics import KinematicTree
-from .self_pairs import self_pairs
+from .geometry import LinkGeometry, link_geometries, self_pairs
+from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
 from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
 
 _log = logging.getLogger(__name__)

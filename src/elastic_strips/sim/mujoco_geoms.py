@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import coal
 import numpy as np
 
 from elastic_strips.arrays import Array
@@ -12,7 +11,7 @@ from elastic_strips.arrays import Array
 from ..errors import ParameterError
 from ..execution.limits import MotionLimits
 from ..robot import LinkGeometry, RobotModel
-from ..robot.geometry import support_points
+from ..robot.coal_shapes import ShapeKind, shape_of, support_points
 from ..scene import Obstacle
 
 FLOOR, ROLLING, LINK, OBSTACLE = range(4)
@@ -93,17 +92,17 @@ def shape_geoms(mujoco: Any, spec: Any, shape: Any, T: Array, name: str) -> list
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T[:3, :3]).ravel())
     values: dict[str, Any] = {"pos": T[:3, 3].copy(), "quat": quat}
     kinds = mujoco.mjtGeom
-    if isinstance(shape, coal.Sphere):
-        return [{**values, "type": kinds.mjGEOM_SPHERE, "size": [float(shape.radius), 0.0, 0.0]}]
-    if isinstance(shape, coal.Box):
-        return [{**values, "type": kinds.mjGEOM_BOX, "size": np.array(shape.halfSide).ravel()}]
-    if isinstance(shape, (coal.Cylinder, coal.Capsule)):
-        kind = kinds.mjGEOM_CYLINDER if isinstance(shape, coal.Cylinder) else kinds.mjGEOM_CAPSULE
-        return [{**values, "type": kind, "size": [float(shape.radius), float(shape.halfLength), 0.0]}]
-    if isinstance(shape, coal.Cone):
+    primitives = {
+        ShapeKind.SPHERE: kinds.mjGEOM_SPHERE, ShapeKind.BOX: kinds.mjGEOM_BOX,
+        ShapeKind.CYLINDER: kinds.mjGEOM_CYLINDER, ShapeKind.CAPSULE: kinds.mjGEOM_CAPSULE,
+    }  # fmt: skip
+    kind, size = shape_of(shape)
+    if kind in primitives:
+        return [{**values, "type": primitives[kind], "size": [*size, 0.0, 0.0][:3]}]
+    if kind is ShapeKind.CONE:
+        radius, h = size
         angle = np.linspace(0.0, 2.0 * np.pi, _CONE_SIDES, endpoint=False)
-        ring = float(shape.radius) / np.cos(np.pi / _CONE_SIDES) * np.column_stack((np.cos(angle), np.sin(angle)))
-        h = float(shape.halfLength)
+        ring = radius / np.cos(np.pi / _CONE_SIDES) * np.column_stack((np.cos(angle), np.sin(angle)))
         points = np.vstack((np.column_stack((ring, np.full(len(ring), -h))), [[0.0, 0.0, h]]))
     else:
         points, _ = support_points(shape)

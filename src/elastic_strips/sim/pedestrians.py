@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 
 from elastic_strips.arrays import Array
@@ -16,12 +15,13 @@ from elastic_strips.arrays import Array
 from ..errors import ParameterError
 from ..execution.evasion import Silhouette, beyond_box
 from ..robot import RobotModel
+from ..robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of
 from ..scene import Obstacle, World, Yielding
 from ..validation import check_numbers
 
 _OVERLAP = 0.05
 """What passes above or below by less than this [m] counts as being at the same height."""
-_ROUND = (coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone)
+_ROUND = (ShapeKind.SPHERE, *LONG_ROUND)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +49,7 @@ class Discs:
             long, wide = float(half[along]), float(half[1 - along])
             if not upright:
                 rows.append((part.center, part.radius, np.full(3, part.radius)))
-            elif isinstance(part.geometry, _ROUND):
+            elif shape_of(part.geometry)[0] in _ROUND:
                 rows.append((part.center, long, half))
             else:
                 count = min(math.ceil(long / max(wide, 1e-3)), 8)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 
 from ..proximity import BodySet
 from ..robot import Kinematics, RobotModel
-from ..robot.geometry import support_points
+from ..robot.coal_shapes import ShapeKind, shape_of, support_points
 from ..scene import Obstacle, Scene
 from .reactive import ReactiveRun
 
@@ -136,10 +135,9 @@ def _shapes(obstacle: Obstacle) -> Iterable[tuple[Any, Array]]:
     upright = abs(float(rotation[2, 2])) > 0.999
     for part in obstacle.parts:
         middle = (rotation @ part.center + shift)[:2]
-        if isinstance(part.geometry, coal.Sphere) or (
-            upright and isinstance(part.geometry, (coal.Cylinder, coal.Cone))
-        ):
-            yield float(part.geometry.radius), middle
+        kind, size = shape_of(part.geometry)
+        if kind is ShapeKind.SPHERE or (upright and kind in (ShapeKind.CYLINDER, ShapeKind.CONE)):
+            yield size[0], middle
             continue
         if part.geometry is None:
             signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T

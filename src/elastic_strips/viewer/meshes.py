@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import coal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from ..robot.coal_shapes import ShapeKind, faces, shape_of, vertices
 
 Floats = NDArray[np.float32]
 _CREASE = np.cos(np.radians(35.0))
@@ -201,30 +202,22 @@ def scaled(mesh: MeshData, factors: ArrayLike) -> MeshData:
     return MeshData(mesh.vertices * f, normals, mesh.faces, mesh.colors)
 
 
-def from_coal(geometry: Any) -> MeshData | None:
+def from_coal(geometry: coal.CollisionGeometry) -> MeshData | None:
     """Triangles of a Coal shape in its own frame, or None for a shape that has no surface to draw (a plane)."""
-    for kind, make in _MAKERS:
-        if isinstance(geometry, kind):
-            return make(geometry)
-    return None
-
-
-def _bvh(geometry: Any) -> MeshData:
-    triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
-    faces = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64).reshape(-1, 3)
-    return shaded(np.asarray(geometry.vertices()).reshape(-1, 3), faces)
-
-
-_MAKERS: tuple[tuple[Any, Callable[[Any], MeshData]], ...] = (
-    (coal.Box, lambda g: scaled(box(), 2 * np.asarray(g.halfSide))),
-    (coal.Sphere, lambda g: scaled(sphere(), np.full(3, g.radius))),
-    (coal.Ellipsoid, lambda g: scaled(sphere(), g.radii)),
-    (coal.Cylinder, lambda g: scaled(cylinder(), (g.radius, g.radius, 2 * g.halfLength))),
-    (coal.Capsule, lambda g: capsule(float(g.radius), 2 * float(g.halfLength))),
-    (coal.Cone, lambda g: scaled(cone(), (g.radius, g.radius, 2 * g.halfLength))),
-    (coal.ConvexBase, lambda g: hull(np.asarray(g.points()).reshape(-1, 3))),
-    (coal.BVHModelBase, _bvh),
-)
+    kind, size = shape_of(geometry)
+    if kind is ShapeKind.BOX:
+        return scaled(box(), 2 * np.array(size))
+    if kind is ShapeKind.SPHERE:
+        return scaled(sphere(), np.full(3, size[0]))
+    if kind is ShapeKind.ELLIPSOID:
+        return scaled(sphere(), size)
+    if kind is ShapeKind.CAPSULE:
+        return capsule(size[0], 2 * size[1])
+    if kind in (ShapeKind.CYLINDER, ShapeKind.CONE):
+        return scaled(cylinder() if kind is ShapeKind.CYLINDER else cone(), (size[0], size[0], 2 * size[1]))
+    if kind is ShapeKind.CONVEX:
+        return hull(vertices(geometry))
+    return shaded(vertices(geometry), faces(geometry)) if kind is ShapeKind.MESH else None
 
 
 def _revolved(profile: Sequence[tuple[float, float]], segments: int, crease: float = float(_CREASE)) -> MeshData:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from elastic_strips.proximity import BodySet, MotionBounds
 from elastic_strips.robot import Kinematics, RobotModel
-from elastic_strips.robot.geometry import support_points
+from elastic_strips.robot.coal_shapes import support_points
 
 
 def body_points(robot: RobotModel, rng: np.random.Generator, count: int = 12) -> list[np.ndarray]:

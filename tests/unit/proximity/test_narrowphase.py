@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from elastic_strips.proximity import GJK_EXCESS, BodySet, ObstacleProximity
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.geometry import convex_from_vertices
+from elastic_strips.robot.coal_shapes import convex_from_vertices
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
 
 STEP = 1e-4

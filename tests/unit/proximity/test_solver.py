@@ -8,7 +8,8 @@ import coal
 import numpy as np
 import pytest
 
-from elastic_strips.proximity.narrowphase import PairSolver, ShapePair, rounded
+from elastic_strips.proximity.narrowphase import PairSolver, ShapePair
+from elastic_strips.robot.coal_shapes import rounded
 
 SHAPES = {
     "point": coal.Sphere(1e-6),

@@ -13,7 +13,7 @@ from elastic_strips.arrays import Array
 
 from ...errors import ConfigurationError, RobotError, nearest_name
 from ...robot import RobotModel
-from ...robot.control_points import find_frame
+from ...robot.kinematics import find_frame
 
 _NAMES = {"laser": r"laser(_\d+)?_frame", "sonar": r"sonar_\d+_frame", "infrared": r"ir_\d+_frame"}
 

@@ -13,14 +13,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import coal as _coal
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
 
 from ...errors import missing_extra
-from ...robot.geometry import LinkGeometry, support_points
+from ...robot.coal_shapes import ShapeKind, shape_of, support_points, vertices
+from ...robot.geometry import LinkGeometry
 from ...scene import Obstacle, Scene, World
 from ...scene.parts import Part
 from .mounting import Posture
@@ -112,8 +112,6 @@ class Nearest:
         return np.flatnonzero((distance < before) & (distance == self.distance[ray]))
 
 
-coal: Any = _coal  # compiled, without type stubs
-
 _TINY = 1e-14
 _BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE = range(5)
 
@@ -193,18 +191,16 @@ def is_primitive(geometry: Any, padding: float = 0.0) -> bool:
 
 def _measured(geometry: Any, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
     """Kind and size of a Coal geometry; empty where there are no formulas."""
-    if isinstance(geometry, coal.Box):
-        x, y, z = (float(h) + padding for h in geometry.halfSide)
+    kind, size = shape_of(geometry)
+    if kind is ShapeKind.BOX:
+        x, y, z = (h + padding for h in size)
         return [(_BOX, (x, y, z))]
-    if isinstance(geometry, coal.Sphere):
-        return [(_SPHERE, (float(geometry.radius) + padding, 0.0, 0.0))]
-    for kind, form in ((_CYLINDER, coal.Cylinder), (_CAPSULE, coal.Capsule), (_CONE, coal.Cone)):
-        if isinstance(geometry, form):
-            r, h = float(geometry.radius), float(geometry.halfLength)
-            if kind == _CONE and padding > 0.0:
-                return []  # a thicker one would have another origin
-            return [(kind, (r + padding, h + (padding if kind == _CYLINDER else 0.0), 0.0))]
-    return []
+    if kind is ShapeKind.SPHERE:
+        return [(_SPHERE, (size[0] + padding, 0.0, 0.0))]
+    number = {ShapeKind.CYLINDER: _CYLINDER, ShapeKind.CAPSULE: _CAPSULE, ShapeKind.CONE: _CONE}.get(kind)
+    if number is None or (number == _CONE and padding > 0.0):  # a thicker cone would have another origin
+        return []
+    return [(number, (size[0] + padding, size[1] + (padding if number == _CYLINDER else 0.0), 0.0))]
 
 
 def _slab(o: Array, d: Array, half: Array) -> tuple[Array, Array]:
@@ -447,8 +443,8 @@ def hull_mesh(geometry: Any, padding: float = 0.0) -> Corners:
         geometry: the shape; round ones become polyhedra that contain them.
         padding: by how much it shall be thicker at least [m]; corners grow by √3 times that.
     """
-    if padding == 0.0 and isinstance(geometry, coal.ConvexBase) and not isinstance(geometry, coal.Cone):
-        points = np.asarray(geometry.points(), dtype=float).reshape(-1, 3)
+    if padding == 0.0 and shape_of(geometry)[0] is ShapeKind.CONVEX:
+        points = vertices(geometry)
     else:
         points, radius = support_points(geometry)
         points = (points[:, None] + (radius + padding) * _BOX_CORNERS).reshape(-1, 3)
