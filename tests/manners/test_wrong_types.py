@@ -35,7 +35,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     viewer = es.Viewer(server=False)
     return {
         "Deformer": (es.Deformer, {"robot": robot, "params": "default", "task": None}),
-        "step": (deformer.step, {**on, "budget": None, "foresight": None}),
+        "step": (deformer.step, {**on, "budget": None, "prediction": None}),
         "settle": (deformer.settle, {**on, "max_ticks": 1, "until": "rest", "watch": None}),
         "certify": (deformer.certify, on),
         "assess": (deformer.assess, on),

@@ -428,7 +428,7 @@ class Attack:
         steps = np.tile(v / count, (count, 1))
         begin = rng.choice([0.0, 0.0, -rng.uniform(0.0, 1.0)])
         times = begin + np.cumsum(np.append(0.0, rng.uniform(0.02, 0.1, count)))
-        ahead = forecast.ahead(times)
+        ahead = forecast.predict(times)
         bodies = BodySet.links(self.robot)
         certifier = MotionCertifier(bodies, MotionBounds(bodies), self.robot.self_pairs)
         clearance, own = self.params.clearance, self.params.self_clearance

@@ -4,7 +4,7 @@ from .deformer import Deformer
 from .params import PRESETS, DeformParams
 from .report import DeformReport, DeformStatus, ForceField
 from .task import AxisTask, kept_as_at
-from .workspace import Foresight
+from .workspace import Prediction
 
 __all__ = [
     "PRESETS",
@@ -14,6 +14,6 @@ __all__ = [
     "DeformStatus",
     "Deformer",
     "ForceField",
-    "Foresight",
+    "Prediction",
     "kept_as_at",
 ]

@@ -32,7 +32,7 @@ from .report import (
     wide_spacing,
 )
 from .task import AxisTask, TaskForce
-from .workspace import Foresight, Workspace
+from .workspace import Prediction, Workspace
 
 
 class Deformer:
@@ -82,7 +82,7 @@ class Deformer:
         budget: float | None = None,
         detail: bool = False,
         nodes: bool = True,
-        foresight: Foresight | None = None,
+        prediction: Prediction | None = None,
     ) -> DeformReport:
         """One control tick: deform the strip away from the obstacles and certify it.
 
@@ -93,7 +93,7 @@ class Deformer:
                 None makes exactly one iteration. Nodes are not maintained in a tick whose budget is already spent.
             detail: whether to add forces and protective hulls to the report, to look at.
             nodes: whether nodes may be inserted and removed.
-            foresight: where moving obstacles will be when the nodes are reached; as they stand where None.
+            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
 
         Raises:
             ConfigurationError: the strip belongs to another robot.
@@ -101,12 +101,12 @@ class Deformer:
         """
         if budget is not None:
             check_number("budget", budget, above=0.0, unit="s")
-        check_able("foresight", foresight)
+        check_able("prediction", prediction)
         check_type("scene", scene, Scene, SceneError)
         self._check(strip)
         self.clock.start()
         work = self.workspace
-        work.foresight = foresight
+        work.prediction = prediction
         asked = work.queries
         known = work.holds(strip)
         work.load(strip, scene, to_move=True)
@@ -176,20 +176,20 @@ class Deformer:
         """Certify a strip as it is, without moving it."""
         check_type("scene", scene, Scene, SceneError)
         self._check(strip)
-        self.workspace.foresight = None
+        self.workspace.prediction = None
         self.workspace.load(strip, scene)
         self._certified, self._scene = False, None
         return self.workspace.certify(scene)
 
     def assess(
-        self, strip: Strip, scene: Scene, *, detail: bool = False, foresight: Foresight | None = None
+        self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: Prediction | None = None
     ) -> DeformReport:
         """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
         check_type("scene", scene, Scene, SceneError)
         self._check(strip)
-        check_able("foresight", foresight)
+        check_able("prediction", prediction)
         self.clock.start()
-        self.workspace.foresight = foresight
+        self.workspace.prediction = prediction
         self.workspace.load(strip, scene)
         certificate = self.workspace.certify(scene)
         slip = float(strip.lateral_slip.max(initial=0.0)) if self._paper is None else 0.0
@@ -238,7 +238,7 @@ class Deformer:
         work = self.workspace
         if known and self._certified:
             return not work.obstacles.nearer_than(self.params.clearance)  # else the scene has taken it already
-        if known and (scene is self._scene or work.foresight is not None):
+        if known and (scene is self._scene or work.prediction is not None):
             return False
         return float(strip.lateral_slip.max(initial=0.0)) <= SLIP_LIMIT and work.certify(scene).certified
 
@@ -291,7 +291,7 @@ class Deformer:
             weight=self._default.spacing_weight,
             max_spacing=params.max_spacing,
             min_spacing=params.min_spacing,
-            split=None if work.foresight else ~result.certificate.segments,  # what moves on will be gone
+            split=None if work.prediction else ~result.certificate.segments,  # what moves on will be gone
             max_nodes=params.max_nodes,
         )
         self.clock.mark("maintenance")

@@ -9,7 +9,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices
 
 from ..maintenance import Edit
-from ..proximity import Ahead, BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from ..proximity import BodySet, MotionBounds, NodePrediction, ObstacleProximity, SelfProximity
 from ..robot import Kinematics, RobotModel
 from ..scene import Scene
 from ..strip import Strip
@@ -17,7 +17,7 @@ from ..tunnel import Certificate, Certifier
 from .params import DeformParams
 from .report import PhaseClock
 
-Foresight = Callable[[Array], Ahead]
+Prediction = Callable[[Array], NodePrediction]
 """Says for nodes (N, nv) where moving obstacles will be when each of them is reached."""
 
 PAPER_LINK_REACH = 0.3
@@ -32,7 +32,7 @@ class Workspace:
         obstacles: the links' distances to the scene; self_pairs: to each other.
         self_floor: (S,) distances [m] below which the paper preset does not update joints.
         clock: accounts the time to phases.
-        foresight: where moving obstacles will be, or None where they count as they stand.
+        prediction: where moving obstacles will be, or None where they count as they stand.
     """
 
     def __init__(self, robot: RobotModel, params: DeformParams, clock: PhaseClock) -> None:
@@ -45,7 +45,7 @@ class Workspace:
         self.self_pairs, self.self_floor = self._self_proximity()
         depth = params.certificate_depth
         self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs, max_depth=depth)
-        self.foresight: Foresight | None = None
+        self.prediction: Prediction | None = None
         self._strip: Strip | None = None
         self._ends: Array | None = None  # configurations that stay fixed
 
@@ -87,15 +87,15 @@ class Workspace:
         Args:
             strip: the nodes.
             scene: the obstacles.
-            to_move: the nodes are about to move, and all is measured again then. With foresight, and the same obstacles
-                as before, the distances that are known do for the forces: what moves as it was foreseen is where it was
-                reckoned with.
+            to_move: the nodes are about to move, and all is measured again then. With a prediction, and the same
+                obstacles as before, the distances that are known do for the forces: what moves as predicted is where
+                it was reckoned with.
         """
         current = strip is self._strip
         if not current:
             self.kin.update(strip.chart)
         self._strip, self._ends = strip, strip.q[[0, -1]]
-        if not (to_move and current and self.foresight is not None and self.obstacles.knows(scene)):
+        if not (to_move and current and self.prediction is not None and self.obstacles.knows(scene)):
             self._distances(scene)
 
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
@@ -132,7 +132,7 @@ class Workspace:
 
     def _distances(self, scene: Scene) -> None:
         self.clock.mark("kinematics")
-        self.obstacles.update(self.kin, scene, None if self.foresight is None else self.foresight(self.chart))
+        self.obstacles.update(self.kin, scene, None if self.prediction is None else self.prediction(self.chart))
         self.clock.mark("proximity")
         self.self_pairs.update(self.kin)
         self.clock.mark("self-collision")

@@ -158,12 +158,12 @@ class Pilot:
             report = replace(before, strip=strip)  # it waits or brakes: only the motion is tried again
         else:
             report = self.deformer.step(
-                strip, scene, foresight=foresight, nodes=self._ticks % params.maintain_every == 0
+                strip, scene, prediction=foresight, nodes=self._ticks % params.maintain_every == 0
             )
         if before is not None and before.certified and not self._astray:
             for _ in range(params.recover_iterations):
                 if report.certified:
                     break
-                report = self.deformer.step(report.strip, scene, foresight=foresight)
+                report = self.deformer.step(report.strip, scene, prediction=foresight)
         self.strip, self.report = report.strip, report
         lap("deform")

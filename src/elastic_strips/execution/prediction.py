@@ -6,7 +6,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..proximity import Ahead, Forecast
+from ..proximity import Forecast, NodePrediction
 from ..robot import RobotModel
 from ..scene import Scene, Unknown
 from .limits import MotionLimits
@@ -92,9 +92,9 @@ class ArrivalTimes:
         v = self.space.difference(chart[:-1], chart[1:])
         return np.append(0.0, np.cumsum((np.abs(v) / self.pace).max(axis=1)))
 
-    def foresight(self, forecast: Forecast, delay: float, chart: Array) -> Ahead:
+    def foresight(self, forecast: Forecast, delay: float, chart: Array) -> NodePrediction:
         """The forecast at the nodes, the first of which is reached ``delay`` [s] after the snapshot."""
-        return forecast.ahead(delay + self(chart))
+        return forecast.predict(delay + self(chart))
 
 
 def usual_pace(robot: RobotModel, limits: MotionLimits) -> Array:

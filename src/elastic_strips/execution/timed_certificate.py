@@ -53,5 +53,5 @@ class TrajectoryCertifier:
             )
         v = np.vstack([trajectory.steps, np.zeros((1, self.robot.nv))])
         return self._certifier.certify(
-            chart, v, scene, forecast.ahead(times), clearance=self.clearance, self_clearance=self.self_clearance
+            chart, v, scene, forecast.predict(times), clearance=self.clearance, self_clearance=self.self_clearance
         )

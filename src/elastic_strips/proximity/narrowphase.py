@@ -24,7 +24,7 @@ from ..robot import Kinematics
 from ..robot.coal_shapes import for_penetration, rounded
 from ..scene.parts import Part
 from .bounds import BodySet
-from .window import Window
+from .candidates import CandidateParts
 
 _TOLERANCE = 1e-12
 _AGREEMENT = 1e-4
@@ -103,7 +103,7 @@ class Contacts:
     """Body–part pairs of a strip that are within the influence distance.
 
     Attributes:
-        node, body, part: (K,) indices; ``part`` counts in the engine's window.
+        node, body, part: (K,) indices; ``part`` counts in the candidates.
         distance: (K,) signed distance [m].
         direction: (K, 3) unit vectors away from the obstacle, world frame.
         witness: (K, 3) nearest points on the robot, world frame [m].
@@ -150,7 +150,7 @@ class Narrowphase:
         node: npt.NDArray[np.intp],
         body: npt.NDArray[np.intp],
         part: npt.NDArray[np.intp],
-        window: Window,
+        candidates: CandidateParts,
         reach: float,
         shift: Array | None = None,
     ) -> tuple[Array, Array, Array]:
@@ -159,7 +159,7 @@ class Narrowphase:
         Args:
             kin: kinematics of the nodes.
             node, body, part: (K,) index arrays, best sorted by node and body.
-            window: the parts that ``part`` indexes.
+            candidates: the parts that ``part`` indexes.
             reach: witness and direction are read only where the distance is below this [m].
             shift: (K, 3) displacement of the part at the node [m]; none of them moves where None.
 
@@ -177,14 +177,14 @@ class Narrowphase:
         ask, normal, transform = self._solver.ask, self._normal, self._transform
         nearest = self._solver.result.getNearestPoint1
         previous = (-1, -1)
-        parts, transforms = window.parts, window.transforms
+        parts, transforms = candidates.parts, candidates.transforms
         nodes, body_list, part_list = node.tolist(), body.tolist(), part.tolist()
         for k in range(count):
             g, p = body_list[k], part_list[k]
             shape = parts[p]
             if shape.geometry is None:
                 distance[k], direction[k], witness[k] = self._cluster(
-                    g, shape, rotation[k], translation[k], window.rotation[p], window.translation[p]
+                    g, shape, rotation[k], translation[k], candidates.rotation[p], candidates.translation[p]
                 )
                 continue
             if (nodes[k], g) != previous or shift is not None:

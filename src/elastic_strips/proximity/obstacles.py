@@ -14,12 +14,11 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Mask
 
 from ..robot import Kinematics
-from ..robot.space import where_true
+from ..robot.space import nonzero
 from ..scene import Scene
 from .bounds import BodySet
-from .forecast import Ahead, Movers
+from .candidates import CandidateParts, MovingParts, NodePrediction
 from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
-from .window import Window
 
 _FAR = 1e9
 _MOVING_TOLERANCE = 2e-3
@@ -33,13 +32,13 @@ class ObstacleProximity:
         bodies: what of the robot is measured.
         influence: distances below this [m] are computed exactly.
         tolerance: an exact distance is asked again once its body or part has moved by more than this [m].
-        slack: how far [m] the strip may drift before the window of near parts is collected anew.
+        slack: how far [m] the strip may drift before the candidates are collected anew.
 
     Attributes:
         bound: (N, G, P) lower bounds [m].
         exact: (N, G, P) distances [m] where they were asked for, else ∞.
         direction, witness: (N, G, P, 3) away from the obstacle, and nearest point on the robot.
-        margin: (N,) every part outside the window is at least this far [m] from the node's bodies.
+        margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
     """
 
     def __init__(self, bodies: BodySet, *, influence: float, tolerance: float = 3e-4, slack: float = 0.4) -> None:
@@ -48,11 +47,11 @@ class ObstacleProximity:
         self.tolerance = tolerance
         self.slack = slack
         self.narrow = Narrowphase(bodies)
-        self.window: Window | None = None
+        self.candidates: CandidateParts | None = None
         self.pairs = 0
         self.asked = 0
         self.margin = np.zeros(0)
-        self.movers = Movers()
+        self.moving = MovingParts()
         self._cover = np.zeros(0, dtype=np.intp)
         self._chart = np.zeros((0, 0))
         self._ends = np.zeros((0, len(bodies), 2, 3))
@@ -66,24 +65,24 @@ class ObstacleProximity:
 
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
-        self.window = None
+        self.candidates = None
         self._chart = np.zeros((0, 0))
 
     def knows(self, scene: Scene) -> bool:
         """Whether the last update was for the same obstacles, wherever they were, and with a forecast."""
-        window = self.window
-        return window is not None and self.movers.ahead is not None and window.scene.names == scene.names
+        candidates = self.candidates
+        return candidates is not None and self.moving.prediction is not None and candidates.scene.names == scene.names
 
     def remap(self, source: npt.NDArray[np.intp]) -> None:
         """Carry the bounds over to a strip whose node i was node ``source[i]``; −1 marks a new node.
 
         A new node starts with unknown bounds; call :meth:`update` next.
         """
-        if self.window is None:
+        if self.candidates is None:
             return
         take = np.maximum(source, 0)
         new = source < 0
-        self.movers.remap(take)
+        self.moving.remap(take)
         self._cover = np.where(new, -1, self._cover[take])
         for name in ("_chart", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
             setattr(self, name, getattr(self, name)[take])
@@ -91,18 +90,18 @@ class ObstacleProximity:
         self._since[new] = _FAR
         self._chart[new] = np.nan
 
-    def update(self, kin: Kinematics, scene: Scene, ahead: Ahead | None = None) -> None:
+    def update(self, kin: Kinematics, scene: Scene, prediction: NodePrediction | None = None) -> None:
         """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot.
 
         Args:
             kin: kinematics of the nodes (N).
             scene: the snapshot.
-            ahead: where some of its obstacles will be when each node is reached; all of them stay where None.
+            prediction: where some of its obstacles will be when each node is reached; all of them stay where None.
         """
         chart = kin.chart[: kin.n]
         ends = self.bodies.capsule_ends(kin)
-        columns = None if self.window is None else self.window.follow(scene)
-        if ahead is not None and not self.movers.known(ahead):
+        columns = None if self.candidates is None else self.candidates.follow(scene)
+        if prediction is not None and not self.moving.known(prediction):
             columns = None
         moved_nodes = None
         if columns is not None and self._chart.shape == chart.shape:
@@ -114,38 +113,38 @@ class ObstacleProximity:
             columns = None
         elif len(moved_nodes):
             self._drift(kin, ends, moved_nodes)
-        self._take_over(kin, ends, ahead, columns, moved_nodes)
+        self._take_over(kin, ends, prediction, columns, moved_nodes)
 
     def _take_over(
         self,
         kin: Kinematics,
         ends: Array,
-        ahead: Ahead | None,
+        prediction: NodePrediction | None,
         columns: npt.NDArray[np.intp] | None,
         moved_nodes: npt.NDArray[np.intp] | None,
     ) -> None:
-        self._foresee(ahead, columns)
+        self._predict(prediction, columns)
         self._remember(kin, ends, moved_nodes)
         self.refine(kin)
 
-    def _foresee(self, ahead: Ahead | None, columns: npt.NDArray[np.intp] | None) -> None:
+    def _predict(self, prediction: NodePrediction | None, columns: npt.NDArray[np.intp] | None) -> None:
         """Lower the bounds by how far parts have moved, or are now expected to have moved when a node is reached."""
-        window, movers = self.window, self.movers
-        assert window is not None
+        candidates, moving = self.candidates, self.moving
+        assert candidates is not None
         if columns is None:
-            movers.begin(ahead, window)
+            moving.begin(prediction, candidates)
         else:
-            before, former = movers.ahead, movers.columns
-            moved = movers.advance(ahead, window, columns)
+            before, former = moving.prediction, moving.columns
+            moved = moving.advance(prediction, candidates, columns)
             if moved is not None:
-                at, way, growth = moved
-                self.bound[:, :, at] -= (way + growth)[:, None, :]
-                self._since[:, :, at] += (way + np.abs(growth))[:, None, :]
+                at, way, uncertainty = moved
+                self.bound[:, :, at] -= (way + uncertainty)[:, None, :]
+                self._since[:, :, at] += (way + np.abs(uncertainty))[:, None, :]
             if before is not None and before.ignored.any():  # nothing is known of these
                 self._mark(before.ignored, former, -_FAR, _FAR)
-        self._limit = np.where(movers.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
-        if movers.ahead is not None and movers.ahead.ignored.any():
-            self._mark(movers.ahead.ignored, movers.columns, _FAR, 0.0)
+        self._limit = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
+        if moving.prediction is not None and moving.prediction.ignored.any():
+            self._mark(moving.prediction.ignored, moving.columns, _FAR, 0.0)
 
     def _mark(self, nodes: Mask, columns: Mask, bound: float, since: float) -> None:
         at = np.ix_(nodes, np.ones(len(self.bodies), dtype=bool), columns)
@@ -159,17 +158,19 @@ class ObstacleProximity:
         return low, high
 
     def _keep_margin(self, ends: Array, moved: npt.NDArray[np.intp]) -> bool:
-        """Update how deep moved nodes are inside their window boxes; False where one is not deep enough in any."""
-        window = self.window
-        assert window is not None
+        """Update how deep moved nodes are inside the candidates' boxes; False where one is not deep enough in any."""
+        candidates = self.candidates
+        assert candidates is not None
         low, high = self._boxes(ends[moved])
         cover = self._cover[moved]
-        depth = np.minimum((low - window.cover_low[cover]).min(axis=1), (window.cover_high[cover] - high).min(axis=1))
+        depth = np.minimum(
+            (low - candidates.cover_low[cover]).min(axis=1), (candidates.cover_high[cover] - high).min(axis=1)
+        )
         depth[cover < 0] = -1.0
         lost = np.flatnonzero(depth < self.influence)
         if len(lost):
             grow = self.influence
-            if not window.covered(low[lost] - grow, high[lost] + grow).all():
+            if not candidates.covered(low[lost] - grow, high[lost] + grow).all():
                 return False
             depth[lost] = grow
             self._cover[moved[lost]] = -1
@@ -177,40 +178,40 @@ class ObstacleProximity:
         return True
 
     def look_between(self, kin: Kinematics, between: Kinematics, reach: Array) -> bool:
-        """See that the window holds all that is within ``reach`` (M,) [m] of configurations between the nodes.
+        """See that the candidates hold all that is within ``reach`` (M,) [m] of configurations between the nodes.
 
         Args:
             kin: kinematics of the nodes, as last given to :meth:`update`.
             between: kinematics of the M configurations.
 
         Returns:
-            Whether it had to be collected anew; then all bounds have been measured again.
+            Whether they had to be collected anew; then all bounds have been measured again.
         """
-        window = self.window
-        assert window is not None
+        candidates = self.candidates
+        assert candidates is not None
         low, high = self._boxes(self.bodies.capsule_ends(between))
         low, high = low - reach[:, None], high + reach[:, None]
-        new = ~window.covered(low, high)
+        new = ~candidates.covered(low, high)
         if not new.any():
             return False
         ends = self.bodies.capsule_ends(kin)
-        self._rebuild(ends, window.scene, low[new], high[new])
-        self._take_over(kin, ends, self.movers.ahead, None, None)
+        self._rebuild(ends, candidates.scene, low[new], high[new])
+        self._take_over(kin, ends, self.moving.prediction, None, None)
         return True
 
     def _rebuild(self, ends: Array, scene: Scene, *more: Array) -> None:
-        """Collect the window about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high."""
+        """Collect the candidates about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high."""
         n, g = ends.shape[:2]
         body_low, body_high = self._boxes(ends)
         low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
         if more:
             low, high = np.vstack((low, more[0])), np.vstack((high, more[1]))
-        self.window = Window.build(scene, low, high, self.slack, always=self.movers.always)
-        self.narrow.retain(self.window.parts)
-        inner = np.minimum(body_low - self.window.cover_low[:n], self.window.cover_high[:n] - body_high)
+        self.candidates = CandidateParts.build(scene, low, high, self.slack, always=self.moving.always)
+        self.narrow.retain(self.candidates.parts)
+        inner = np.minimum(body_low - self.candidates.cover_low[:n], self.candidates.cover_high[:n] - body_high)
         self.margin, self._cover = inner.min(axis=1), np.arange(n)
-        p = len(self.window)
+        p = len(self.candidates)
         self.bound = np.full((n, g, p), -_FAR)
         self._since = np.full((n, g, p), _FAR)
         self.exact = np.full((n, g, p), np.inf)
@@ -248,7 +249,7 @@ class ObstacleProximity:
         """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
         need = (self.bound < self.influence) & (self._since > self._limit)
         self.pairs = need.size
-        node, body, part = where_true(need)
+        node, body, part = nonzero(need)
         self._ask(kin, node, body, part, self.influence)
 
     def refine_at(
@@ -271,17 +272,17 @@ class ObstacleProximity:
         part: npt.NDArray[np.intp],
         reach: Array | float,
     ) -> None:
-        window = self.window
-        assert window is not None
+        candidates = self.candidates
+        assert candidates is not None
         self.asked = 0
         if len(node) == 0:
             return
         ends = self._ends[node, body]
-        moved = self.movers.displaced(node, part)
+        moved = self.moving.displaced(node, part)
         if moved is None:
-            cheap = window.capsule_distance(ends, self.bodies.radius[body], part)
+            cheap = candidates.capsule_distance(ends, self.bodies.radius[body], part)
         else:
-            cheap = window.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
+            cheap = candidates.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
         far = cheap >= reach
         self.bound[node[far], body[far], part[far]] = cheap[far]
         self.exact[node[far], body[far], part[far]] = np.inf
@@ -291,11 +292,11 @@ class ObstacleProximity:
         self.asked = len(node)
         if len(node) == 0:
             return
-        shift, growth = (None, 0.0) if moved is None else (moved[0][near], moved[1][near])
+        shift, uncertainty = (None, 0.0) if moved is None else (moved[0][near], moved[1][near])
         distance, direction, witness = self.narrow.query(
-            kin, node, body, part, window, self.influence + float(np.max(growth)), shift
+            kin, node, body, part, candidates, self.influence + float(np.max(uncertainty)), shift
         )
-        distance -= growth
+        distance -= uncertainty
         self.exact[node, body, part] = distance
         self.bound[node, body, part] = distance - GJK_EXCESS
         self._since[node, body, part] = 0.0
@@ -304,7 +305,7 @@ class ObstacleProximity:
 
     def contacts(self) -> Contacts:
         """All pairs within the influence distance, exact to the tolerance."""
-        node, body, part = where_true((self.exact < self.influence) & (self._since <= self._limit))
+        node, body, part = nonzero((self.exact < self.influence) & (self._since <= self._limit))
         return Contacts(
             node,
             body,
@@ -325,6 +326,6 @@ class ObstacleProximity:
         return bool((self.exact + self._since < distance).any())
 
     def obstacle_name(self, part: int) -> str:
-        """Name of the obstacle that a window column belongs to."""
-        assert self.window is not None
-        return self.window.obstacle_name(part)
+        """Name of the obstacle that a column belongs to."""
+        assert self.candidates is not None
+        return self.candidates.obstacle_name(part)

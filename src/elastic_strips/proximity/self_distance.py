@@ -12,7 +12,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Indices
 
 from ..robot import Kinematics
-from ..robot.space import where_true
+from ..robot.space import nonzero
 from .bounds import BodySet, MotionBounds
 from .narrowphase import GJK_EXCESS, PairSolver, ShapePair
 
@@ -135,7 +135,7 @@ class SelfProximity:
 
     def refine(self, kin: Kinematics, reach: float) -> None:
         """Make every pair exact whose bound is below ``reach`` and that moved since it was asked."""
-        node, pair = where_true((self.bound < reach) & (self._since > self.tolerance))
+        node, pair = nonzero((self.bound < reach) & (self._since > self.tolerance))
         self._ask(kin, node, pair, np.full(len(node), reach))
 
     def refine_at(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:

@@ -56,7 +56,7 @@ _SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
 
 
-def where_true(mask: Mask) -> tuple[Indices, ...]:
+def nonzero(mask: Mask) -> tuple[Indices, ...]:
     """``np.nonzero`` of a mask with several axes and few true entries, several times as fast."""
     return np.unravel_index(np.flatnonzero(mask), mask.shape)
 

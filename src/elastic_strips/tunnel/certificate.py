@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
 
-from ..proximity import GJK_EXCESS, BodySet, Movers, Narrowphase, SelfProximity, Window
+from ..proximity import GJK_EXCESS, BodySet, CandidateParts, MovingParts, Narrowphase, SelfProximity
 from ..robot import Kinematics
 from ..summary import Summary
 
@@ -126,35 +126,35 @@ class ObstaclePairs:
 
     bodies: BodySet
     narrow: Narrowphase
-    window: Window
-    movers: Movers
+    candidates: CandidateParts
+    moving: MovingParts
 
     def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)
-        ends, moved = self.bodies.ends_at(kin, node, body), self.movers.between(place, part)
+        ends, moved = self.bodies.ends_at(kin, node, body), self.moving.between(place, part)
         if moved is None:
-            return self.window.capsule_distance(ends, self.bodies.radius[body], part)
-        return self.window.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
+            return self.candidates.capsule_distance(ends, self.bodies.radius[body], part)
+        return self.candidates.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)
-        moved = self.movers.between(place, part)
+        moved = self.moving.between(place, part)
         shift = None if moved is None else moved[0]
-        d = self.narrow.query(kin, node, body, part, self.window, -np.inf, shift)[0] - GJK_EXCESS
+        d = self.narrow.query(kin, node, body, part, self.candidates, -np.inf, shift)[0] - GJK_EXCESS
         return d if moved is None else d - moved[1]
 
     def _split(self, pair: Indices) -> tuple[Indices, Indices]:
-        body = pair // len(self.window)
-        return body, pair - body * len(self.window)
+        body = pair // len(self.candidates)
+        return body, pair - body * len(self.candidates)
 
     def loose(self, pair: Indices) -> Array:
         ends = self.bodies.ends
         length = np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
-        return length[pair // len(self.window)] + _LOOSE
+        return length[pair // len(self.candidates)] + _LOOSE
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
-        body, part = divmod(pair, len(self.window))
-        link, obstacle = self.bodies.names[body], self.window.obstacle_name(part)
+        body, part = divmod(pair, len(self.candidates))
+        link, obstacle = self.bodies.names[body], self.candidates.obstacle_name(part)
         return BrokenSegment(segment, link, obstacle, distance, "obstacle", certain)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 
-from ..proximity import Ahead, BodySet, MotionBounds, Movers, Narrowphase, SelfProximity, Window
+from ..proximity import BodySet, CandidateParts, MotionBounds, MovingParts, Narrowphase, NodePrediction, SelfProximity
 from ..robot import Kinematics
 from ..scene import Scene
 from .certificate import (
@@ -27,7 +27,7 @@ from .certificate import (
 )
 
 _SLACK = 0.6
-"""How far [m] a motion may leave the boxes of the window before it is collected anew."""
+"""How far [m] a motion may leave the boxes about the candidates before they are collected anew."""
 
 
 class MotionCertifier:
@@ -42,10 +42,10 @@ class MotionCertifier:
 
     def __init__(self, bodies: BodySet, bounds: MotionBounds, pairs: Indices, *, max_depth: int = 12) -> None:
         self.bodies, self.bounds, self.max_depth = bodies, bounds, max_depth
-        self.window: Window | None = None
+        self.candidates: CandidateParts | None = None
         self._narrow = Narrowphase(bodies)
         self._self = SelfProximity(bodies, pairs, bounds, influence=0.0)
-        self._movers = Movers()
+        self._moving = MovingParts()
         self._kin = Kinematics(bodies.tree, 64)
         self._bisection = Bisection(bodies)
 
@@ -56,10 +56,17 @@ class MotionCertifier:
 
     def reset(self) -> None:
         """Forget the obstacles; for after an exception."""
-        self.window = None
+        self.candidates = None
 
     def certify(
-        self, chart: Array, v: Array, scene: Scene, ahead: Ahead, *, clearance: float, self_clearance: float
+        self,
+        chart: Array,
+        v: Array,
+        scene: Scene,
+        prediction: NodePrediction,
+        *,
+        clearance: float,
+        self_clearance: float,
     ) -> Certificate:
         """Certify the way through samples.
 
@@ -67,7 +74,7 @@ class MotionCertifier:
             chart: (N, nv) samples, N ≥ 2.
             v: (N−1, nv) tangents from each to the next: base and joints go on arcs and lines between them.
             scene: snapshot of the obstacles.
-            ahead: where the moving ones are at each sample.
+            prediction: where the moving ones are at each sample.
             clearance: required distance [m], > 0, to obstacles.
             self_clearance: required distance [m], > 0, between the robot's own links.
 
@@ -77,7 +84,7 @@ class MotionCertifier:
         self._kin.update(chart, jacobians=False)
         self._bisection.begin(self._kin, v)
         travel = self.bounds.travel(v)
-        self._look(scene, ahead, clearance, travel)
+        self._look(scene, prediction, clearance, travel)
         turns = np.flatnonzero(self.bodies.tree.space.half_turn(v))
         broken = half_turn(self.bodies, int(turns[0])) if len(turns) else None
         if broken is None:
@@ -89,30 +96,30 @@ class MotionCertifier:
             states[broken.segment] = SegmentState.COLLIDING
         return Certificate(clearance, states == SegmentState.CERTIFIED, states, broken, self._bisection.checks)
 
-    def _look(self, scene: Scene, ahead: Ahead, clearance: float, travel: Array) -> None:
-        """A window that holds all that comes within the clearance of the motion, and all that moves."""
+    def _look(self, scene: Scene, prediction: NodePrediction, clearance: float, travel: Array) -> None:
+        """Candidates: all that comes within the clearance of the motion, and all that moves."""
         ends = self.bodies.capsule_ends(self._kin)
         radius = self.bodies.radius[:, None]
         # a point between two samples is no further from the nearer of them than half its way
         grow = clearance + 0.5 * float(travel.max(initial=0.0)) + 1e-6
         low = (ends.min(axis=(0, 2)) - radius).min(axis=0, keepdims=True) - grow
         high = (ends.max(axis=(0, 2)) + radius).max(axis=0, keepdims=True) + grow
-        kept = self._movers.known(ahead) and self.window is not None and self.window.follow(scene) is not None
-        if not kept or self.window is None or not self.window.covered(low, high).all():
-            self.window = Window.build(scene, low, high, _SLACK, always=self._movers.always)
-            self._narrow.retain(self.window.parts)
-        self._movers.begin(ahead, self.window)
+        candidates = self.candidates if self._moving.known(prediction) else None
+        if candidates is None or candidates.follow(scene) is None or not candidates.covered(low, high).all():
+            candidates = self.candidates = CandidateParts.build(scene, low, high, _SLACK, always=self._moving.always)
+            self._narrow.retain(candidates.parts)
+        self._moving.begin(prediction, candidates)
 
     def _prove_obstacles(self, travel: Array, clearance: float) -> BrokenSegment | None:
-        window, count = self.window, len(self.bodies)
-        assert window is not None
-        way = np.zeros((len(travel) + 1, count, len(window)))
-        np.cumsum(np.repeat(travel[:, :, None], len(window), axis=2), axis=0, out=way[1:])
-        approach = self._movers.travel()
+        candidates, count = self.candidates, len(self.bodies)
+        assert candidates is not None
+        way = np.zeros((len(travel) + 1, count, len(candidates)))
+        np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=way[1:])
+        approach = self._moving.travel()
         if approach is not None:
             way[1:] += np.cumsum(approach, axis=0)[:, None, :]
-        pairs = ObstaclePairs(self.bodies, self._narrow, window, self._movers)
-        return self._prove(pairs, way.reshape(len(way), count * len(window)), clearance)
+        pairs = ObstaclePairs(self.bodies, self._narrow, candidates, self._moving)
+        return self._prove(pairs, way.reshape(len(way), count * len(candidates)), clearance)
 
     def _prove_self(self, v: Array, clearance: float) -> BrokenSegment | None:
         way = np.zeros((len(v) + 1, len(self._self.pairs)))

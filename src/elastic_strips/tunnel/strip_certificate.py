@@ -12,7 +12,7 @@ from elastic_strips.arrays import Array, Indices, Mask
 from ..errors import ConfigurationError, SceneError
 from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics
-from ..robot.space import where_true
+from ..robot.space import nonzero
 from ..scene import Scene
 from ..strip import Strip
 from ..summary import Summary
@@ -80,9 +80,9 @@ class Certifier:
         for j in np.flatnonzero(self.bodies.tree.space.half_turn(v)).tolist():
             states[j] = SegmentState.UNKNOWN
             worst.append(half_turn(self.bodies, j))
-        window = self.obstacles.window
-        assert window is not None
-        obstacle_pairs = ObstaclePairs(self.bodies, self.obstacles.narrow, window, self.obstacles.movers)
+        candidates = self.obstacles.candidates
+        assert candidates is not None
+        obstacle_pairs = ObstaclePairs(self.bodies, self.obstacles.narrow, candidates, self.obstacles.moving)
         searches = (
             _StripSearch(obstacle_pairs, clearance, states, worst),
             _StripSearch(SelfPairs(self.self_pairs), self_clearance, states, worst),
@@ -107,7 +107,7 @@ class Certifier:
         bound, clearance, states = self.obstacles.bound, search.clearance, search.states
         if bound.shape[2] == 0:
             return
-        node, body, part = where_true(bound <= clearance)
+        node, body, part = nonzero(bound <= clearance)
         self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + 1e-4))
         nearest = bound.reshape(len(bound), -1).min(axis=1)
         bad = np.flatnonzero(nearest <= clearance)
@@ -126,11 +126,11 @@ class Certifier:
         bound = self.obstacles.bound
         slack = bound[:-1] + bound[1:]
         slack -= (travel + 2.0 * clearance)[:, :, None]
-        approach = self.obstacles.movers.travel()
+        approach = self.obstacles.moving.travel()
         if approach is not None:
             slack -= approach[:, None, :]
         slack[states != 0] = np.inf
-        segment, body, part = where_true(slack <= 0.0)
+        segment, body, part = nonzero(slack <= 0.0)
         if len(segment) == 0:
             return None
         # second chance with the tight travel of these bodies, then with refreshed distances at the ends
@@ -157,7 +157,7 @@ class Certifier:
         if bound.shape[1] == 0:
             return None
         travel = proximity.travel(v)
-        segment, pair = where_true(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
+        segment, pair = nonzero(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
         if len(segment) == 0:
             return None
         travel = travel[segment, pair]
@@ -168,7 +168,7 @@ class Certifier:
         return todo.take(todo.open(clearance))
 
     def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
-        """Have the window hold all that long segments may come near; for short ones what is near the nodes will do.
+        """Have the candidates hold all that long segments may come near; for short ones what is near the nodes will do.
 
         A point of a long segment is no further from the nearest of some configurations on it than half the way from
         one to the next.
@@ -252,20 +252,20 @@ def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> f
 
 
 def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: ObstacleProximity, tolerance: float) -> float:
-    bodies, bound, window = proximity.bodies, proximity.bound, proximity.window
-    assert window is not None
+    bodies, bound, candidates = proximity.bodies, proximity.bound, proximity.candidates
+    assert candidates is not None
     low = 0.5 * (bound[:-1] + bound[1:] - bounds.travel(v)[:, :, None])
     undefined = bodies.tree.space.half_turn(v)
     search = _ClearanceSearch(min(float(bound.min()), float(low[undefined].min(initial=np.inf))), tolerance)
     low[undefined] = np.inf
-    segment, body, part = where_true(low < search.clearance)
+    segment, body, part = nonzero(low < search.clearance)
     if len(segment):
         tight = bounds.tight_travel(kin, segment, body, v[segment])
         d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
-        todo = OpenIntervals.of_segments(body * len(window) + part, segment, d_low, d_high, tight)
+        todo = OpenIntervals.of_segments(body * len(candidates) + part, segment, d_low, d_high, tight)
         bisection = Bisection(bodies)
         bisection.begin(kin, v)
-        pairs = ObstaclePairs(bodies, proximity.narrow, window, proximity.movers)
+        pairs = ObstaclePairs(bodies, proximity.narrow, candidates, proximity.moving)
         bisection.run(pairs, todo.take(todo.open(search.clearance)), search, _UNLIMITED)
     return search.clearance
 

@@ -38,10 +38,10 @@ def test_an_obstacle_is_within_what_is_predicted():
             assert forecast.obstacles.tolist() == [0]
             for ahead in np.linspace(0.05, 2.0, 9):
                 t = np.array([now + ahead - scene.time])
-                expected = forecast.ahead(t)
+                expected = forecast.predict(t)
                 where = scene.obstacle("walker").pose[:3, 3] + expected.shift[0, 0]
                 truth = world.at(now + ahead).obstacle("walker").pose[:3, 3]
-                assert np.linalg.norm(truth - where) <= expected.growth[0, 0] + 1e-9
+                assert np.linalg.norm(truth - where) <= expected.uncertainty[0, 0] + 1e-9
                 checked += 1
     assert checked == 270
 
@@ -64,7 +64,7 @@ def test_kinds_of_motion():
     np.testing.assert_allclose(forecast.acceleration, [0.4, 0.0, 0.4])
     expected = predict(scene, ASSUMED, sure=True, horizon=2.0)
     assert not np.concatenate([expected.offset, expected.speed, expected.acceleration]).any()
-    assert expected.ahead(np.array([1.9, 2.1])).ignored.tolist() == [False, True]
+    assert expected.predict(np.array([1.9, 2.1])).ignored.tolist() == [False, True]
 
 
 def test_the_future_is_not_sensed():

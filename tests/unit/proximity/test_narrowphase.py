@@ -68,7 +68,7 @@ def test_direction_is_the_gradient_and_witnesses_lie_on_both_shapes(name, reques
         for k in rng.permutation(len(c))[:60].tolist():
             link = robot.geometries[c.body[k]].geometry
             T = link_poses(robot, configuration(robot, chart[c.node[k]]))[c.body[k]]
-            row = int(proximity.window.rows[c.part[k]])
+            row = int(proximity.candidates.rows[c.part[k]])
             others = part_shapes(scene, row)
             inside = c.distance[k] < 0
             if inside and len(others) > 1:

@@ -43,9 +43,9 @@ class Bench:
     def check(self, *, tolerance: float = GJK_NOISE) -> int:
         """Compare bounds, exact distances, contacts and clearance with brute force; returns the number of contacts."""
         proximity, truth = self.proximity, self.truth()
-        rows = proximity.window.rows
+        rows = proximity.candidates.rows
         inside = truth[:, :, rows]
-        blocks = np.array([part.geometry is None for part in proximity.window.parts], dtype=bool)
+        blocks = np.array([part.geometry is None for part in proximity.candidates.parts], dtype=bool)
         # Coal's tree stops at the first box of a block that penetrates: there the deepest one may lie deeper
         deep = blocks[None, None, :] & (inside <= 0.0)
         assert (proximity.bound <= inside + 1e-9)[~deep].all()
@@ -96,7 +96,7 @@ def test_every_shape_is_met_separated_and_penetrating(silvermate):
     for _ in range(6):
         bench = start(silvermate, rng, nodes=8)
         contacts = bench.proximity.contacts()
-        parts = bench.proximity.window.obstacle[contacts.part]
+        parts = bench.proximity.candidates.obstacle[contacts.part]
         met |= {(bench.scene.obstacles[k].shape, d < 0) for k, d in zip(parts, contacts.distance, strict=True)}
     assert met == {(shape, inside) for shape in SHAPES for inside in (True, False)}
 
@@ -107,7 +107,7 @@ def test_bounds_hold_through_any_history(name, request):
     robot, rng = request.getfixturevalue(name), np.random.default_rng(11)
     bench = start(robot, rng, nodes=5, count=14, slack=0.25)
     tolerance = bench.proximity.tolerance + 1e-6
-    rebuilt, windows = 0, bench.proximity.window
+    rebuilt, windows = 0, bench.proximity.candidates
     for turn in range(24):
         kind = turn % 6
         n = len(bench.chart)
@@ -134,8 +134,8 @@ def test_bounds_hold_through_any_history(name, request):
             side = 2.0 * (turn % 4)
             bench.chart = random_chart(robot, rng, n, low=(-1.0 - side, -1.0), high=(1.0 - side, 1.0))
         bench.update()
-        rebuilt += bench.proximity.window is not windows
-        windows = bench.proximity.window
+        rebuilt += bench.proximity.candidates is not windows
+        windows = bench.proximity.candidates
         bench.check(tolerance=tolerance)
     assert 3 <= rebuilt < 24
 
@@ -160,7 +160,7 @@ def test_bounds_of_exact_pairs_survive_large_moves(name, request):
         asked = proximity.narrow.queries
         proximity.update(kin, scene)
         truth = np.array([link_distances(robot, scene, configuration(robot, row)) for row in chart])
-        assert (proximity.bound <= truth[:, :, proximity.window.rows] + GJK_NOISE).all()
+        assert (proximity.bound <= truth[:, :, proximity.candidates.rows] + GJK_NOISE).all()
         assert proximity.narrow.queries - asked < 0.7 * len(everything[0])
 
 
@@ -180,7 +180,7 @@ def test_an_obstacle_that_comes_in_from_far_away_is_seen(silvermate):
     scene = Scene([Box((0.2, 0.2, 0.2), at=(50, 0, 0.5), name="comet"), Box((0.2, 0.2, 0.2), at=(1, 0, 0.5))])
     bench = Bench(silvermate, scene, silvermate.space.to_chart(silvermate.home())[None])
     bench.update()
-    assert len(bench.proximity.window) == 1
+    assert len(bench.proximity.candidates) == 1
     pose = np.eye(4)
     pose[:3, 3] = 0.45, 0.0, 0.5
     bench.scene = scene.moved("comet", pose)
@@ -266,10 +266,10 @@ def test_blocks_give_the_deepest_box():
     bench = Bench(robot, scene, robot.space.to_chart(robot.home())[None])
     bench.update()
     truth, found = bench.truth()[0], bench.proximity.exact[0]
-    deep = truth[:, bench.proximity.window.rows] < -0.01
+    deep = truth[:, bench.proximity.candidates.rows] < -0.01
     assert deep.any()
     assert isinstance(scene.obstacles[0].parts[0].boxes[0][0], coal.Box)
-    np.testing.assert_allclose(found[deep], truth[:, bench.proximity.window.rows][deep], atol=1e-5)
+    np.testing.assert_allclose(found[deep], truth[:, bench.proximity.candidates.rows][deep], atol=1e-5)
 
 
 def test_control_points_are_measured_as_points(silvermate, rng):

@@ -56,8 +56,8 @@ def test_no_bound_is_above_the_distance_at_any_node(robots, rng):
         obstacles.update(kin, scene)
         own = SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=0.5)
         own.update(kin)
-        assert obstacles.window is not None
-        rows = obstacles.window.rows
+        assert obstacles.candidates is not None
+        rows = obstacles.candidates.rows
         for n, row in enumerate(chart):
             q = configuration(robot, row)
             true = link_distances(robot, scene, q)[:, rows]

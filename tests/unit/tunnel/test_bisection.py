@@ -24,17 +24,17 @@ def test_obstacle_pairs_among_moving_parts(silvermate, rng):
     forecast = Forecast(np.array([0, 2]), rng.normal(size=(2, 3)), np.full(2, 0.01), np.full(2, 0.1), np.full(2, 0.2))
     times = np.array([0.0, 0.3, 0.5, 0.6])
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=3.0)
-    proximity.update(kin, scene, forecast.ahead(times))
-    window = proximity.window
-    pairs = ObstaclePairs(proximity.bodies, proximity.narrow, window, proximity.movers)
+    proximity.update(kin, scene, forecast.predict(times))
+    window = proximity.candidates
+    pairs = ObstaclePairs(proximity.bodies, proximity.narrow, window, proximity.moving)
     count = len(proximity.bodies) * len(window)
     for place in (0.25, 1.5, 2.75):
         s = int(place)
         row = silvermate.space.interpolate(chart[s : s + 1], chart[s + 1 : s + 2], place - s)
         between.update(row, jacobians=False)
-        ahead = forecast.ahead(times)
+        ahead = forecast.predict(times)
         shift = (1 - place + s) * ahead.shift[s] + (place - s) * ahead.shift[s + 1]
-        growth = (1 - place + s) * ahead.growth[s] + (place - s) * ahead.growth[s + 1]
+        growth = (1 - place + s) * ahead.uncertainty[s] + (place - s) * ahead.uncertainty[s + 1]
         moved = scene
         less = np.zeros(len(scene))
         for m, k in enumerate(forecast.obstacles):

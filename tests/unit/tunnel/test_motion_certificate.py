@@ -57,7 +57,7 @@ def test_the_verdict_is_that_of_all_samples_and_asks_less(name, request, rng):
         low, high = chart[:, :2].min(axis=0) - 1.2, chart[:, :2].max(axis=0) + 1.2
         scene = Scene([make_obstacle(s, rng, (*low, 0.0), (*high, 1.5)) for s in rng.choice(SHAPES, 3)])
         times = np.linspace(0.0, 1.0, len(chart))
-        ahead = forecast(rng, sorted(rng.choice(3, int(rng.integers(0, 3)), replace=False).tolist())).ahead(times)
+        ahead = forecast(rng, sorted(rng.choice(3, int(rng.integers(0, 3)), replace=False).tolist())).predict(times)
         v = robot.space.difference(chart[:-1], chart[1:])
         before = certifier.queries
         mine = certifier.certify(chart, v, scene, ahead, clearance=CLEARANCE, self_clearance=1e-3)
@@ -90,7 +90,7 @@ def test_certified_is_free_at_all_times(silvermate, rng):
         v = silvermate.space.difference(chart[:-1], chart[1:])
         times = np.linspace(0.0, 1.0, 12)
         certificate = certifier.certify(
-            chart, v, scene, expected.ahead(times), clearance=CLEARANCE, self_clearance=1e-3
+            chart, v, scene, expected.predict(times), clearance=CLEARANCE, self_clearance=1e-3
         )
         if not certificate.certified:
             continue
@@ -114,7 +114,7 @@ def test_what_lies_between_two_samples_is_found(silvermate):
     certifier = MotionCertifier(bodies, MotionBounds(bodies), silvermate.self_pairs)
     chart = np.stack([silvermate.space.to_chart(silvermate.home(x=x)) for x in (0.0, 2.0)])
     v = silvermate.space.difference(chart[:1], chart[1:])
-    ahead = Forecast(np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0)).ahead(np.zeros(2))
+    ahead = forecast(np.random.default_rng(0), []).predict(np.zeros(2))
     post = Box((0.02, 0.02, 1.0), at=(1.0, 0.0, 0.5), name="post")
     hit = certifier.certify(chart, v, Scene([post]), ahead, clearance=CLEARANCE, self_clearance=1e-3)
     assert not hit.certified
@@ -128,7 +128,7 @@ def test_links_that_meet_between_samples_are_found(silvermate, rng):
     certifier = MotionCertifier(bodies, MotionBounds(bodies), silvermate.self_pairs)
     verdicts = {True: 0, False: 0}
     nothing = Scene([])
-    ahead = Forecast(np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0)).ahead(np.zeros(4))
+    ahead = forecast(rng, []).predict(np.zeros(4))
     for _ in range(60):
         ends = random_chart(silvermate, rng, 2)
         v = silvermate.space.difference(ends[:1], ends[1:])

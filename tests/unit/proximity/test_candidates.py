@@ -47,13 +47,13 @@ def test_distances_are_those_at_the_time_of_the_node(name, request, rng):
         kin = Kinematics(robot.tree, 5)
         kin.update(chart)
         times = np.sort(rng.uniform(0.0, 2.0, 5))
-        ahead = forecast(rng, moving).ahead(times)
+        ahead = forecast(rng, moving).predict(times)
         proximity = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE)
         proximity.update(kin, scene, ahead)
-        window = proximity.window
+        window = proximity.candidates
         contacts = proximity.contacts()
         for n in range(5):
-            d = truth(robot, scene, chart[n], ahead.shift[n], ahead.growth[n], moving)[:, window.rows]
+            d = truth(robot, scene, chart[n], ahead.shift[n], ahead.uncertainty[n], moving)[:, window.rows]
             # of a block that is penetrated the deepest box counts, where the tree stops at the first
             solid = np.array([p.geometry is not None for p in window.parts])
             assert (proximity.bound[n] <= d + 1e-9)[:, solid].all()
@@ -83,11 +83,11 @@ def test_a_forecast_that_is_dropped_leaves_no_trace(silvermate, rng):
     kin.update(chart)
     used, fresh = (ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE) for _ in range(2))
     for moving in ([0, 3], [1], [0, 1, 2, 5]):
-        used.update(kin, scene, forecast(rng, moving).ahead(np.linspace(0.0, 3.0, 4)))
+        used.update(kin, scene, forecast(rng, moving).predict(np.linspace(0.0, 3.0, 4)))
     used.update(kin, scene)
     fresh.update(kin, scene)
     one, two = used.contacts(), fresh.contacts()
-    order = [np.lexsort((used.window.rows[c.part], c.body, c.node)) for c in (one, two)]
+    order = [np.lexsort((used.candidates.rows[c.part], c.body, c.node)) for c in (one, two)]
     assert len(one) == len(two) > 10
     np.testing.assert_allclose(one.distance[order[0]], two.distance[order[1]], atol=1e-9)
 
@@ -118,11 +118,11 @@ def test_what_is_kept_from_tick_to_tick_never_exceeds_the_distance(name, request
             pose[:2, :3] = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) @ pose[:2, :3]
             scene = scene.moved(scene.names[k], pose)
         kin.update(chart)
-        ahead = expected.ahead(times)
+        ahead = expected.predict(times)
         used.update(kin, scene, ahead)
-        window, found = used.window, used.contacts()
+        window, found = used.candidates, used.contacts()
         for n in range(6):
-            d = truth(robot, scene, chart[n], ahead.shift[n], ahead.growth[n], moving)[:, window.rows]
+            d = truth(robot, scene, chart[n], ahead.shift[n], ahead.uncertainty[n], moving)[:, window.rows]
             mine = found.node == n
             near = np.zeros(d.shape, dtype=bool)
             near[found.body[mine], found.part[mine]] = True
@@ -143,7 +143,7 @@ def test_what_moves_as_expected_is_not_asked_again(silvermate, rng):
     kin.update(random_chart(silvermate, rng, 6))
     times = np.linspace(0.2, 2.0, 6)
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
-    proximity.update(kin, scene, expected.ahead(times))
+    proximity.update(kin, scene, expected.predict(times))
     first = proximity.narrow.queries
     assert first > 20
     for tick in range(1, 4):
@@ -152,9 +152,9 @@ def test_what_moves_as_expected_is_not_asked_again(silvermate, rng):
             pose = scene.obstacles[k].pose.copy()
             pose[:3, 3] += 0.05 * tick * velocity[m]
             there = there.moved(scene.names[k], pose)
-        proximity.update(kin, there, expected.ahead(times - 0.05 * tick))
+        proximity.update(kin, there, expected.predict(times - 0.05 * tick))
     assert proximity.narrow.queries == first
-    proximity.update(kin, scene, expected.ahead(times + 0.1))
+    proximity.update(kin, scene, expected.predict(times + 0.1))
     assert proximity.narrow.queries > first
 
 
@@ -167,11 +167,11 @@ def test_what_comes_from_far_away_is_in_the_window(silvermate):
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
     proximity.update(kin, scene)
     assert len(proximity.contacts()) == 0
-    proximity.update(kin, scene, coming.ahead(np.array([0.0, 1.95])))
+    proximity.update(kin, scene, coming.predict(np.array([0.0, 1.95])))
     contacts = proximity.contacts()
     assert set(contacts.node) == {1}
     assert contacts.distance.min() == pytest.approx(0.5 - 0.2 - 0.27, abs=2e-3)
-    proximity.update(kin, scene, coming.ahead(np.array([0.0, 1.9])))
+    proximity.update(kin, scene, coming.predict(np.array([0.0, 1.9])))
     assert proximity.clearance()[1].min() == INFLUENCE
 
 
@@ -181,9 +181,9 @@ def test_beyond_the_horizon_nothing_is_said(silvermate):
     kin.update(np.repeat(silvermate.space.to_chart(silvermate.home())[None], 3, axis=0))
     still = Forecast(np.array([0]), np.zeros((1, 3)), np.zeros(1), np.zeros(1), np.zeros(1), horizon=1.0)
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
-    proximity.update(kin, scene, still.ahead(np.array([0.0, 0.9, 1.1])))
+    proximity.update(kin, scene, still.predict(np.array([0.0, 0.9, 1.1])))
     contacts = proximity.contacts()
-    obstacle = proximity.window.obstacle[contacts.part]
+    obstacle = proximity.candidates.obstacle[contacts.part]
     assert set(contacts.node[obstacle == 0]) == {0, 1}
     assert set(contacts.node[obstacle == 1]) == {0, 1, 2}
 
