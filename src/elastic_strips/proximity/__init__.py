@@ -1,8 +1,8 @@
 """Proximity: how near the robot's bodies are to obstacles and to each other, along a whole strip."""
 
 from .bounds import BodySet, MotionBounds
-from .candidates import CandidateParts, Forecast, MovingParts, NodePrediction
-from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
+from .candidates import Forecast, NodePrediction
+from .narrowphase import GJK_EXCESS, Contacts
 from .obstacles import ObstacleProximity
 from .self_distance import SelfContacts, SelfProximity
 
@@ -13,10 +13,7 @@ __all__ = [
     "Forecast",
     "GJK_EXCESS",
     "MotionBounds",
-    "MovingParts",
-    "Narrowphase",
     "ObstacleProximity",
     "SelfContacts",
     "SelfProximity",
-    "CandidateParts",
 ]

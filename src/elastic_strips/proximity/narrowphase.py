@@ -32,7 +32,7 @@ _FAILED = -1e100
 """Coal says −1.8e308 where its solver for penetration does not converge."""
 
 
-def distance_request(*, fine_apart: bool = False, fine_deep: bool = False) -> coal.DistanceRequest:
+def _distance_request(*, fine_apart: bool = False, fine_deep: bool = False) -> coal.DistanceRequest:
     """A request for a signed distance with witness points and normal, at Coal's own tolerances or at fine ones."""
     request = coal.DistanceRequest(True)
     if fine_apart:
@@ -66,12 +66,12 @@ class PairSolver:
 
     def __init__(self) -> None:
         self.result = coal.DistanceResult()
-        self._apart = distance_request(fine_apart=True)
-        self._deep = distance_request()
-        self._fine = distance_request(fine_apart=True, fine_deep=True)
+        self._apart = _distance_request(fine_apart=True)
+        self._deep = _distance_request()
+        self._fine = _distance_request(fine_apart=True, fine_deep=True)
         self._coarse = []
         for tolerance in (1e-4, 1e-3, 1e-2, 0.1):
-            request = distance_request()
+            request = _distance_request()
             request.epa_tolerance = tolerance
             self._coarse.append(request)
 
@@ -246,7 +246,7 @@ class _Block:
             return float(result.min_distance), np.array(result.normal), np.array(result.getNearestPoint2())
         # the tree stops at the first box that penetrates; the deepest one is wanted
         deepest = np.inf, np.zeros(3), np.zeros(3)
-        request = distance_request()
+        request = _distance_request()
         for member in self.members:
             result = coal.DistanceResult()
             coal.distance(member, probe, request, result)

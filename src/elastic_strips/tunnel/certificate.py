@@ -21,11 +21,13 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
 
-from ..proximity import GJK_EXCESS, BodySet, CandidateParts, MovingParts, Narrowphase, SelfProximity
+from ..proximity import GJK_EXCESS, BodySet, SelfProximity
+from ..proximity.candidates import CandidateParts, MovingParts
+from ..proximity.narrowphase import Narrowphase
 from ..robot import Kinematics
 from ..summary import Summary
 
-HALF_TURN = "half turn"
+_HALF_TURN = "half turn"
 
 
 class SegmentState(int, Enum):
@@ -57,7 +59,7 @@ class BrokenSegment:
     certain: bool
 
     def __str__(self) -> str:
-        if self.kind == HALF_TURN:
+        if self.kind == _HALF_TURN:
             return f"segment {self.segment}: {self.link} makes half a turn, and which way is not defined: add a node"
         what = "comes within" if self.certain else "could not be proven clear of"
         return f"segment {self.segment}: {self.link} {what} {self.obstacle} ({self.clearance * 1000:.1f} mm)"
@@ -378,4 +380,4 @@ class Bisection:
 
 def half_turn(bodies: BodySet, segment: int) -> BrokenSegment:
     """A segment that makes half a turn."""
-    return BrokenSegment(segment, bodies.names[0], "", 0.0, HALF_TURN, False)
+    return BrokenSegment(segment, bodies.names[0], "", 0.0, _HALF_TURN, False)

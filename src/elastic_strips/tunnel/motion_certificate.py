@@ -11,7 +11,9 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 
-from ..proximity import BodySet, CandidateParts, MotionBounds, MovingParts, Narrowphase, NodePrediction, SelfProximity
+from ..proximity import BodySet, MotionBounds, NodePrediction, SelfProximity
+from ..proximity.candidates import CandidateParts, MovingParts
+from ..proximity.narrowphase import Narrowphase
 from ..robot import Kinematics
 from ..scene import Scene
 from .certificate import (
