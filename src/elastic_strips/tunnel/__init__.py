@@ -1,4 +1,4 @@
-"""Tunnel: protective hulls, their connectivity, and the motion-bound certificate of every segment."""
+"""Certificates: proof that segments and motions keep their clearance, the clearance itself, and protective hulls."""
 
 from .certificate import BrokenSegment, Certificate, SegmentState
 from .motion_certificate import MotionCertifier
