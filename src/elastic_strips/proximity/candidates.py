@@ -146,9 +146,8 @@ def _overlapping(table: PartTable, rows: npt.NDArray[np.intp], low: Array, high:
     chunk = max(1, 2_000_000 // max(1, len(low)))
     for start in range(0, len(rows), chunk):
         s = slice(start, start + chunk)
-        keep[s] = ((part_low[s, None] <= high[None]).all(axis=2) & (part_high[s, None] >= low[None]).all(axis=2)).any(
-            axis=1
-        )
+        above, below = part_low[s, None] <= high[None], part_high[s, None] >= low[None]
+        keep[s] = np.any(np.all(above, axis=2) & np.all(below, axis=2), axis=1)
     return rows[keep]
 
 
