@@ -3,7 +3,7 @@
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.deform import kept_as_at
+from elastic_strips.strip import kept_as_at
 
 robot = es.load_robot("silvermate")
 ball = es.Sphere(0.2, at=(2.4, 0.15, 1.15), name="ball")  # in the way of the arm alone

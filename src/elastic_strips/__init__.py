@@ -30,7 +30,6 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    from .deform import Deformer, DeformParams, DeformReport, DeformStatus
     from .io import read_scene, read_world, write_scene, write_world
     from .planning import PlanReport, plan, plan_report
     from .robot import RobotModel, load_robot, robot_names
@@ -51,8 +50,8 @@ if TYPE_CHECKING:
         Voxels,
         World,
     )
-    from .strip import Strip
-    from .tunnel import Certificate, strip_clearance
+    from .strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip, strip_clearance
+    from .tunnel import Certificate
     from .viewer import Viewer
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())  # who uses the library decides what is shown
@@ -106,7 +105,6 @@ __all__ = [
 
 
 _ROOMS = {
-    "deform": ("Deformer", "DeformParams", "DeformReport", "DeformStatus"),
     "io": ("read_scene", "read_world", "write_scene", "write_world"),
     "planning": ("PlanReport", "plan", "plan_report"),
     "robot": ("RobotModel", "load_robot", "robot_names"),
@@ -115,8 +113,8 @@ _ROOMS = {
         "Box", "Capsule", "Cone", "ConvexHull", "Cylinder", "Keyframes", "Mesh", "Points", "Scene", "Sphere", "Twist",
         "Unknown", "Voxels", "World",
     ),
-    "strip": ("Strip",),
-    "tunnel": ("Certificate", "strip_clearance"),
+    "strip": ("Deformer", "DeformParams", "DeformReport", "DeformStatus", "Strip", "strip_clearance"),
+    "tunnel": ("Certificate",),
     "viewer": ("Viewer",),
     **{room: () for room in ("bench", "control", "execution", "methods", "perception", "sim", "study")},
 }  # fmt: skip

@@ -52,7 +52,7 @@ def test_planning_loads_nothing_that_it_does_not_use():
 
 
 def test_what_runs_on_a_robot_loads_nothing_that_simulates():
-    rooms = ("control", "execution", "perception", "planning", "deform", "methods", "io", "viewer")
+    rooms = ("control", "execution", "perception", "planning", "strip", "methods", "io", "viewer")
     names = loaded("\n".join(f"import elastic_strips.{room}" for room in rooms))
     assert "elastic_strips.execution" in names
     assert not {name for name in names if name.startswith(("elastic_strips.sim", "elastic_strips.scenarios"))}
@@ -66,7 +66,7 @@ def test_the_command_line_says_who_it_is_without_numpy(arguments):
 
 def test_the_list_makes_no_scene_and_reads_no_mesh():
     names = loaded(COMMAND, "list")
-    assert not names & {"matplotlib", "mujoco", "meshcat", "tornado", "elastic_strips.scene", "elastic_strips.deform"}
+    assert not names & {"matplotlib", "mujoco", "meshcat", "tornado", "elastic_strips.scene", "elastic_strips.strip"}
 
 
 def test_what_is_listed_is_what_there_is():

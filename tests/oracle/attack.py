@@ -32,11 +32,10 @@ import pinocchio as pin
 from brute_force import configuration, make_obstacle, random_pose, scene_pieces
 from random_robots import random_urdf
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.proximity import BodySet, Forecast, MotionBounds
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, Strip
 from elastic_strips.tunnel import MotionCertifier
 
 Array = npt.NDArray[np.float64]

@@ -9,13 +9,12 @@ from brute_force import SHAPES, link_distances, make_obstacle, self_distances
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastic_strips.deform import Deformer, DeformParams, DeformReport, DeformStatus
-from elastic_strips.deform.default_step import DefaultStep
-from elastic_strips.maintenance import node_spacing
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
+from elastic_strips.strip.default_step import DefaultStep
+from elastic_strips.strip.resampling import node_spacing
 
 
 def random_scene(rng: np.random.Generator, length: float) -> Scene:

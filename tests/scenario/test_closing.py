@@ -6,8 +6,8 @@ import numpy as np
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario
-from elastic_strips.deform import Deformer
 from elastic_strips.planning import FamilyParams, StripFamily
+from elastic_strips.strip import Deformer
 
 
 def test_the_family_changes_sides(silvermate: RobotModel) -> None:

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..deform import Deformer
 from ..planning import PlanReport, plan_report
 from ..robot import RobotModel
 from ..scenarios import get_scenario
 from ..scene import Scene
-from ..tunnel import strip_clearance
+from ..strip import Deformer, strip_clearance
 from .measure import machine, percentiles
 
 SOON = 2.0

@@ -9,12 +9,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..deform import Deformer, DeformReport
 from ..proximity import BodySet
 from ..robot import Kinematics, RobotModel
 from ..scene import Scene
-from ..strip import Strip
-from ..tunnel import strip_clearance
+from ..strip import Deformer, DeformReport, Strip, strip_clearance
 from .measure import machine, percentiles
 from .plan import planned_corridors
 

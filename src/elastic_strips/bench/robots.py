@@ -15,12 +15,11 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 
-from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ConfigurationError, ElasticStripsError, ScenarioError
 from ..planning import check_ends, plan_report
 from ..robot import RobotModel, load_robot, robot_names
 from ..scene import Scene, Sphere
-from ..strip import Strip
+from ..strip import Deformer, DeformParams, DeformReport, Strip
 from .measure import machine
 
 DRIVEN = (1.5, 0.2)

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..deform import DeformParams
 from ..execution import Controller, DriveParams
 from ..robot import RobotModel
 from ..scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from ..sim import Simulation, simulation
+from ..strip import DeformParams
 from .measure import machine, percentiles
 
 _WINDOW = 120.0

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..deform import Deformer, DeformParams
 from ..planning import plan_report
 from ..robot import RobotModel
 from ..scenarios import get_scenario
 from ..scene import Box, Obstacle, Scene
-from ..strip import Strip
+from ..strip import Deformer, DeformParams, Strip
 from .measure import machine, percentiles
 
 STEP = 0.02

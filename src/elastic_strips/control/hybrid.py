@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy.typing as npt
 
-from ..deform import AxisTask
 from ..errors import ConfigurationError, ParameterError, RobotError
 from ..execution import Command, Controller, DriveParams, Measurement, RunState
 from ..execution.onward import Proposal
@@ -16,7 +15,7 @@ from ..execution.replanning import Replanner, standing
 from ..planning import PlanReport
 from ..robot import RobotModel
 from ..scene import Scene
-from ..strip import Strip
+from ..strip import AxisTask, Strip
 from ..validation import check_able, check_count, check_type, shown
 from .sequencing import Facts, Order, SequencingLayer
 from .task_watch import TaskWatch

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from ..deform import DeformReport
-from ..deform.task import TaskForce
 from ..errors import ParameterError
+from ..strip import DeformReport
+from ..strip.constraint import TaskForce
 
 _LONGEST = 8
 """Attempts to resume come at most so many times as rarely as the first."""

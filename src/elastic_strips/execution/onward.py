@@ -9,10 +9,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..deform import DeformReport
 from ..proximity import Forecast
 from ..robot import RobotModel
 from ..scene import Scene
+from ..strip import DeformReport
 from ..tunnel import Certificate
 from .limits import MotionLimits
 from .params import DriveParams

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from ..deform import AxisTask, DeformParams
 from ..errors import ParameterError
+from ..strip import AxisTask, DeformParams
 from ..validation import check_number, check_numbers, check_type
 
 DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1, "certificate_depth": 5}

@@ -9,11 +9,10 @@ from time import perf_counter
 
 import numpy as np
 
-from ..deform import Deformer, DeformReport
 from ..proximity import Forecast
 from ..robot import RobotModel
 from ..scene import Scene
-from ..strip import Strip
+from ..strip import Deformer, DeformReport, Strip
 from ..tunnel import Certificate
 from .evasion import Evasion
 from .limits import MotionLimits

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from ..deform import Deformer, DeformParams
 from ..errors import ConfigurationError, ParameterError, RobotError, SceneError
 from ..proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics, RobotModel
 from ..scene import Scene
+from ..strip import Deformer, DeformParams
 from .deadline import Deadline
 
 _log = logging.getLogger(__name__)

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ConfigurationError, ParameterError
 from ..robot import RobotModel
 from ..scene import Scene
+from ..strip import Deformer, DeformParams, DeformReport
 from ..summary import Summary
 from .alternatives import Alternative, plan_alternatives, strip_cost, strip_path
 from .homotopy import base_class, component_map, obstacle_points, parted_by

@@ -17,11 +17,10 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ParameterError
 from ..robot import RobotModel
 from ..scene import Scene
-from ..strip import Strip
+from ..strip import Deformer, DeformParams, DeformReport, Strip
 from ..summary import Summary
 from .deadline import Deadline
 from .ends import check_ends, check_search, workspace

@@ -8,11 +8,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 
-from ..deform import Deformer, DeformReport
-from ..deform.report import SLIP_LIMIT
-from ..relax import project_rolling
 from ..robot import BaseKind
-from ..strip import Strip
+from ..strip import Deformer, DeformReport, Strip
+from ..strip.report import SLIP_LIMIT
+from ..strip.rolling import project_rolling
 
 _LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre
 _NEAR = 0.03  # [m] a node that is so near the robot is left out

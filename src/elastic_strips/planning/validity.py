@@ -8,11 +8,10 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 
-from ..deform import Deformer
-from ..relax import project_rolling
 from ..robot import BaseKind, RobotModel
 from ..scene import Scene
-from ..strip import Strip
+from ..strip import Deformer, Strip
+from ..strip.rolling import project_rolling
 from ..tunnel import Certificate
 
 _MAX_PAIRED = 400

@@ -11,7 +11,6 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..control import BaseController
-from ..deform import DeformParams
 from ..errors import RobotError, ScenarioError
 from ..execution import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams, MotionLimits
 from ..execution.replanning import SwitchingReplanner
@@ -38,6 +37,7 @@ from ..sim import (
 )
 from ..sim.sensors import SensorConfig, SensorSuite
 from ..sim.tracking_bound import Displacement
+from ..strip import DeformParams
 from ..summary import Summary
 from ..validation import check_choice, check_count, check_type
 from .scenario import Scenario

@@ -11,12 +11,11 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
 from ..errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from ..planning import check_ends, plan_report, straight_line
 from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
-from ..strip import Strip
+from ..strip import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus, Strip
 from ..summary import Summary
 from ..validation import check_able, check_choice, check_count, check_number, check_type
 from .passage import passage

@@ -9,11 +9,11 @@ from typing import Any
 import numpy.typing as npt
 
 from ..control import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
-from ..deform import AxisTask
 from ..errors import ConfigurationError
 from ..execution import DriveParams, DriveResult
 from ..robot import RobotModel
 from ..scene import Scene, World
+from ..strip import AxisTask
 from ..summary import Summary
 from ..validation import check_able
 from .perception import Perceiver, PerceptionParams

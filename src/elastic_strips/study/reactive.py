@@ -11,15 +11,14 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 
-from ..deform import Deformer, DeformParams
-from ..deform.paper_step import PaperStep
 from ..errors import RobotError
 from ..planning import straight_line
 from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel
 from ..scenarios.scenario import Scenario
 from ..scene import Scene
-from ..strip import Strip
+from ..strip import Deformer, DeformParams, Strip
+from ..strip.paper.step import PaperStep
 from ..summary import Summary
 
 SPACING = 0.216

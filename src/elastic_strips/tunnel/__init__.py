@@ -1,7 +1,7 @@
 """Tunnel: protective hulls, their connectivity, and the motion-bound certificate of every segment."""
 
 from .certificate import BrokenSegment, Certificate, Certifier, SegmentState
-from .clearance import strip_clearance
+from .clearance import chart_clearance
 from .hulls import Tunnel, protective_hulls
 from .motion_certificate import MotionCertifier
 
@@ -12,6 +12,6 @@ __all__ = [
     "MotionCertifier",
     "SegmentState",
     "Tunnel",
+    "chart_clearance",
     "protective_hulls",
-    "strip_clearance",
 ]

@@ -4,54 +4,49 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import ConfigurationError, SceneError
+from elastic_strips.arrays import Array
+
 from ..proximity import BodySet, MotionBounds, ObstacleProximity
-from ..robot import Kinematics
+from ..robot import Kinematics, RobotModel
 from ..robot.space import where_true
 from ..scene import Scene
-from ..strip import Strip
-from ..validation import check_number, check_type
 
 _REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
 
 
-def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
-    """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
+def chart_clearance(robot: RobotModel, chart: Array, scene: Scene, *, tolerance: float = 1e-4) -> float:
+    """Smallest distance [m] between robot and obstacles along interpolated nodes; negative in penetration.
 
-    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose way
-    is not defined, as far below as the robot could reach). Infinite without obstacles; what is more than 10 km away
-    counts as 10 km away.
+    See :func:`elastic_strips.strip.strip_clearance`.
 
     Args:
-        strip: the strip.
+        robot: the robot.
+        chart: (N, nv) nodes.
         scene: the obstacles.
         tolerance: accuracy [m].
     """
-    check_type("strip", strip, Strip, ConfigurationError)
-    check_type("scene", scene, Scene, SceneError)
-    check_number("tolerance", tolerance, above=0.0, unit="m")
     if len(scene) == 0:
         return float("inf")
-    bodies = BodySet.links(strip.robot)
+    bodies, v = BodySet.links(robot), robot.space.difference(chart[:-1], chart[1:])
     bounds = MotionBounds(bodies)
-    kin = Kinematics(bodies.tree, len(strip))
-    kin.update(strip.chart)
+    kin = Kinematics(bodies.tree, len(chart))
+    kin.update(chart)
     for reach in _REACHES:
         proximity = ObstacleProximity(bodies, influence=reach)
         proximity.update(kin, scene)
-        travel = bounds.travel(strip.velocities)
+        travel = bounds.travel(v)
         if proximity.bound.size == 0:
             continue
         lowest = float(proximity.bound.min(initial=reach))
         if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _REACHES[-1]:
-            return _refine(strip, kin, bodies, bounds, proximity, tolerance)
+            return _refine(kin, v, bodies, bounds, proximity, tolerance)
     return _REACHES[-1]
 
 
 def _refine(
-    strip: Strip, kin: Kinematics, bodies: BodySet, bounds: MotionBounds, proximity: ObstacleProximity, tolerance: float
+    kin: Kinematics, v: Array, bodies: BodySet, bounds: MotionBounds, proximity: ObstacleProximity, tolerance: float
 ) -> float:
-    space, v = strip.robot.space, strip.velocities
+    space = bodies.tree.space
     bound = proximity.bound
     best = float(bound.min())  # found at a node: an upper bound of the answer (up to the GJK excess)
     travel = bounds.travel(v)

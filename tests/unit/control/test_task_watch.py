@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from elastic_strips.control import TaskState, TaskWatch
-from elastic_strips.deform import AxisTask, Deformer, kept_as_at
-from elastic_strips.deform.task import TaskForce
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import AxisTask, Deformer, Strip, kept_as_at
+from elastic_strips.strip.constraint import TaskForce
 
 
 def report(error: float, *, certified: bool = True):

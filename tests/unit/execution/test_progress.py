@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer
 from elastic_strips.execution.progress import remaining
 from elastic_strips.planning import straight_line
+from elastic_strips.strip import Deformer
 
 
 @pytest.fixture(scope="module")

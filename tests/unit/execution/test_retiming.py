@@ -18,9 +18,9 @@ from elastic_strips.execution.retiming import Retimer, retime
 from elastic_strips.execution.speed_profile import Profile
 from elastic_strips.execution.trajectory import Trajectory
 from elastic_strips.planning import straight_line
-from elastic_strips.relax import project_rolling
 from elastic_strips.robot import RobotModel
 from elastic_strips.strip import Strip
+from elastic_strips.strip.rolling import project_rolling
 
 ROBOTS = ["silvermate", "tiago", "rover", "gantry"]
 

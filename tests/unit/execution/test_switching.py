@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.execution import DriveParams, RunState
 from elastic_strips.execution import replanning as replanning_room
@@ -13,6 +12,7 @@ from elastic_strips.execution.replanning import SwitchingReplanner, slow
 from elastic_strips.planning import FamilyParams
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim import judge, simulation
+from elastic_strips.strip import Deformer
 
 WALLS = [
     Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),

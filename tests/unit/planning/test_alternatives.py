@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import base_class, parted_by, plan_alternatives, strip_cost
 from elastic_strips.planning.alternatives import strip_path
 from elastic_strips.scene import Box, Scene
+from elastic_strips.strip import Deformer, DeformParams
 
 HALL = Scene(
     [

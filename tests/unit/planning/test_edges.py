@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastic_strips.deform import Deformer
 from elastic_strips.planning import Validity, certify_path, ompl_path, straight_line
 from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.strip import Deformer
 
 
 def test_a_wire_between_two_samples_is_found(jackal_box) -> None:

@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer, DeformParams, DeformStatus
 from elastic_strips.errors import ConfigurationError, InputError, ParameterError, RobotError, SceneError
 from elastic_strips.planning import check_ends, ompl_path, plan, plan_alternatives, plan_report
 from elastic_strips.planning import deadline as deadlines
@@ -17,7 +16,7 @@ from elastic_strips.planning.grid_path import grid_frame
 from elastic_strips.planning.ompl_planner import Region
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene, Sphere
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformStatus, Strip
 
 
 def wall(length, y=0.0, x=2.0, name="wall"):

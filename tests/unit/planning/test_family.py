@@ -7,10 +7,10 @@ import logging
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import FamilyParams, FamilyReport, StripFamily
 from elastic_strips.scene import Box, Scene
+from elastic_strips.strip import Deformer
 
 WALLS = [
     Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),

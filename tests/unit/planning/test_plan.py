@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from brute_force import link_distances, make_obstacle, self_distances
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import Validity, check_ends, ompl_path, plan, plan_report
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
+from elastic_strips.strip import Deformer, DeformParams
 
 # a wall with a door beside the line: the straight line does not relax through it
 DOOR = Scene(

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer
 from elastic_strips.planning import plan_report
 from elastic_strips.planning.rejoin import parting_angle, rejoined
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, Strip
 
 SCENE = Scene([Box((0.3, 0.3, 1.0), at=(2.0, 0.6, 0.5), name="box")])
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer
 from elastic_strips.planning import grid_path, plan_report, straight_line
 from elastic_strips.planning.relaxation import path_strip, relax_path, relax_while_clearer, way_rows
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, Strip
 
 REACH = {
     "arm_1_joint": 0.61, "arm_2_joint": 0.25, "arm_3_joint": -0.58, "arm_4_joint": 1.53, "arm_5_joint": 0.46,

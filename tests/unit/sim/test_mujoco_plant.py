@@ -34,8 +34,7 @@ from elastic_strips.sim.mujoco_plant import MujocoPlant
 from elastic_strips.sim.odometry import SensorParams
 from elastic_strips.sim.plant import PlantParams
 from elastic_strips.sim.tracking_bound import follow, tracking_errors
-from elastic_strips.strip import Strip
-from elastic_strips.tunnel import strip_clearance
+from elastic_strips.strip import Strip, strip_clearance
 
 EXACT = PlantParams(jitter=0.0, sensors=SensorParams.ideal())
 

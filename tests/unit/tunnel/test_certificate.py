@@ -10,11 +10,10 @@ import pinocchio as pin
 import pytest
 from brute_force import configuration, link_distances, self_distances
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Points, Scene, Sphere, Voxels
-from elastic_strips.strip import Strip
-from elastic_strips.tunnel import BrokenSegment, SegmentState, strip_clearance
+from elastic_strips.strip import Deformer, DeformParams, Strip, strip_clearance
+from elastic_strips.tunnel import BrokenSegment, SegmentState
 
 
 def drive(robot: RobotModel, *x: float, **joints: float) -> Strip:

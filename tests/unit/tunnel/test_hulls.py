@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from elastic_strips.deform import Deformer
 from elastic_strips.scene import Box, Scene, Sphere
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, Strip
 from elastic_strips.tunnel import protective_hulls
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances, make_obstacle
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.proximity import Forecast
 from elastic_strips.scene import Cylinder, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, Strip
 
 SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex")
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.forces import System
-from elastic_strips.relax import BandedSolver
+from elastic_strips.strip.solver import BandedSolver, System
 
 
 def random_system(rng: np.random.Generator, n: int, nv: int) -> System:

@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 from brute_force import random_chart
 
-from elastic_strips.deform import AxisTask, kept_as_at
-from elastic_strips.deform.task import TaskForce
 from elastic_strips.errors import ParameterError, RobotError
-from elastic_strips.forces import System
 from elastic_strips.robot import Kinematics
+from elastic_strips.strip import AxisTask, kept_as_at
+from elastic_strips.strip.constraint import TaskForce
+from elastic_strips.strip.solver import System
 
 TASK = AxisTask(frame="hand_frame", axis=(0.3, -0.2, 2.0), direction=(0.0, 0.5, 1.0), gain=1.7)
 

@@ -6,13 +6,14 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..forces import System, add_elastic, add_joint_limits, add_posture, add_repulsion, add_self_repulsion
 from ..proximity import ObstacleProximity, SelfProximity
-from ..relax import BandedSolver, project_rolling
 from ..robot import BaseKind, Kinematics, RobotModel
+from .constraint import TaskForce
+from .forces import add_elastic, add_joint_limits, add_posture, add_repulsion, add_self_repulsion
 from .params import DeformParams
 from .report import ForceField, PhaseClock
-from .task import TaskForce
+from .rolling import project_rolling
+from .solver import BandedSolver, System
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
 

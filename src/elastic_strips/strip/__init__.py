@@ -1,9 +1,10 @@
-"""Deformation: one tick of a strip, its parameters and its report."""
+"""Strip room: elastic strips and their deformation; :mod:`elastic_strips.strip.paper` has the paper's own equations."""
 
+from .constraint import AxisTask, kept_as_at
 from .deformer import Deformer
 from .params import PRESETS, DeformParams
 from .report import DeformReport, DeformStatus, ForceField
-from .task import AxisTask, kept_as_at
+from .strip import Strip, strip_clearance
 from .workspace import Foresight
 
 __all__ = [
@@ -15,5 +16,7 @@ __all__ = [
     "Deformer",
     "ForceField",
     "Foresight",
+    "Strip",
     "kept_as_at",
+    "strip_clearance",
 ]

@@ -11,10 +11,10 @@ import pinocchio as pin
 from elastic_strips.arrays import Array
 
 from ..errors import ParameterError, RobotError, nearest_name
-from ..forces import add_axis_task, axis_in_world
-from ..forces.system import System
 from ..robot import Kinematics, RobotModel
 from ..robot.control_points import find_frame
+from .forces import add_axis_task, axis_in_world
+from .solver import System
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

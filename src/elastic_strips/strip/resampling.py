@@ -1,4 +1,4 @@
-"""Maintenance: where to put a node in, and which to take out, so that a strip stays dense enough and no denser."""
+"""Resampling: where to put a node in, and which to take out, so that a strip stays dense enough and no denser."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from .robot import ConfigurationSpace
+from ..robot import ConfigurationSpace
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.relax import explicit_step
+from elastic_strips.strip.paper.equations import explicit_step
 
 ALPHA = np.r_[0.0, 0.0, 0.0, np.full(4, 0.25)]
 

@@ -9,12 +9,11 @@ import pinocchio as pin
 import pytest
 from brute_force import link_distances
 
-from elastic_strips.deform import Deformer, DeformParams, DeformStatus
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformStatus, Strip
 
 ASIDE = Scene([Box((0.4, 0.4, 1.0), at=(2.0, 0.5, 0.5), name="box"), Sphere(0.3, at=(3.2, -0.55, 0.6), name="ball")])
 

@@ -9,16 +9,10 @@ import numpy as np
 import pytest
 from brute_force import configuration, random_chart
 
-from elastic_strips.forces import (
-    System,
-    add_elastic,
-    add_joint_limits,
-    add_posture,
-    add_rolling,
-    contraction_force,
-    contraction_torque,
-)
 from elastic_strips.robot import RobotModel
+from elastic_strips.strip.forces import add_elastic, add_joint_limits, add_posture, add_rolling
+from elastic_strips.strip.paper.equations import contraction_force, contraction_torque
+from elastic_strips.strip.solver import System
 
 Potential = Callable[[np.ndarray], float]
 

@@ -11,10 +11,10 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..scene import Scene
-from ..strip import Strip
 from ..summary import Summary
-from ..tunnel import Certificate, Tunnel, strip_clearance
+from ..tunnel import Certificate, Tunnel
 from .params import DeformParams
+from .strip import Strip, strip_clearance
 
 
 class PhaseClock:

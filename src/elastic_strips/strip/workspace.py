@@ -8,14 +8,14 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 
-from ..maintenance import Edit
 from ..proximity import Ahead, BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from ..robot import Kinematics, RobotModel
 from ..scene import Scene
-from ..strip import Strip
 from ..tunnel import Certificate, Certifier
 from .params import DeformParams
 from .report import PhaseClock
+from .resampling import Edit
+from .strip import Strip
 
 Foresight = Callable[[Array], Ahead]
 """Says for nodes (N, nv) where moving obstacles will be when each of them is reached."""

@@ -10,15 +10,13 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices
 
 from ..errors import ConfigurationError, ParameterError, RobotError, SceneError
-from ..maintenance import maintain, node_spacing
-from ..relax import project_rolling
 from ..robot import RobotModel
 from ..scene import Scene
-from ..strip import Strip
 from ..tunnel import Certificate, Tunnel, protective_hulls
 from ..validation import check_able, check_choice, check_count, check_number, check_type, shown
+from .constraint import AxisTask, TaskForce
 from .default_step import DefaultStep
-from .paper_step import PaperStep
+from .paper.step import PaperStep
 from .params import DeformParams
 from .report import (
     SLIP_LIMIT,
@@ -31,7 +29,9 @@ from .report import (
     tick_status,
     wide_spacing,
 )
-from .task import AxisTask, TaskForce
+from .resampling import maintain, node_spacing
+from .rolling import project_rolling
+from .strip import Strip
 from .workspace import Foresight, Workspace
 
 

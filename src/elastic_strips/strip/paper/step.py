@@ -6,22 +6,16 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..errors import ParameterError
-from ..forces import (
-    contraction_force,
-    contraction_torque,
-    control_point_repulsion,
-    map_to_joints,
-    repulsive_potential,
-)
-from ..proximity import BodySet, ObstacleProximity
-from ..relax import explicit_step
-from ..robot import Kinematics, RobotModel
-from ..scene import Scene
-from ..tunnel import Tunnel, protective_hulls
-from .params import DeformParams
-from .report import ForceField
-from .workspace import Workspace
+from ...errors import ParameterError
+from ...proximity import BodySet, ObstacleProximity
+from ...robot import Kinematics, RobotModel
+from ...scene import Scene
+from ...tunnel import Tunnel, protective_hulls
+from ..forces import repulsive_potential
+from ..params import DeformParams
+from ..report import ForceField
+from ..workspace import Workspace
+from .equations import contraction_force, contraction_torque, control_point_repulsion, explicit_step, map_to_joints
 
 
 class PaperStep:

@@ -1,4 +1,4 @@
-"""Strip: a frozen chain of whole-body configurations."""
+"""Strip: a frozen chain of whole-body configurations, and its clearance."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from .errors import ConfigurationError, RobotError
-from .robot import BaseKind, RobotModel
-from .summary import Summary
-from .validation import check_number, check_type
+from ..errors import ConfigurationError, RobotError, SceneError
+from ..robot import BaseKind, RobotModel
+from ..scene import Scene
+from ..summary import Summary
+from ..tunnel import chart_clearance
+from ..validation import check_number, check_type
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,3 +109,21 @@ class Strip(Summary):
             for j, n in enumerate(counts)
         ]
         return self.robot.space.from_chart(np.vstack([*rows, self.chart[-1:]]))
+
+
+def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
+    """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
+
+    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose way
+    is not defined, as far below as the robot could reach). Infinite without obstacles; what is more than 10 km away
+    counts as 10 km away.
+
+    Args:
+        strip: the strip.
+        scene: the obstacles.
+        tolerance: accuracy [m].
+    """
+    check_type("strip", strip, Strip, ConfigurationError)
+    check_type("scene", scene, Scene, SceneError)
+    check_number("tolerance", tolerance, above=0.0, unit="m")
+    return chart_clearance(strip.robot, strip.chart, scene, tolerance=tolerance)

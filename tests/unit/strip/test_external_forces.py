@@ -7,18 +7,12 @@ import pinocchio as pin
 import pytest
 from brute_force import configuration, link_distances, make_obstacle, random_chart, self_distances
 
-from elastic_strips.forces import (
-    System,
-    add_repulsion,
-    add_self_repulsion,
-    control_point_repulsion,
-    map_to_joints,
-    repulsive_magnitude,
-    repulsive_potential,
-)
 from elastic_strips.proximity import BodySet, Contacts, MotionBounds, ObstacleProximity, SelfProximity
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
+from elastic_strips.strip.forces import add_repulsion, add_self_repulsion, repulsive_magnitude, repulsive_potential
+from elastic_strips.strip.paper.equations import control_point_repulsion, map_to_joints
+from elastic_strips.strip.solver import System
 
 K_R, INFLUENCE, K_NEAR, NEAR = 1.3, 0.3, 20.0, 0.08
 

@@ -10,7 +10,7 @@ from brute_force import random_chart
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastic_strips.maintenance import maintain, node_spacing
+from elastic_strips.strip.resampling import maintain, node_spacing
 
 BASE = 10
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from refusals import taken
 
-from elastic_strips.deform import PRESETS, Deformer, DeformParams
 from elastic_strips.errors import ParameterError
+from elastic_strips.strip import PRESETS, Deformer, DeformParams
 
 NUMBERS = [f.name for f in dataclasses.fields(DeformParams) if f.name not in ("preset", "mobile_only")]
 
