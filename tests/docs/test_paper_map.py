@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.scenarios.paper_cases import TABLE_1, TABLE_2
-from elastic_strips.strip import DeformParams
+from elastic_strips.strip.paper import PaperParams
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper-map.md"
 PACKAGE = "elastic_strips"
@@ -151,7 +151,7 @@ def test_what_is_not_there_is_noticed(name: str) -> None:
         resolve(name)
 
 
-@pytest.mark.parametrize("name", ["strip.paper.step.PaperStep._check_joint_angles", "methods.annotations"])
+@pytest.mark.parametrize("name", ["strip.paper.PaperDeformer._check_joint_angles", "methods.annotations"])
 def test_what_is_private_or_borrowed_is_noticed(name: str) -> None:
     resolve(name)
     assert not public(name)
@@ -213,8 +213,8 @@ def test_printed_tables_are_those_of_the_cases() -> None:
 
 
 def test_values_are_those_of_the_preset() -> None:
-    params = DeformParams.for_preset("paper").as_dict()
-    values = re.findall(r"`strip\.DeformParams\.(\w+)` = ([\d.]+)", PAGE.read_text(encoding="utf-8"))
+    params = PaperParams().as_dict()
+    values = re.findall(r"`strip\.paper\.PaperParams\.(\w+)` = ([\d.]+)", PAGE.read_text(encoding="utf-8"))
     assert len(values) >= 3
     for name, value in values:
         assert params[name] == float(value)

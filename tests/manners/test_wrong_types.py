@@ -35,7 +35,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     viewer = es.Viewer(server=False)
     return {
         "Deformer": (es.Deformer, {"robot": robot, "params": "default", "task": None}),
-        "step": (deformer.step, {**on, "budget": None, "foresight": None}),
+        "step": (deformer.step, {**on, "budget": None, "prediction": None}),
         "settle": (deformer.settle, {**on, "max_ticks": 1, "until": "rest", "watch": None}),
         "certify": (deformer.certify, on),
         "assess": (deformer.assess, on),
@@ -74,7 +74,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "ReachHand": (ReachHand, {"position": (1, 0, 1)}),
         "DriveAndReach": (DriveAndReach, {"drive": DriveTo(0, 0, 0), "reach": ReachHand((1, 0, 1))}),
         "DriveParams": (DriveParams, {"deform": es.DeformParams(), "speeds": (1.0,), "margin": 0.1, "plan_every": 2}),
-        "DeformParams": (es.DeformParams, {"preset": "paper", "mobile_only": True, "influence": 1.0, "max_ticks": 2}),
+        "DeformParams": (es.DeformParams, {"influence": 1.0, "max_ticks": 2}),
         "MotionLimits": (MotionLimits.for_robot, {"robot": robot}),
         "Retimer": (Retimer, {"robot": robot, "limits": None}),
         "judge": (judge, {"run": "nothing", "robot": robot}),

@@ -14,9 +14,10 @@ from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario, run_scenario, scenario_names
 from elastic_strips.io import obstacle_documents
+from elastic_strips.named import PRESETS
 from elastic_strips.planning import straight_line
 from elastic_strips.scenarios import RunResult, result_document
-from elastic_strips.strip import PRESETS, DeformStatus
+from elastic_strips.strip import DeformStatus
 
 Array = npt.NDArray[np.float64]
 Run = Callable[..., RunResult]

@@ -121,7 +121,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
             continue
         seconds.append(elapsed)
         certified += report.certified
-        asked += report.asked
+        asked += report.queries
         for phase, value in report.timings.items():
             phases.setdefault(phase, []).append(value)
         if every_pair is not None and k % _EVERY == 0:

@@ -15,7 +15,7 @@ from ..execution.replanning import Replanner, standing
 from ..planning import PlanReport
 from ..robot import RobotModel
 from ..scene import Scene
-from ..strip import AxisTask, Strip
+from ..strip import OrientationConstraint, Strip
 from ..validation import check_able, check_count, check_type, shown
 from .sequencing import Facts, Order, SequencingLayer
 from .task_watch import TaskWatch
@@ -133,25 +133,25 @@ class HybridControl(Controller):
         deliberation: Deliberation,
         scene: Scene | None = None,
         *,
-        keep: AxisTask | None = None,
+        keep: OrientationConstraint | None = None,
         params: DriveParams | None = None,
         seed: int = 0,
         look: Callable[[HybridControl], object] | None = None,
         **options: Any,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
-        check_type("keep", keep, AxisTask, none=True)
+        check_type("keep", keep, OrientationConstraint, none=True)
         check_type("params", params, DriveParams, none=True)
         check_able("look", look)
         if not deliberation.steps:
             raise ConfigurationError(f"the task has no steps: {deliberation.reason}")
-        params = replace(params or DriveParams(), task=keep)
+        params = replace(params or DriveParams(), constraint=keep)
         self.deliberation, self.look = deliberation, look
         self.sequencing = SequencingLayer([str(s) for s in deliberation.steps], max_scene_age=params.max_scene_age)
         self.director = Director(robot, params, seed=seed, grid=robot.space.planar)
         goals = [s.q for s in deliberation.steps]
         super().__init__(robot, start, goals, scene, params=params, replanner=self.director, seed=seed, **options)
-        force = self.pilot.deformer.task
+        force = self.pilot.deformer.constraint
         self.keeping = None if force is None else TaskWatch(force)
         self.orders: list[tuple[float, Order, str]] = []
         self._report: object = None

@@ -7,7 +7,7 @@ from enum import Enum
 
 from ..errors import ParameterError
 from ..strip import DeformReport
-from ..strip.constraint import TaskForce
+from ..strip.constraint import ConstraintForce
 
 _LONGEST = 8
 """Attempts to resume come at most so many times as rarely as the first."""
@@ -38,7 +38,7 @@ class TaskWatch:
     nothing, and is simply made.
 
     Args:
-        force: the deformer's task, ``deformer.task``.
+        force: ``deformer.constraint``.
         patience: so many ticks in a row a task may be missed, or the strip be broken, before it is suspended.
         retry: so many ticks after that it is tried again, and twice as many after every attempt in vain.
 
@@ -47,7 +47,7 @@ class TaskWatch:
         events: how they changed.
     """
 
-    def __init__(self, force: TaskForce, *, patience: int = 10, retry: int = 20) -> None:
+    def __init__(self, force: ConstraintForce, *, patience: int = 10, retry: int = 20) -> None:
         if not (patience >= 1 and retry >= 1):
             raise ParameterError(f"TaskWatch: patience={patience!r} and retry={retry!r} must be at least 1 tick")
         self.force, self.patience, self.retry = force, patience, retry
@@ -63,7 +63,7 @@ class TaskWatch:
             t: time [s].
             report: of the deformer that has the task.
         """
-        errors = report.task_errors
+        errors = report.constraint_errors
         if errors is None:
             raise ParameterError("TaskWatch.update: the report is of a deformer without a task")
         if self.state is TaskState.SUSPENDED:
@@ -72,17 +72,18 @@ class TaskWatch:
                 self._enter(t, TaskState.TRYING, "the strip is certified: it is tried again")
             return self.state
         worst = int(errors.argmax())
-        missed = bool(errors[worst] > self.force.task.tolerance)
+        missed = bool(errors[worst] > self.force.constraint.tolerance)
         if not missed and report.certified:
             self._missed = 0
             if self.state is not TaskState.KEPT:
                 self._wait = self.retry
-                self._enter(t, TaskState.KEPT, f"every node is within {self.force.task.tolerance:g} rad")
+                self._enter(t, TaskState.KEPT, f"every node is within {self.force.constraint.tolerance:g} rad")
             return self.state
         self._missed += 1
         if self._missed >= self.patience:
             reason = (
-                f"node {worst} of {len(errors)} is {errors[worst]:.3f} rad off, {self.force.task.tolerance:g} allowed"
+                f"node {worst} of {len(errors)} is {errors[worst]:.3f} rad off, "
+                f"{self.force.constraint.tolerance:g} allowed"
                 if missed
                 else f"the strip is broken: {report.certificate.broken}"
             )

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ..errors import ParameterError
-from ..strip import AxisTask, DeformParams
+from ..strip import DeformParams, OrientationConstraint
 from ..validation import check_number, check_numbers, check_type
 
 DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1, "certificate_depth": 5}
@@ -99,7 +99,7 @@ class DriveParams:
         deform: parameters of the strip; its clearance is raised to what execution needs.
         assumptions: of the obstacles.
         evasion: how the robot gets out of the way of what moves; None: it only brakes and waits.
-        task: what the strip is to keep to besides its goal.
+        constraint: what the strip has to satisfy besides its goal.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
@@ -127,7 +127,7 @@ class DriveParams:
     deform: DeformParams = field(default_factory=lambda: DeformParams(**DRIVE_STRIP))
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
     evasion: EvasionParams | None = None
-    task: AxisTask | None = None
+    constraint: OrientationConstraint | None = None
     control_dt: float = 0.01
     plan_every: int = 5
     latency: int = 2
@@ -153,7 +153,7 @@ class DriveParams:
         check_numbers(self, zero=("latency", "settle_time", "recover_iterations"))
         for what, kind, none in (
             ("deform", DeformParams, False), ("assumptions", ObstacleAssumptions, False),
-            ("evasion", EvasionParams, True), ("task", AxisTask, True), ("speeds", tuple, False),
+            ("evasion", EvasionParams, True), ("constraint", OrientationConstraint, True), ("speeds", tuple, False),
         ):  # fmt: skip
             check_type(f"DriveParams.{what}", getattr(self, what), kind, none=none)
         if not self.speeds:

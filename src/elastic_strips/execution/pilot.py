@@ -36,7 +36,7 @@ class Pilot:
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
         self.robot, self.limits, self.params = robot, limits, params
         deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
-        self.deformer = Deformer(robot, deform, task=params.task)
+        self.deformer = Deformer(robot, deform, constraint=params.constraint)
         self.onward = Onward(robot, limits, params, self.deformer.spacing_weight, deform.self_clearance)
         self.certifier = self.onward.certifier
         self.arrival = ArrivalTimes(robot, usual_pace(robot, limits))
@@ -157,12 +157,12 @@ class Pilot:
             report = replace(before, strip=strip)  # it waits or brakes: only the motion is tried again
         else:
             report = self.deformer.step(
-                strip, scene, foresight=foresight, nodes=self._ticks % params.maintain_every == 0
+                strip, scene, prediction=foresight, nodes=self._ticks % params.maintain_every == 0
             )
         if before is not None and before.certified and not self._astray:
             for _ in range(params.recover_iterations):
                 if report.certified:
                     break
-                report = self.deformer.step(report.strip, scene, foresight=foresight)
+                report = self.deformer.step(report.strip, scene, prediction=foresight)
         self.strip, self.report = report.strip, report
         lap("deform")

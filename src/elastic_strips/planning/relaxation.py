@@ -100,11 +100,11 @@ def relax_path(
     """
     clearest, since, ticks = -np.inf, 0, 0
     timings: dict[str, float] = {}
-    seconds, asked, turn = 0.0, 0, 0.0
+    seconds, queries = 0.0, 0
     while True:
         report = deformer.step(strip, scene)
         ticks, strip = ticks + 1, report.strip
-        seconds, asked, turn = seconds + report.seconds, asked + report.asked, max(turn, report.heading_step)
+        seconds, queries = seconds + report.seconds, queries + report.queries
         for phase, value in report.timings.items():
             timings[phase] = timings.get(phase, 0.0) + value
         if watch is not None:
@@ -114,7 +114,7 @@ def relax_path(
         rest = report.status is not DeformStatus.DEFORMING
         hopeless = rest or ticks >= max_ticks or (stuck is not None and since >= stuck) or over()
         if report.usable or hopeless:
-            ended = settled_report(report, ticks, timings, seconds, asked, turn)
+            ended = settled_report(report, ticks, timings, seconds, queries)
             return _cleared(deformer, ended, scene, extra_ticks, over, watch) if report.usable else ended
 
 

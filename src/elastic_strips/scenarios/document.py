@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Document
+
 from .._version import __version__
 from ..io import obstacle_documents
 from ..robot import BaseKind
+from ..strip import DeformParams
+from ..strip.paper import PaperParams, PaperReport
 from ..tunnel import BrokenSegment
 from ..validation import check_type
 from .run import RunResult
@@ -22,7 +26,7 @@ def result_document(result: RunResult) -> dict[str, Any]:
     """A run as plain values, ready for JSON. Lengths in metres, angles in radians."""
     check_type("result", result, RunResult)
     report, robot, strip = result.report, result.robot, result.report.strip
-    paper = result.params.preset == "paper"
+    paper = isinstance(report, PaperReport)
     base = BaseKind.OMNI if paper and robot.base_kind is BaseKind.DIFF_DRIVE else robot.base_kind
     ticks = 1e3 * result.tick_seconds
     return {
@@ -47,15 +51,22 @@ def result_document(result: RunResult) -> dict[str, Any]:
         "time_to_certified_ms": None if result.time_to_certified is None else 1e3 * result.time_to_certified,
         "tick_ms": {f"p{p}": float(np.percentile(ticks, p)) if len(ticks) else None for p in (50, 95, 99)},
         "passage": result.passage,
-        "max_heading_step_rad": report.heading_step if paper else None,
+        "max_heading_step_rad": report.heading_step if isinstance(report, PaperReport) else None,
         "broken": None if result.certified or report.certificate.broken is None else _broken(report.certificate.broken),
         "base": base.value,
         "strip": {"joint_names": list(robot.joint_names), "q": strip.q.tolist()},
         "locked": {name: float(value) for name, value in robot.locked.items()},
         "obstacles": obstacle_documents(result.scenario.scene),
         "urdf": None if robot.urdf_path is None else str(Path(robot.urdf_path).absolute()),
-        "params": result.params.as_dict(),
+        "params": _parameters(result.params),
     }
+
+
+def _parameters(params: DeformParams | PaperParams) -> Document:
+    """All parameters by name; those that only the other preset has, with their values there."""
+    if isinstance(params, DeformParams):
+        return PaperParams().as_dict() | params.as_dict()
+    return DeformParams(max_spacing=0.25, min_spacing=0.0).as_dict() | params.as_dict()
 
 
 def _broken(broken: BrokenSegment) -> dict[str, Any]:

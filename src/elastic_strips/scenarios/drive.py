@@ -138,7 +138,7 @@ def make_simulation(
     problem = _Problem.of(scenario, robot, seed, plant)
     if params is None:
         values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
-        deform = DeformParams.for_preset("default", **values)
+        deform = DeformParams().replaced(**values)
         params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
         if sensors is not None:
             params = replace(params, assumptions=LASER_ASSUMPTIONS, ease_speed=LASER_EASE)

@@ -12,10 +12,13 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..errors import ConfigurationError, ParameterError, RobotError, ScenarioError
+from ..named import PRESETS
 from ..planning import check_ends, plan_report, straight_line
 from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
-from ..strip import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus, Strip
+from ..strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
+from ..strip.paper import PaperDeformer, PaperParams, PaperReport
+from ..strip.params import P
 from ..summary import Summary
 from ..validation import check_able, check_choice, check_count, check_number, check_type
 from .passage import passage
@@ -41,7 +44,7 @@ class RunResult(Summary):
 
     scenario: Scenario
     robot: RobotModel
-    params: DeformParams
+    params: DeformParams | PaperParams
     initial: Strip
     report: DeformReport
     method: str
@@ -103,14 +106,14 @@ def run_scenario(
     check_type("overrides", overrides, dict, none=True)
     check_able("watch", watch)
     if preset is not None:
-        check_choice("preset", preset, PRESETS)
+        check_choice("preset", preset, tuple(PRESETS))
     if seed is not None:
         check_count("seed", seed)
     check_number("timeout", timeout, above=0.0, unit="s")
     preset = preset or scenario.preset
     robot = scenario.load_robot(preset=preset) if robot is None else robot
     values = {**scenario.params.get(preset, {}), **(overrides or {})}
-    params = _parameters(scenario, preset, values)
+    params = _parameters(scenario, PaperParams() if preset == "paper" else DeformParams(), values)
     seed = scenario.seed if seed is None else seed
     ticks: list[float] = []
     frames: list[Strip] = []
@@ -122,9 +125,11 @@ def run_scenario(
         if watch is not None:
             watch(report)
 
-    runner = _run_paper if preset == "paper" else _run_default
     try:
-        initial, report, method, reason, first = runner(scenario, robot, params, seed, note, timeout)
+        if isinstance(params, PaperParams):
+            initial, report, method, reason, first = _run_paper(scenario, robot, params, seed, note, timeout)
+        else:
+            initial, report, method, reason, first = _run_default(scenario, robot, params, seed, note, timeout)
     except ConfigurationError as error:
         if scenario.name in str(error):
             raise
@@ -136,8 +141,8 @@ def run_scenario(
     )  # fmt: skip
 
 
-def _parameters(scenario: Scenario, preset: str, values: dict[str, Any]) -> DeformParams:
-    whole = {f.name for f in fields(DeformParams) if f.type in (int, "int")}
+def _parameters(scenario: Scenario, params: P, values: dict[str, Any]) -> P:
+    whole = {f.name for f in fields(params) if f.type in (int, "int")}
     try:
         for name, value in values.items():
             if name == "preset":
@@ -146,7 +151,7 @@ def _parameters(scenario: Scenario, preset: str, values: dict[str, Any]) -> Defo
                 if not value.is_integer():
                     raise ParameterError(f"{name}={value!r} must be a whole number")
                 values = {**values, name: int(value)}
-        return DeformParams.for_preset(preset, **values)
+        return params.replaced(**values)
     except ParameterError as error:
         raise ParameterError(f"scenario {scenario.name!r}: {error}") from None
 
@@ -170,7 +175,7 @@ def _run_default(
 
 
 def _run_paper(
-    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
+    scenario: Scenario, robot: RobotModel, params: PaperParams, seed: int, note: Callable[[DeformReport], None],
     timeout: float,
 ) -> _Outcome:  # fmt: skip
     """The initial trajectory comes from a planner, as in the paper.
@@ -179,8 +184,9 @@ def _run_paper(
     """
     began = perf_counter()
     start, goal = scenario.ends(robot)
-    deformer = Deformer(robot, params)
-    ends = np.stack(check_ends(robot, scenario.scene, start, goal, params))
+    deformer = PaperDeformer(robot, params)
+    bounds = DeformParams(influence=params.influence, clearance=params.clearance, self_clearance=params.self_clearance)
+    ends = np.stack(check_ends(robot, scenario.scene, start, goal, bounds))
     spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
     rows = straight_line(robot, start, goal, spacing=spacing)
     if robot.space.planar:
@@ -188,12 +194,12 @@ def _run_paper(
     initial, method = Strip.from_chart(robot, rows, ends=ends), "line"
     first: list[float] = []
 
-    def watch(report: DeformReport) -> None:
-        if not first and report.certified and (report.tunnel is None or report.tunnel.connected.all()):
+    def watch(report: PaperReport) -> None:
+        if not first and report.usable:
             first.append(perf_counter() - began)
         note(report)
 
-    def relax(strip: Strip) -> DeformReport:
+    def relax(strip: Strip) -> PaperReport:
         first.clear()
         return deformer.settle(strip, scenario.scene, watch=watch)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from elastic_strips.arrays import Array
@@ -13,6 +13,8 @@ from ..io import PoseSpec, ScenarioSpec
 from ..robot import BaseKind, RobotModel, load_robot
 from ..scene import Scene, World
 from ..scene.yielding import copied
+from ..strip import DeformParams
+from ..strip.paper import PaperParams
 from ..summary import Summary
 
 
@@ -63,11 +65,15 @@ class Scenario(Summary):
     @staticmethod
     def from_spec(spec: ScenarioSpec) -> Scenario:
         """The scenario that a file describes."""
-        overrides = dict(spec.params)
+        default, paper = ({f.name for f in fields(kind)} for kind in (DeformParams, PaperParams))
+        params = {  # a parameter that one preset alone has says nothing to the other
+            "default": {name: value for name, value in spec.params.items() if name not in paper - default},
+            "paper": {name: value for name, value in spec.params.items() if name not in default - paper},
+        }
         return Scenario(
             name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
             robot=spec.robot, base=spec.base, preset=spec.preset or "default",
-            params={"default": overrides, "paper": overrides}, seed=spec.seed, timeline=spec.world,
+            params=params, seed=spec.seed, timeline=spec.world,
         )  # fmt: skip
 
     def load_robot(self, robot: str | None = None, preset: str | None = None, base: str | None = None) -> RobotModel:

@@ -13,7 +13,7 @@ from ..errors import ConfigurationError
 from ..execution import DriveParams, DriveResult
 from ..robot import RobotModel
 from ..scene import Scene, World
-from ..strip import AxisTask
+from ..strip import OrientationConstraint
 from ..summary import Summary
 from ..validation import check_able
 from .perception import Perceiver, PerceptionParams
@@ -72,7 +72,7 @@ class TaskSimulation:
         start: npt.ArrayLike,
         task: Task,
         *,
-        keep: AxisTask | None = None,
+        keep: OrientationConstraint | None = None,
         params: DriveParams | None = None,
         perception: PerceptionParams | Perceiver | None = None,
         seed: int = 0,

@@ -1,22 +1,20 @@
 """Strip room: elastic strips and their deformation; :mod:`elastic_strips.strip.paper` has the paper's own equations."""
 
-from .constraint import AxisTask, kept_as_at
+from .base_deformer import NodePredictor
+from .constraint import OrientationConstraint
 from .deformer import Deformer
-from .params import PRESETS, DeformParams
-from .report import DeformReport, DeformStatus, ForceField
+from .params import DeformParams
+from .report import DeformReport, DeformStatus, StripForces
 from .strip import Strip, strip_clearance
-from .workspace import Foresight
 
 __all__ = [
-    "PRESETS",
-    "AxisTask",
+    "Strip",
+    "strip_clearance",
+    "Deformer",
     "DeformParams",
     "DeformReport",
     "DeformStatus",
-    "Deformer",
-    "ForceField",
-    "Foresight",
-    "Strip",
-    "kept_as_at",
-    "strip_clearance",
+    "StripForces",
+    "OrientationConstraint",
+    "NodePredictor",
 ]

@@ -2,75 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 
-from ..errors import ConfigurationError, ParameterError, RobotError, SceneError
-from ..robot import RobotModel
+from ..errors import ParameterError
+from ..robot import BaseKind, RobotModel
 from ..scene import Scene
 from ..tunnel import Certificate, Tunnel, protective_hulls
-from ..validation import check_able, check_choice, check_count, check_number, check_type, shown
-from .constraint import AxisTask, TaskForce
-from .default_step import DefaultStep
-from .paper.step import PaperStep
+from ..validation import check_number, check_type
+from .base_deformer import BaseDeformer, NodePredictor, TickResult
+from .constraint import ConstraintForce, OrientationConstraint
+from .forces import add_elastic, add_joint_limits, add_posture, add_repulsion, add_self_repulsion
 from .params import DeformParams
-from .report import (
-    SLIP_LIMIT,
-    DeformReport,
-    DeformStatus,
-    ForceField,
-    PhaseClock,
-    TickResult,
-    settled_report,
-    tick_status,
-    wide_spacing,
-)
-from .resampling import maintain, node_spacing
+from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
+from .resampling import node_spacing, resample
 from .rolling import project_rolling
+from .solver import BandedSolver, System
 from .strip import Strip
-from .workspace import Foresight, Workspace
+
+_STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
+_SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
 
 
-class Deformer:
+class Deformer(BaseDeformer[DeformReport]):
     """Deforms strips of one robot; owns mutable buffers, so one per thread.
 
-    Give each report's strip back to the next :meth:`step`: then only what moved is computed anew.
+    Give each report's strip back to the next :meth:`step`: then only what moved is computed anew. Forces act at the
+    links' witness points, an update is one implicit step, and the rolling constraint holds exactly afterwards.
 
     Args:
         robot: whose strips.
-        params: parameters, or the name of a preset.
-        task: what the strips are to keep to besides; default preset only.
+        params: parameters.
+        constraint: what the strips are to satisfy besides.
 
     Attributes:
-        task: the same with its switch ``active``, or None.
+        constraint: the same with its switch ``active``, or None.
+        spacing_weight: (nv,) metric in which node spacing is measured [m²/m² or m²/rad²].
 
     Raises:
-        ParameterError: an unknown preset, or a task for preset ``paper``.
-        RobotError: a task for a frame that the robot does not have.
+        ParameterError: ``params`` of another preset.
+        RobotError: a constraint for a frame that the robot does not have.
     """
 
     def __init__(
-        self, robot: RobotModel, params: DeformParams | str = "default", *, task: AxisTask | None = None
+        self, robot: RobotModel, params: DeformParams | None = None, *, constraint: OrientationConstraint | None = None
     ) -> None:
-        check_type("robot", robot, RobotModel, RobotError)
-        check_type("task", task, AxisTask, none=True)
-        if isinstance(params, str):
-            params = DeformParams.for_preset(params)
-        if not isinstance(params, DeformParams):
-            raise ParameterError(f"params={shown(params)} is neither DeformParams nor the name of a preset")
-        self.robot, self.params = robot, params
-        self.clock = PhaseClock()
-        self.workspace = Workspace(robot, params, self.clock)
-        self._default = DefaultStep(robot, params)
-        if task is not None and params.preset == "paper":
-            raise ParameterError("preset='paper' knows no tasks: its forces are those of the paper")
-        self.task = None if task is None else TaskForce(robot, task)
-        self._paper = PaperStep(robot, params) if params.preset == "paper" else None
-        self._certified = False
+        params = DeformParams() if params is None else params
+        check_type("params", params, DeformParams, ParameterError)
+        check_type("constraint", constraint, OrientationConstraint, none=True)
+        self_reach = max(params.self_influence, _SELF_REACH, 2.0 * params.self_clearance)
+        super().__init__(
+            robot, params, reach=params.influence, self_reach=self_reach, self_influence=params.self_influence
+        )
+        self.params = params
+        self.constraint = None if constraint is None else ConstraintForce(robot, constraint)
+        space = robot.space
+        b = space.base_nv
+        lever = np.ones(space.nv)
+        lever[b:] = params.joint_lever
+        sliding = robot.tree.prismatic[robot.tree.chart_index >= 0]
+        lever[b:][sliding] = 1.0
+        if b:
+            lever[2] = params.yaw_lever
+        self.spacing_weight = lever**2
+        self._step_lever = np.maximum(lever, _STEP_LEVER)
+        self._stiffness = params.k_c * self.spacing_weight
+        self._damping = params.damping * self.spacing_weight
+        self._rolling = robot.base_kind is BaseKind.DIFF_DRIVE
+        if self._rolling:
+            self._stiffness[1] += params.rolling_stiffness
+        self._posture = np.zeros(space.nv)
+        self._posture[b:] = params.k_posture * self.spacing_weight[b:]
+        self._solver = BandedSolver()
+        self._system = System(0, space.nv)
+        self._proven = False  # the current nodes could be driven
         self._scene: Scene | None = None
         self._trust = 1.0
 
@@ -82,7 +90,7 @@ class Deformer:
         budget: float | None = None,
         detail: bool = False,
         nodes: bool = True,
-        foresight: Foresight | None = None,
+        prediction: NodePredictor | None = None,
     ) -> DeformReport:
         """One control tick: deform the strip away from the obstacles and certify it.
 
@@ -90,10 +98,10 @@ class Deformer:
             strip: the strip of the last report, or a new one of this robot.
             scene: snapshot of the obstacles.
             budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
-                None makes exactly one iteration. Nodes are not maintained in a tick whose budget is already spent.
+                None makes exactly one iteration. Nodes are not resampled in a tick whose budget is already spent.
             detail: whether to add forces and protective hulls to the report, to look at.
             nodes: whether nodes may be inserted and removed.
-            foresight: where moving obstacles will be when the nodes are reached; as they stand where None.
+            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
 
         Raises:
             ConfigurationError: the strip belongs to another robot.
@@ -101,113 +109,34 @@ class Deformer:
         """
         if budget is not None:
             check_number("budget", budget, above=0.0, unit="s")
-        check_able("foresight", foresight)
-        check_type("scene", scene, Scene, SceneError)
-        self._check(strip)
-        self.clock.start()
         work = self.workspace
-        work.foresight = foresight
-        asked = work.queries
-        known = work.holds(strip)
-        work.load(strip, scene, to_move=True)
-        hold = self._paper is None and self._to_hold(strip, scene, known)
-        iterations = 0
-        while True:
-            began = self.clock.elapsed
-            result = self._iterate(scene, hold)
-            hold = self._paper is None and _proven(result)
-            iterations += 1
-            spent = self.clock.elapsed - began
-            rest = result.moved < self.params.rest_step
-            if budget is None or self.clock.elapsed + spent > budget or (rest and result.certificate.certified):
-                break
-        in_time = budget is None or self.clock.elapsed <= budget
-        if self._paper is None and nodes and in_time:
-            result = self._maintain(scene, result)
-        return self._report(scene, result, iterations, work.queries - asked, detail)
-
-    def settle(
-        self,
-        strip: Strip,
-        scene: Scene,
-        *,
-        max_ticks: int | None = None,
-        until: str = "rest",
-        watch: Callable[[DeformReport], object] | None = None,
-        detail: bool = False,
-    ) -> DeformReport:
-        """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over.
-
-        Args:
-            strip: where to start.
-            scene: the obstacles, standing still.
-            max_ticks: at most this many ticks; the parameter's value where None.
-            until: ``"rest"``, or ``"certified"`` to stop at the first certified strip.
-            watch: called with the report of every tick.
-            detail: as in :meth:`step`, for the last report.
-
-        Returns:
-            The last tick's report, with ``ticks`` counted and ``timings`` summed; ``BROKEN`` (or ``BLOCKED``) where it
-            ended without a certificate.
-
-        Raises:
-            ParameterError: ``until`` or ``max_ticks`` outside its range.
-        """
-        check_choice("until", until, ("rest", "certified"))
-        limit = self.params.max_ticks if max_ticks is None else check_count("max_ticks", max_ticks, low=1)
-        check_able("watch", watch)
-        timings: dict[str, float] = {}
-        seconds, asked, turn, ticks = 0.0, 0, 0.0, 0
-        while True:
-            report = self.step(strip, scene, detail=detail)
-            strip, ticks = report.strip, ticks + 1
-            seconds += report.seconds
-            asked += report.asked
-            turn = max(turn, report.heading_step)
-            for phase, value in report.timings.items():
-                timings[phase] = timings.get(phase, 0.0) + value
-            if watch is not None:
-                watch(report)
-            done = until == "certified" and report.certified and report.usable
-            if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
-                return settled_report(report, ticks, timings, seconds, asked, turn)
+        queries, known = work.queries, work.holds(strip)
+        self._load(strip, scene, prediction, to_move=True)
+        self._proven = self._to_keep(strip, scene, known)
+        result, iterations = self._iterations(lambda: self._iterate(scene), budget)
+        if nodes and (budget is None or self.clock.elapsed <= budget):
+            result = self._resample(scene, result)
+        return self._report(scene, result, iterations, work.queries - queries, detail)
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it."""
-        check_type("scene", scene, Scene, SceneError)
-        self._check(strip)
-        self.workspace.foresight = None
-        self.workspace.load(strip, scene)
-        self._certified, self._scene = False, None
-        return self.workspace.certify(scene)
+        self._proven, self._scene = False, None
+        return super().certify(strip, scene)
 
     def assess(
-        self, strip: Strip, scene: Scene, *, detail: bool = False, foresight: Foresight | None = None
+        self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None
     ) -> DeformReport:
         """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
-        check_type("scene", scene, Scene, SceneError)
-        self._check(strip)
-        check_able("foresight", foresight)
-        self.clock.start()
-        self.workspace.foresight = foresight
-        self.workspace.load(strip, scene)
-        certificate = self.workspace.certify(scene)
-        slip = float(strip.lateral_slip.max(initial=0.0)) if self._paper is None else 0.0
-        nothing = ForceField(np.zeros((0, 3)), np.zeros((0, 3)))
-        return self._report(scene, TickResult(certificate, slip, 0.0, {}, nothing), 0, 0, detail)
+        self._load(strip, scene, prediction)
+        return self._assess(strip, scene, float(strip.lateral_slip.max(initial=0.0)), detail)
 
     def reset(self) -> None:
-        """Forget all that is kept from tick to tick; for after an exception."""
-        self._certified, self._scene, self._trust = False, None, 1.0
-        self.workspace.reset()
-
-    @property
-    def spacing_weight(self) -> Array:
-        """(nv,) metric in which node spacing is measured [m²/m² or m²/rad²]."""
-        return self._default.spacing_weight
+        """Forget all that is known from tick to tick; for after an exception."""
+        self._proven, self._scene, self._trust = False, None, 1.0
+        super().reset()
 
     def carry(self, strip: Strip, chart: Array, source: Indices) -> Strip:
-        """A strip made of the last one's nodes and new ones; what is known of the old nodes is kept.
+        """A strip made of the last one's nodes and new ones; what is known of the old nodes is carried over.
 
         Args:
             strip: the strip of the last report.
@@ -225,44 +154,73 @@ class Deformer:
 
     # the parts of a tick
 
-    def _check(self, strip: Strip) -> None:
-        check_type("strip", strip, Strip, ConfigurationError)
-        if not self.robot.same_as(strip.robot):
-            raise ConfigurationError(
-                f"the strip is of robot {strip.robot.name!r} (nq {strip.robot.nq}), the deformer of "
-                f"{self.robot.name!r} (nq {self.robot.nq}): they differ in joints, shapes or pairs of links"
-            )
-
-    def _to_hold(self, strip: Strip, scene: Scene, known: bool) -> bool:
+    def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> bool:
         """Whether the strip has a certificate that must not be lost; ``known`` says that it is the last report's."""
         work = self.workspace
-        if known and self._certified:
+        if known and self._proven:
             return not work.obstacles.nearer_than(self.params.clearance)  # else the scene has taken it already
-        if known and (scene is self._scene or work.foresight is not None):
+        if known and (scene is self._scene or work.prediction is not None):
             return False
         return float(strip.lateral_slip.max(initial=0.0)) <= SLIP_LIMIT and work.certify(scene).certified
 
-    def _iterate(self, scene: Scene, hold: bool) -> TickResult:
-        """One iteration; ``hold`` says that the current nodes came from a certified strip, which must not be lost."""
-        work = self.workspace
-        if self._paper is not None:
-            chart, energies, field = self._paper.advance(work, scene)
-            moved = work.move(chart, scene)
-            return TickResult(work.certify(scene), 0.0, moved, energies, field)
+    def _iterate(self, scene: Scene) -> TickResult:
+        """One iteration; where the current nodes are proven, it does not lose the proof without need."""
+        work, keep = self.workspace, self._proven
         before = work.chart.copy()
-        if not hold:
+        if not keep:
             self._trust = 1.0
-        chart, slip, energies, field = self._default.iterate(
-            work.kin, work.obstacles, work.self_pairs, self.clock, self._trust, self.task
-        )
+        chart, slip, energies, forces = self._update()
         moved = work.move(chart, scene)
-        result = TickResult(work.certify(scene), slip, moved, energies, field)
-        if hold and not _proven(result):
-            return self._shorter(before, chart, scene, result)
-        self._trust = min(1.0, 2.0 * self._trust)
+        result = TickResult(work.certify(scene), slip, moved, energies, forces)
+        if keep and not _is_proven(result):
+            result = self._shortened(before, chart, scene, result)
+        else:
+            self._trust = min(1.0, 2.0 * self._trust)
+        self._proven = _is_proven(result)
         return result
 
-    def _shorter(self, before: Array, chart: Array, scene: Scene, full: TickResult) -> TickResult:
+    def _update(self) -> tuple[Array, float, dict[str, float], StripForces]:
+        """Where the forces move the nodes: chart (N, nv), rolling residual [m], energies, external forces."""
+        params, space, kin = self.params, self.robot.space, self.workspace.kin
+        obstacles, self_pairs = self.workspace.obstacles, self.workspace.self_pairs
+        n = kin.n
+        chart = kin.chart[:n]
+        if self._system.force.shape[0] != n:
+            self._system = System(n, space.nv)
+        system = self._system
+        system.clear()
+        v = space.difference(chart[:-1], chart[1:])
+        add_elastic(system, space, v, self._stiffness)
+        contacts = obstacles.contacts()
+        add_repulsion(
+            system, kin, contacts, obstacles.bodies.joint,
+            k_r=params.k_r, influence=params.influence, k_near=params.k_near, near=min(params.near, params.influence),
+        )  # fmt: skip
+        add_self_repulsion(system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self)
+        add_joint_limits(system, space, chart, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin)
+        if self.constraint is not None:
+            self.constraint.push(system, kin)
+        if params.k_posture > 0.0:
+            target = space.interpolate(chart[:1], chart[-1:], np.linspace(0.0, 1.0, n))
+            add_posture(system, space, chart, target, k_p=self._posture)
+        self.clock.mark("forces")
+        delta = self._solver.solve(system, self._damping)
+        largest = float(np.abs(delta * self._step_lever).max(initial=0.0))
+        limit = self._trust * params.max_step
+        if largest > limit:
+            delta *= limit / largest
+        self.clock.mark("solve")
+        moved = space.integrate(chart, delta)
+        np.clip(moved, space.lower, space.upper, out=moved)
+        residual = 0.0
+        if self._rolling:
+            moved, residual = project_rolling(space, moved)
+        self.clock.mark("rolling")
+        push = params.k_r * (params.influence - contacts.distance)
+        forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
+        return moved, residual, dict(system.energies), forces
+
+    def _shortened(self, before: Array, chart: Array, scene: Scene, full: TickResult) -> TickResult:
         """A step must not lose the certificate where a shorter one, or none, keeps it; the next ones are shorter too.
 
         The strip does not count as at rest then: ``moved`` stays that of the full step.
@@ -273,88 +231,74 @@ class Deformer:
             nodes, slip = before, 0.0
             if scale > 0.0:
                 nodes = space.integrate(before, scale * space.difference(before, chart))
-                if self._default.rolling:
+                if self._rolling:
                     nodes, slip = project_rolling(space, nodes)
-            work.move(nodes, scene)
+            work.replace(nodes, scene)
             certificate = work.certify(scene)
             if certificate.certified and slip <= SLIP_LIMIT:
-                return TickResult(certificate, slip, full.moved, full.energies, full.field)
+                return replace(full, certificate=certificate, slip=slip)
         self._trust = 1.0
-        work.move(chart, scene)  # nothing holds: the obstacle came too near, and the full step is the way out
+        work.replace(chart, scene)  # the obstacle came too near: the full step leads away
         return full
 
-    def _maintain(self, scene: Scene, result: TickResult) -> TickResult:
+    def _resample(self, scene: Scene, result: TickResult) -> TickResult:
         params, space, work = self.params, self.robot.space, self.workspace
-        edit = maintain(
+        edit = resample(
             space,
             work.chart,
-            weight=self._default.spacing_weight,
+            weight=self.spacing_weight,
             max_spacing=params.max_spacing,
             min_spacing=params.min_spacing,
-            split=None if work.foresight else ~result.certificate.segments,  # what moves on will be gone
+            split=None if work.prediction else ~result.certificate.segments,  # what moves on will be gone
             max_nodes=params.max_nodes,
         )
         self.clock.mark("maintenance")
         if edit is None:
             return result
         before, chart, slip = work.chart.copy(), edit.chart, result.slip
-        if self._default.rolling:  # a node that went joins two arcs into one that must be drivable again
+        if self._rolling:  # a removed node joins two arcs into one that must be drivable again
             chart, slip = project_rolling(space, chart)
         work.edit(edit, chart, scene)
-        edited = TickResult(work.certify(scene), slip, result.moved, result.energies, result.field)
-        if _proven(result) and not _proven(edited):  # the nodes that went were needed
-            work.restore(before, scene)
+        edited = replace(result, certificate=work.certify(scene), slip=slip)
+        if _is_proven(result) and not _is_proven(edited):  # the removed nodes were needed
+            work.replace(before, scene)
             return replace(result, certificate=work.certify(scene))
         return edited
 
-    def _tunnel(self, scene: Scene) -> Tunnel:
+    def _hulls(self) -> Tunnel:
         work, cap = self.workspace, self.params.influence
-        if self._paper is not None:
-            return self._paper.tunnel(work.kin, scene)
         points = self.robot.control_point_set
         local = np.einsum("cji,cj->ci", self.robot.tree.align[points.joint], points.local)
         free = np.minimum(work.obstacles.clearance().min(axis=1), cap)
         world = work.kin.points(points.joint, local)
         return protective_hulls(world, np.repeat(free[:, None], len(points.names), axis=1), cap=cap)
 
-    def _report(self, scene: Scene, result: TickResult, iterations: int, asked: int, detail: bool) -> DeformReport:
-        paper = self._paper
-        tunnel = self._tunnel(scene) if detail or paper is not None else None
+    def _report(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> DeformReport:
+        hulls = self._hulls() if detail else None
         rest, wide = result.moved < self.params.rest_step, ""
-        if paper is None and rest:
-            work = self.workspace
-            spacing = node_spacing(self.robot.space, work.chart, self._default.spacing_weight)
-            wide = wide_spacing(float(spacing.max()), len(work.chart), self.params)
-            rest = not wide or len(work.chart) >= self.params.max_nodes  # else there are nodes to be put in
-        counted = tunnel if paper is not None else None
-        status, reason = tick_status(result.certificate, result.slip, rest, counted, wide)
-        reach = self.workspace.obstacles.influence
-        clearance = float(self.workspace.obstacles.clearance().min(initial=reach))
-        strip = self.workspace.strip()
-        self._certified, self._scene = _proven(result), scene
-        self.clock.mark("report")
-        return DeformReport(
-            strip=strip,
-            status=status,
-            reason=reason,
-            certificate=result.certificate,
-            node_clearance=clearance,
-            scene=scene,
-            energies=result.energies,
-            timings=self.clock.phases,
-            seconds=self.clock.total(),
-            iterations=iterations,
-            moved=result.moved,
-            slip=result.slip,
-            asked=asked,
-            forces=result.field if detail else None,
-            tunnel=tunnel,
-            connectivity_counts=paper is not None,
-            heading_step=paper.heading_step if paper is not None else 0.0,
-            task_errors=None if self.task is None else self.task.errors(self.workspace.kin),
-        )
+        if rest:
+            chart = self.workspace.chart
+            spacing = float(node_spacing(self.robot.space, chart, self.spacing_weight).max())
+            wide = _wide_spacing(spacing, len(chart), self.params)
+            rest = not wide or len(chart) >= self.params.max_nodes  # else there are nodes to be put in
+        status, reason = tick_status(result.certificate, rest, wide)
+        if result.slip > SLIP_LIMIT:
+            status = DeformStatus.BROKEN if rest else DeformStatus.DEFORMING
+            reason = f"a segment slips sideways by {result.slip:.2e} m, more than {SLIP_LIMIT:g} m"
+        common = self._common(scene, result, iterations, queries, detail)
+        self._proven, self._scene = _is_proven(result), scene
+        errors = None if self.constraint is None else self.constraint.errors(self.workspace.kin)
+        return DeformReport(status=status, reason=reason, tunnel=hulls, constraint_errors=errors, **common)
 
 
-def _proven(result: TickResult) -> bool:
+def _is_proven(result: TickResult) -> bool:
     """Whether what a tick came to could be driven: certified, and drivable by the wheels."""
     return result.certificate.certified and result.slip <= SLIP_LIMIT
+
+
+def _wide_spacing(spacing: float, nodes: int, params: DeformParams) -> str:
+    """How far apart nodes are, where that is more than ``max_spacing``; else ""."""
+    if spacing <= params.max_spacing * (1.0 + 1e-6):
+        return ""
+    full = f", for there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
+    return f"; its nodes are up to {spacing:.3g} m apart, more than max_spacing={params.max_spacing:g} m{full}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,41 +13,17 @@ from elastic_strips.arrays import Array
 from ..scene import Scene
 from ..summary import Summary
 from ..tunnel import Certificate, Tunnel
-from .params import DeformParams
 from .strip import Strip, strip_clearance
 
-
-class PhaseClock:
-    """Accounts time to phases; what passes between two marks belongs to the phase of the later mark."""
-
-    def __init__(self) -> None:
-        self.start()
-
-    def start(self) -> None:
-        self.phases: dict[str, float] = {}
-        self._begin = self._last = perf_counter()
-
-    def mark(self, phase: str) -> None:
-        """Account the time since the last mark to ``phase``."""
-        now = perf_counter()
-        self.phases[phase] = self.phases.get(phase, 0.0) + now - self._last
-        self._last = now
-
-    @property
-    def elapsed(self) -> float:
-        """Seconds since the start."""
-        return perf_counter() - self._begin
-
-    def total(self) -> float:
-        """Sum of all phases [s]."""
-        return sum(self.phases.values())
+SLIP_LIMIT = 1e-6
+"""Sideways travel [m] of a segment above which a differential drive's strip is not drivable."""
 
 
 class DeformStatus(str, Enum):
     """State of a strip after a tick.
 
     ``SETTLED``: certified and at rest. ``DEFORMING``: still moving. ``BROKEN``: at rest (or out of ticks) with a
-    segment that has no certificate. ``BLOCKED``: the tunnel's hulls do not connect (preset ``paper``).
+    segment that has no certificate. ``BLOCKED``: the protective hulls do not connect (preset ``paper``).
     """
 
     SETTLED = "settled"
@@ -57,7 +33,7 @@ class DeformStatus(str, Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ForceField(Summary):
+class StripForces(Summary):
     """External forces of the last update, to look at.
 
     Attributes:
@@ -67,16 +43,10 @@ class ForceField(Summary):
     points: Array
     vectors: Array
 
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class TickResult(Summary):
-    """What the iterations of a tick came to: certificate, sideways slip [m], motion, energies, external forces."""
-
-    certificate: Certificate
-    slip: float
-    moved: float
-    energies: dict[str, float]
-    field: ForceField
+    @staticmethod
+    def none() -> StripForces:
+        """No force at all."""
+        return StripForces(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -97,12 +67,10 @@ class DeformReport(Summary):
         ticks: ticks made (more than one after ``settle``).
         moved: largest displacement of any base or joint in the last iteration [m or rad].
         slip: largest sideways travel |v_y| of a segment [m]; differential drives only.
-        asked: exact distance queries made.
-        forces: external forces, or None where they were not asked for.
-        tunnel: protective hulls, or None where they were not asked for.
-        connectivity_counts: whether the hulls must overlap for the strip to count; preset ``paper`` only.
-        heading_step: largest turn of the mobile in one update [rad]; preset ``paper`` only.
-        task_errors: (N,) angle [rad] by which each node misses the task; None where there is none.
+        queries: exact distance queries made.
+        forces: external forces, or None where they were not requested.
+        tunnel: protective hulls, or None where they were not requested.
+        constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
     """
 
     strip: Strip
@@ -118,12 +86,10 @@ class DeformReport(Summary):
     ticks: int = 1
     moved: float = 0.0
     slip: float = 0.0
-    asked: int = 0
-    forces: ForceField | None = None
+    queries: int = 0
+    forces: StripForces | None = None
     tunnel: Tunnel | None = None
-    connectivity_counts: bool = False
-    heading_step: float = 0.0
-    task_errors: Array | None = None
+    constraint_errors: Array | None = None
     _clearance: list[float] = field(default_factory=list, init=False, repr=False)
 
     def _summary(self) -> dict[str, object]:
@@ -142,7 +108,7 @@ class DeformReport(Summary):
     def clearance(self) -> float:
         """Smallest distance [m] to obstacles anywhere on the strip, between its nodes too: :func:`strip_clearance`.
 
-        Infinite without obstacles. Measured when it is first asked for, which takes longer than a tick.
+        Infinite without obstacles. Measured at the first use, which takes longer than a tick.
         """
         if not self._clearance:
             self._clearance.append(strip_clearance(self.strip, self.scene))
@@ -155,80 +121,47 @@ class DeformReport(Summary):
 
     @property
     def connected(self) -> bool:
-        """Whether all protective hulls overlap; True where they were not asked for."""
+        """Whether all protective hulls overlap; True where they were not requested."""
         return self.tunnel is None or bool(self.tunnel.connected.all())
 
     @property
     def usable(self) -> bool:
-        """Whether the strip could be driven: certified, drivable, and connected where that counts."""
-        return self.certified and self.slip <= 1e-6 and (self.connected or not self.connectivity_counts)
+        """Whether the strip could be driven: certified and drivable."""
+        return self.certified and self.slip <= SLIP_LIMIT
+
+    @property
+    def failure(self) -> DeformStatus:
+        """What a strip counts as that is not usable at the end."""
+        return DeformStatus.BROKEN
 
 
-SLIP_LIMIT = 1e-6
-"""Sideways travel [m] of a segment above which a differential drive's strip is not drivable."""
+R = TypeVar("R", bound=DeformReport)
 
 
-def tick_status(
-    certificate: Certificate, slip: float, rest: bool, tunnel: Tunnel | None, wide: str = ""
-) -> tuple[DeformStatus, str]:
-    """Status and reason after one tick.
+def tick_status(certificate: Certificate, rest: bool, wide: str = "") -> tuple[DeformStatus, str]:
+    """Status and reason of a drivable strip after one tick.
 
     Args:
         certificate: of the strip.
-        slip: largest sideways travel of a segment that is left [m].
         rest: whether the strip has stopped moving.
-        tunnel: the hulls whose connectivity counts (preset ``paper``), or None.
         wide: how far apart the nodes are, where that is more than they should be.
     """
-    if slip > SLIP_LIMIT:
-        return _unless(
-            rest, DeformStatus.BROKEN
-        ), f"a segment slips sideways by {slip:.2e} m, more than {SLIP_LIMIT:g} m"
-    if tunnel is not None and not tunnel.connected.all():
-        j = int(np.argmin(tunnel.overlap.min(axis=1)))
-        gap = -float(tunnel.overlap[j].min())
-        reason = f"the protective hulls of nodes {j} and {j + 1} do not overlap: {gap:.2f} m are missing"
-        return _unless(rest, DeformStatus.BLOCKED), reason
     if not certificate.certified:
-        return _unless(rest, DeformStatus.BROKEN), str(certificate.broken)
+        return DeformStatus.BROKEN if rest else DeformStatus.DEFORMING, str(certificate.broken)
     if rest:
         return DeformStatus.SETTLED, f"certified and at rest{wide}"
     return DeformStatus.DEFORMING, f"certified, still moving{wide}"
 
 
-def wide_spacing(spacing: float, nodes: int, params: DeformParams) -> str:
-    """How far apart nodes are, where that is more than ``max_spacing``; else ""."""
-    if spacing <= params.max_spacing * (1.0 + 1e-6):
-        return ""
-    full = f", for there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
-    return f"; its nodes are up to {spacing:.3g} m apart, more than max_spacing={params.max_spacing:g} m{full}"
-
-
-def _unless(rest: bool, final: DeformStatus) -> DeformStatus:
-    return final if rest else DeformStatus.DEFORMING
-
-
-def settled_report(
-    last: DeformReport, ticks: int, timings: dict[str, float], seconds: float, asked: int, turn: float
-) -> DeformReport:
+def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: float, queries: int) -> R:
     """The report of all ticks: the last one's, with counts and timings summed and a final status."""
     status, reason = last.status, last.reason
     if status is DeformStatus.DEFORMING:
-        usable = last.certified and last.slip <= SLIP_LIMIT
-        if usable and not (last.connectivity_counts and not last.connected):
+        if last.usable:
             status, reason = DeformStatus.SETTLED, f"certified after {ticks} ticks, not yet at rest"
         else:
-            blocked = last.connectivity_counts and not last.connected
-            status = DeformStatus.BLOCKED if blocked else DeformStatus.BROKEN
-            reason = f"{reason} (after {ticks} ticks)"
+            status, reason = last.failure, f"{reason} (after {ticks} ticks)"
     return replace(
-        last,
-        status=status,
-        reason=reason,
-        timings=timings,
-        seconds=seconds,
-        iterations=ticks,
-        ticks=ticks,
-        asked=asked,
-        heading_step=turn,
-    )
+        last, status=status, reason=reason, timings=timings, seconds=seconds, iterations=ticks, ticks=ticks,
+        queries=queries,
+    )  # fmt: skip

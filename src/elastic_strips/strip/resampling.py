@@ -1,13 +1,12 @@
-"""Resampling: where to put a node in, and which to take out, so that a strip stays dense enough and no denser."""
+"""Resampling: where to insert a node, and which to remove, so that a strip stays dense enough and no denser."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Indices, Mask
 
 from ..robot import ConfigurationSpace
 
@@ -23,7 +22,7 @@ class Edit:
     """
 
     chart: Array
-    source: npt.NDArray[np.intp]
+    source: Indices
     inserted: int
     removed: int
 
@@ -34,45 +33,45 @@ def node_spacing(space: ConfigurationSpace, chart: Array, weight: Array) -> Arra
     return np.sqrt((v * v) @ weight)
 
 
-def maintain(
+def resample(
     space: ConfigurationSpace,
     chart: Array,
     *,
     weight: Array,
     max_spacing: float,
     min_spacing: float,
-    split: npt.NDArray[np.bool_] | None = None,
+    split: Mask | None = None,
     max_nodes: int = 512,
 ) -> Edit | None:
-    """Halve segments that are too long or asked for, drop inner nodes that crowd their neighbours.
+    """Divide segments that are too long, or marked; drop inner nodes that are too close to their neighbours.
 
     Args:
         space: configuration space.
         chart: (N, nv) nodes.
         weight: (nv,) metric of the spacing.
-        max_spacing: a longer segment is divided; min_spacing: a node is dropped where both its segments together are
-            shorter.
+        max_spacing: a longer segment is divided.
+        min_spacing: a node is dropped where both its segments together are shorter.
         split: (N−1,) segments to halve in any case (those without a certificate).
-        max_nodes: no node is put in above this number.
+        max_nodes: no node is inserted above this number.
 
     Returns:
-        The edit, or None where nothing is to be done.
+        The edit, or None where nothing changes.
     """
     spacing = node_spacing(space, chart, weight)
     pieces = np.clip(np.ceil(spacing / max_spacing).astype(int), 1, 8)
     if split is not None:
         pieces[split & (spacing > 0.05 * min_spacing)] = np.maximum(pieces[split & (spacing > 0.05 * min_spacing)], 2)
     room = max_nodes - len(chart)
-    if int((pieces - 1).sum()) > room:  # what was asked for first, then where the pieces are longest
-        wanted, asked = pieces, np.zeros(len(spacing)) if split is None else split * 1e6
+    if int((pieces - 1).sum()) > room:  # marked segments first, then where the pieces are longest
+        wanted, priority = pieces, np.zeros(len(spacing)) if split is None else split * 1e6
         pieces = np.ones_like(wanted)
         for _ in range(room):
-            need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, asked, 0.0), -np.inf)
+            need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, priority, 0.0), -np.inf)
             pieces[int(np.argmax(need))] += 1
     keep = np.ones(len(chart), dtype=bool)
     for j in range(1, len(chart) - 1):
-        quiet = pieces[j - 1] == 1 and pieces[j] == 1
-        if quiet and keep[j - 1] and spacing[j - 1] + spacing[j] < min_spacing:
+        undivided = pieces[j - 1] == 1 and pieces[j] == 1
+        if undivided and keep[j - 1] and spacing[j - 1] + spacing[j] < min_spacing:
             keep[j] = False
     inserted, removed = int((pieces - 1).sum()), int((~keep).sum())
     if inserted == 0 and removed == 0:

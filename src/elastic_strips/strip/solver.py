@@ -56,7 +56,7 @@ class BandedSolver:
         self._shape = (0, 0)
 
     def solve(self, system: System, damping: Array) -> Array:
-        """Displacements (N, nv) of all nodes; the two end nodes stay where they are.
+        """Displacements (N, nv) of all nodes; those of the two ends are zero.
 
         Args:
             system: forces and blocks.
@@ -86,7 +86,7 @@ class BandedSolver:
             band[-1, b, nv - b :] = 0.0
         _, solution, info = dpbsv(self._band.T, system.force[1:-1].reshape(-1), lower=1, overwrite_ab=1)
         if info != 0 or not np.isfinite(diagonal).all() or not np.isfinite(solution).all():
-            raise FloatingPointError(f"the relaxation matrix is not positive definite (LAPACK dpbsv: {info})")
+            raise FloatingPointError(f"the matrix of the step is not positive definite (LAPACK dpbsv: {info})")
         delta[1:-1] = solution.reshape(inner, nv)
         self._band[:] = 0.0
         return delta

@@ -17,8 +17,8 @@ from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel
 from ..scenarios.scenario import Scenario
 from ..scene import Scene
-from ..strip import Deformer, DeformParams, Strip
-from ..strip.paper.step import PaperStep
+from ..strip import Strip
+from ..strip.paper import PaperDeformer, PaperParams
 from ..summary import Summary
 
 SPACING = 0.216
@@ -76,7 +76,7 @@ class ReactiveRun(Summary):
     """
 
     scenario: Scenario
-    params: DeformParams
+    params: PaperParams
     robot: RobotModel
     line: Array
     chart: Array
@@ -115,13 +115,13 @@ def paper_reactively(
     robot = scenario.load_robot(preset="paper") if robot is None else robot
     if not robot.space.planar:
         raise RobotError(f"the base of {robot.name!r} is fixed; the paper's strip is of a mobile")
-    params = DeformParams.for_preset("paper", **{**scenario.params.get("paper", {}), **(overrides or {})})
+    params = PaperParams().replaced(**{**scenario.params.get("paper", {}), **(overrides or {})})
     start, goal = scenario.ends(robot)
     rows = straight_line(robot, start, goal, spacing=SPACING)
     rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
     line = rows[:, :2].copy()
-    deformer, points = Deformer(robot, params), PaperStep(robot, params).bodies
-    eyes, skin = _Nearest(robot, points, params.influence), _Nearest(robot, BodySet.links(robot), _CAP)
+    deformer = PaperDeformer(robot, params)
+    eyes, skin = _Nearest(robot, deformer.control_points, params.influence), _Nearest(robot, BodySet.links(robot), _CAP)
     most = 2 * len(rows)
     strip, known = Strip.from_chart(robot, rows), set[str]()
     way, moved, there = [rows[0].copy()], rows[:1], False

@@ -12,19 +12,21 @@ from elastic_strips.control import TaskState, TaskWatch
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import AxisTask, Deformer, Strip, kept_as_at
-from elastic_strips.strip.constraint import TaskForce
+from elastic_strips.strip import Deformer, OrientationConstraint, Strip
+from elastic_strips.strip.constraint import ConstraintForce
 
 
 def report(error: float, *, certified: bool = True):
     broken = None if certified else "segment 3: hand comes within shelf (-5.0 mm)"
     certificate = SimpleNamespace(broken=broken)
-    return SimpleNamespace(task_errors=np.array([0.0, error, 0.0]), certified=certified, certificate=certificate)
+    return SimpleNamespace(constraint_errors=np.array([0.0, error, 0.0]), certified=certified, certificate=certificate)
 
 
 @pytest.fixture
 def watch(silvermate):
-    return TaskWatch(TaskForce(silvermate, AxisTask(frame="hand_frame", tolerance=0.1)), patience=3, retry=5)
+    return TaskWatch(
+        ConstraintForce(silvermate, OrientationConstraint(frame="hand_frame", tolerance=0.1)), patience=3, retry=5
+    )
 
 
 def feed(watch: TaskWatch, reports) -> list[TaskState]:
@@ -68,7 +70,7 @@ def test_attempts_in_vain_become_rarer_and_a_broken_strip_is_not_tried_with(watc
 
 def test_a_deformer_without_a_task_is_refused(watch):
     with pytest.raises(ParameterError, match="without a task"):
-        watch.update(0.0, SimpleNamespace(task_errors=None))
+        watch.update(0.0, SimpleNamespace(constraint_errors=None))
 
 
 def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
@@ -77,9 +79,9 @@ def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
     walls = [Box((6.0, 0.1, 0.3), at=(2.0, side * 0.42, 0.15), name=f"wall{side:+d}") for side in (-1, 1)]
     worst = {}
     for gain in (1e-6, 3.0):
-        deformer = Deformer(silvermate, task=kept_as_at(silvermate, start, "hand_frame", gain=gain))
-        assert deformer.task is not None
-        watch = TaskWatch(deformer.task, patience=1000)
+        deformer = Deformer(silvermate, constraint=OrientationConstraint.at(silvermate, start, "hand_frame", gain=gain))
+        assert deformer.constraint is not None
+        watch = TaskWatch(deformer.constraint, patience=1000)
         strip = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
         for k in range(60):
             bar = Box((0.1, 0.3, 0.5), at=(2.0, 0.55 - 0.006 * k, 0.85), name="bar")
@@ -87,8 +89,8 @@ def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
             strip = result.strip
             watch.update(0.05 * k, result)
         assert result.certified
-        assert result.task_errors is not None
-        worst[gain] = float(result.task_errors.max())
+        assert result.constraint_errors is not None
+        worst[gain] = float(result.constraint_errors.max())
     assert worst[1e-6] > 0.05  # the shelf does tilt a hand that may
     assert worst[3.0] < 0.5 * worst[1e-6]
     assert watch.state is TaskState.KEPT

@@ -9,22 +9,22 @@ from brute_force import random_chart
 
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.robot import Kinematics
-from elastic_strips.strip import AxisTask, kept_as_at
-from elastic_strips.strip.constraint import TaskForce
+from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.solver import System
 
-TASK = AxisTask(frame="hand_frame", axis=(0.3, -0.2, 2.0), direction=(0.0, 0.5, 1.0), gain=1.7)
+LEVEL = OrientationConstraint(frame="hand_frame", axis=(0.3, -0.2, 2.0), direction=(0.0, 0.5, 1.0), gain=1.7)
 
 
-def potential(force: TaskForce, kin: Kinematics, chart: np.ndarray) -> float:
+def potential(force: ConstraintForce, kin: Kinematics, chart: np.ndarray) -> float:
     kin.update(chart)
     system = System(*chart.shape)
     force.push(system, kin)
-    return system.energies["task"]
+    return system.energies["constraint"]
 
 
 def test_the_force_is_the_gradient(silvermate, rng):
-    force, kin = TaskForce(silvermate, TASK), Kinematics(silvermate.tree, 4)
+    force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 4)
     chart = random_chart(silvermate, rng, 4)
     kin.update(chart)
     system = System(*chart.shape)
@@ -41,11 +41,11 @@ def test_the_force_is_the_gradient(silvermate, rng):
 
 
 def test_the_error_is_the_angle_that_pinocchio_sees(silvermate, rng):
-    force, kin = TaskForce(silvermate, TASK), Kinematics(silvermate.tree, 5)
+    force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 5)
     chart = random_chart(silvermate, rng, 5)
     kin.update(chart)
     model, data = silvermate.model, silvermate.model.createData()
-    axis, direction = np.array(TASK.axis), np.array(TASK.direction)
+    axis, direction = np.array(LEVEL.axis), np.array(LEVEL.direction)
     for q, error in zip(silvermate.space.from_chart(chart), force.errors(kin), strict=True):
         pin.forwardKinematics(model, data, q)
         a = pin.updateFramePlacement(model, data, model.getFrameId("hand_frame")).rotation @ axis
@@ -55,8 +55,8 @@ def test_the_error_is_the_angle_that_pinocchio_sees(silvermate, rng):
 
 def test_a_frame_is_kept_as_it_is(silvermate):
     q = silvermate.home(yaw=0.7)
-    force = TaskForce(silvermate, kept_as_at(silvermate, q, "hand_frame", tolerance=0.2))
-    assert force.task.tolerance == 0.2
+    force = ConstraintForce(silvermate, OrientationConstraint.at(silvermate, q, "hand_frame", tolerance=0.2))
+    assert force.constraint.tolerance == 0.2
     kin = Kinematics(silvermate.tree, 2)
     turned = silvermate.home(x=1.0, yaw=-2.0)  # turning about the direction is free
     kin.update(silvermate.space.to_chart(np.stack((q, turned))))
@@ -65,7 +65,7 @@ def test_a_frame_is_kept_as_it_is(silvermate):
 
 
 def test_what_is_switched_off_does_not_push(silvermate, rng):
-    force, kin = TaskForce(silvermate, TASK), Kinematics(silvermate.tree, 3)
+    force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 3)
     force.active = False
     chart = random_chart(silvermate, rng, 3)
     kin.update(chart)
@@ -88,11 +88,11 @@ def test_what_is_switched_off_does_not_push(silvermate, rng):
 )
 def test_wrong_tasks_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
-        AxisTask(frame="hand_frame", **values)
+        OrientationConstraint(frame="hand_frame", **values)
 
 
 def test_unknown_frames_are_named(silvermate):
     with pytest.raises(RobotError, match="hand_fram"):
-        TaskForce(silvermate, AxisTask(frame="hand_fram"))
+        ConstraintForce(silvermate, OrientationConstraint(frame="hand_fram"))
     with pytest.raises(RobotError, match="hand_fram"):
-        kept_as_at(silvermate, silvermate.home(), "hand_fram")
+        OrientationConstraint.at(silvermate, silvermate.home(), "hand_fram")

@@ -10,7 +10,7 @@ from brute_force import random_chart
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastic_strips.strip.resampling import maintain, node_spacing
+from elastic_strips.strip.resampling import node_spacing, resample
 
 BASE = 10
 
@@ -23,7 +23,7 @@ def straight(silvermate, *x: float) -> np.ndarray:
 
 def edit(silvermate, chart: np.ndarray, **options: object):
     settings = {"weight": np.ones(BASE), "max_spacing": 0.2, "min_spacing": 0.06} | options
-    return maintain(silvermate.space, chart, **settings)
+    return resample(silvermate.space, chart, **settings)
 
 
 def test_a_good_strip_is_left_alone(silvermate):
@@ -98,7 +98,7 @@ def test_order_ends_and_interpolation_are_kept(silvermate, rover, seed, nodes, s
     for v in steps[1:]:
         chart = np.vstack((chart, robot.space.integrate(chart[-1], v)))
     weight, split = rng.uniform(0.05, 1.0, robot.nv), rng.random(nodes - 1) < broken
-    made = maintain(
+    made = resample(
         robot.space, chart, weight=weight, max_spacing=0.2, min_spacing=0.06, split=split, max_nodes=nodes + room
     )
     spacing = node_spacing(robot.space, chart, weight)

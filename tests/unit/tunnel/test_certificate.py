@@ -13,6 +13,7 @@ from brute_force import configuration, link_distances, self_distances
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Points, Scene, Sphere, Voxels
 from elastic_strips.strip import Deformer, DeformParams, Strip, strip_clearance
+from elastic_strips.strip.paper import PaperDeformer, PaperParams
 from elastic_strips.tunnel import BrokenSegment, SegmentState
 
 
@@ -267,7 +268,7 @@ def test_the_certificate_after_a_deformation_is_the_one_of_a_fresh_workspace(sil
 
 def test_a_clearance_beyond_the_paper_presets_reach(silvermate):
     """The paper preset measures links up to 0.3 m: a larger clearance must not be certified from what was not seen."""
-    deformer = Deformer(silvermate, DeformParams.for_preset("paper", clearance=0.5))
+    deformer = PaperDeformer(silvermate, PaperParams(clearance=0.5))
     base = silvermate.geometries[0].geometry.radius
     wall = Scene([Box((30.0, 0.1, 1.0), at=(0.0, base + 0.05 + 0.76, 0.5), name="wall")])
     for y in (0.0, 0.1, 0.2, 0.3):

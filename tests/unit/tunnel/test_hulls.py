@@ -9,6 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from elastic_strips.scene import Box, Scene, Sphere
 from elastic_strips.strip import Deformer, Strip
+from elastic_strips.strip.paper import PaperDeformer
 from elastic_strips.tunnel import protective_hulls
 
 
@@ -50,7 +51,7 @@ def test_the_papers_hulls_are_free_space(silvermate, rng):
     """No point of a hull lies in an obstacle."""
     scene = Scene([Sphere(0.3, at=(1.0, 0.9, 0.4)), Box((0.3, 0.3, 1.0), at=(2.0, -0.9, 0.5))])
     strip = Strip(silvermate, [silvermate.home(x=x) for x in np.linspace(0, 3, 13)])
-    report = Deformer(silvermate, "paper").step(strip, scene, detail=True)
+    report = PaperDeformer(silvermate).step(strip, scene, detail=True)
     tunnel = report.tunnel
     assert tunnel is not None
     assert tunnel.points.shape == (13, 9, 3)

@@ -48,7 +48,7 @@ def test_certified_among_moving_obstacles(name, request, rng):
         )
         times = np.cumsum(np.append(0.0, rng.uniform(0.1, 0.6, 4)))
         ahead = forecast.ahead(times)
-        report = deformer.assess(strip, scene, foresight=lambda chart, ahead=ahead: ahead)
+        report = deformer.assess(strip, scene, prediction=lambda chart, ahead=ahead: ahead)
         for j, good in enumerate(report.certificate.segments):
             d = closest(strip, j, scene, forecast, times, 41)
             if good:
@@ -75,7 +75,7 @@ def test_what_begins_before_the_snapshot_meets_obstacles_where_they_were(silverm
     scene = Scene([Cylinder(0.1, 0.8, at=at, name="walker")])
     known = Forecast(np.array([0]), velocity, np.zeros(1), np.zeros(1), np.zeros(1))
     deformer = Deformer(silvermate, DeformParams(clearance=0.01))
-    report = deformer.assess(strip, scene, foresight=lambda chart: known.ahead(times))
+    report = deformer.assess(strip, scene, prediction=lambda chart: known.ahead(times))
     distances = [closest(strip, j, scene, known, times, 41) for j in range(len(strip) - 1)]
     assert min(distances) < 0.0 < max(distances)
     for good, d in zip(report.certificate.segments, distances, strict=True):
@@ -99,14 +99,14 @@ def test_a_crossing_obstacle_is_passed_behind(silvermate):
         silvermate, straight_line(silvermate, silvermate.home(), silvermate.home(x=4.0), spacing=0.13)
     )
 
-    def foresight(chart):
+    def predicted(chart):
         v = silvermate.space.difference(chart[:-1], chart[1:])
         return leaving.ahead(np.append(0.0, np.cumsum(np.hypot(v[:, 0], v[:, 1]))) / 1.0)
 
     deformer = Deformer(silvermate)
     aside, around = strip, strip
     for _ in range(15):
-        moving = deformer.step(aside, scene, foresight=foresight)
+        moving = deformer.step(aside, scene, prediction=predicted)
         aside = moving.strip
     assert moving.certified
     standing = Deformer(silvermate).settle(around, scene, max_ticks=15)
@@ -121,12 +121,12 @@ def test_a_strip_that_does_not_move_is_certified_against_the_newest_scene(silver
     far = Scene([Cylinder(0.2, 1.5, at=(1.0, -3.0, 0.75), name="walker")])
     waits = Forecast(np.array([0]), np.zeros((1, 3)), np.zeros(1), np.zeros(1), np.zeros(1))
 
-    def foresight(chart):
+    def predicted(chart):
         return waits.ahead(np.linspace(0.0, 2.0, len(chart)))
 
-    report = deformer.step(strip, far, foresight=foresight)
+    report = deformer.step(strip, far, prediction=predicted)
     assert report.certified
     pose = far.obstacle("walker").pose.copy()
     pose[1, 3] = 0.0
     near = far.moved("walker", pose)
-    assert not deformer.assess(report.strip, near, foresight=foresight).certified
+    assert not deformer.assess(report.strip, near, prediction=predicted).certified
