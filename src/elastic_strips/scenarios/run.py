@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ..planning.ompl_planner import ompl_path
 from ..robot import RobotModel
 from ..strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
 from ..strip.paper import PaperDeformer, PaperParams, PaperReport
-from ..strip.params import P
 from ..summary import Summary
 from ..validation import check_able, check_choice, check_count, check_number, check_type
 from .passage import passage
@@ -141,7 +140,10 @@ def run_scenario(
     )  # fmt: skip
 
 
-def _parameters(scenario: Scenario, params: P, values: dict[str, Any]) -> P:
+_P = TypeVar("_P", bound="DeformParams | PaperParams")
+
+
+def _parameters(scenario: Scenario, params: _P, values: dict[str, Any]) -> _P:
     whole = {f.name for f in fields(params) if f.type in (int, "int")}
     try:
         for name, value in values.items():

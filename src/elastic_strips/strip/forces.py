@@ -21,7 +21,7 @@ def repulsive_magnitude(distance: Array, k_r: float, influence: float) -> Array:
     return k_r * np.maximum(influence - distance, 0.0)
 
 
-def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array, name: str = "elastic") -> float:
+def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array) -> float:
     """Springs between neighbouring nodes: V = ½ Σ_j v_jᵀ diag(w) v_j with v_j = ``pin.difference(q_j, q_{j+1})``.
 
     Being quadratic in the spacing itself, it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.
@@ -32,7 +32,6 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
         space: configuration space.
         v: (N−1, nv) segment tangents.
         weight: (nv,) stiffness of each tangent coordinate.
-        name: key of the energy.
 
     Returns:
         The potential V.
@@ -56,15 +55,8 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
     diagonal[:-1, index, index] += weight[b:]
     diagonal[1:, index, index] += weight[b:]
     upper[:, index, index] -= weight[b:]
-    system.energies[name] = system.energies.get(name, 0.0) + energy
+    system.energies["elastic"] = energy
     return energy
-
-
-def add_rolling(system: System, space: ConfigurationSpace, v: Array, stiffness: float) -> float:
-    """Penalty of sideways travel of a differential drive: V = ½ k Σ_j v_y,j² (the equality is enforced afterwards)."""
-    weight = np.zeros(space.nv)
-    weight[1] = stiffness
-    return add_elastic(system, space, v, weight, name="rolling")
 
 
 def add_repulsion(

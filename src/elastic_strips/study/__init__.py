@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from .comparison import CASES, METHODS, Row, Trial, attempt, compare
+from .comparison import CASES, METHODS, Trial, TrialResult, attempt, compare
 from .paper_study import PaperStudy, paper_study
-from .parameter_map import Cell, parameter_map
-from .reactive import Outcome, ReactiveRun, Sighting, paper_reactively
+from .simulation import Detection, MapCell, Outcome, PaperRun, parameter_map, simulate_paper
 
 __all__ = [
     "paper_study",
     "PaperStudy",
-    "paper_reactively",
-    "ReactiveRun",
-    "Sighting",
+    "simulate_paper",
+    "PaperRun",
+    "Detection",
     "Outcome",
     "compare",
     "attempt",
     "Trial",
-    "Row",
+    "TrialResult",
     "CASES",
     "METHODS",
     "parameter_map",
-    "Cell",
+    "MapCell",
 ]

@@ -1,4 +1,4 @@
-"""Study room, comparison: every method on every case, on the same machine and the same sensors."""
+"""Comparison: every method on every case, on the same machine and the same sensors."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """What came of a trial.
+class TrialResult:
+    """Result of a trial.
 
     Attributes:
         case, method, seed: what was tried.
         reached: whether the robot is at the goal in truth: a base within 0.15 m, a strip within 0.05 m.
-        contacts: obstacles that were touched, none of them twice.
+        contacts: obstacles that were touched, each once.
         clearance: least distance of the whole robot to an obstacle [m]; ∞ without any, NaN where it did not start.
-        path: length of the base's way [m]; time: [s].
+        path: length of the base's path [m]; time: [s].
         turning: sum of all turns of the base [rad].
         roughness: root mean square of the base's yaw acceleration [rad/s²]; what is smooth has little of it.
         reason: how it ended.
@@ -72,7 +72,7 @@ def compare(
     seeds: Sequence[int] = (0,),
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
-) -> tuple[Row, ...]:
+) -> tuple[TrialResult, ...]:
     """Try every method on every case, in the order of cases and methods.
 
     Args:
@@ -89,15 +89,15 @@ def compare(
         get_scenario(case)
     check_methods(methods)
     trials = [Trial(case, method, seed) for case in cases for method in methods for seed in seeds]
-    rows: dict[Trial, Row] = {}
+    rows: dict[Trial, TrialResult] = {}
     for found in spread(_attempt, trials, processes):
-        row = Row(**found)
+        row = TrialResult(**found)
         rows[Trial(row.case, row.method, row.seed)] = row
         step(f"{row.case}, {row.method}")
     return tuple(rows[trial] for trial in trials)
 
 
-def attempt(trial: Trial) -> Row:
+def attempt(trial: Trial) -> TrialResult:
     """Drive a case by a method; a robot that cannot even start has not reached its goal.
 
     Raises:
@@ -117,12 +117,12 @@ def attempt(trial: Trial) -> Row:
         )  # fmt: skip
     except ElasticStripsError as error:
         nothing = float("nan")
-        return Row(trial.case, trial.method, trial.seed, False, (), nothing, 0.0, 0.0, 0.0, nothing, str(error))
+        return TrialResult(trial.case, trial.method, trial.seed, False, (), nothing, 0.0, 0.0, 0.0, nothing, str(error))
     record, reason, verdict = outcome.result.record, outcome.result.reason, outcome.verdict
     rows = record.control
     turning, roughness = _turns(rows.time, rows.chart[:, 2])
     touched = tuple(dict.fromkeys(contact.obstacle for contact in verdict.contacts))
-    return Row(
+    return TrialResult(
         trial.case, trial.method, trial.seed, bool(verdict.reached), touched, float(verdict.min_clearance_m),
         verdict.path_m, verdict.time_s, turning, roughness, reason,
     )  # fmt: skip

@@ -1,9 +1,9 @@
-"""Study room, figures: Figs. 5 to 11 of the paper as plots seen from above, in millimetres; extra ``study``."""
+"""Figs. 5 to 11 of the paper as plots seen from above, in millimetres; extra ``study``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
@@ -14,13 +14,13 @@ from ..proximity import BodySet
 from ..robot import Kinematics, RobotModel
 from ..robot.geometry import support_points
 from ..scene import Obstacle, Scene
-from .reactive import ReactiveRun
+from .simulation import PaperRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MM = 1e3
-_BASE, _ARM, _LINE, _WAY, _SENSED = "#3b6ea5", "#d9822b", "#999999", "#1a1a1a", "#b3261e"
+_MM = 1e3
+_BASE, _ARM, _LINE, _PATH, _SENSED = "#3b6ea5", "#d9822b", "#999999", "#1a1a1a", "#b3261e"
 _OBSTACLE, _SAFE = "#c9c9c9", "#e2b4b0"
 
 
@@ -54,8 +54,7 @@ class Outline:
         clouds = [
             _grown((self._points[g][0] @ turn[k].T + move[k])[:, :2], self._points[g][1]) for k, g in enumerate(bodies)
         ]
-        cloud = np.vstack(clouds)
-        return _outline(cloud)
+        return _outline(np.vstack(clouds))
 
 
 def draw_scene(axes: Axes, scene: Scene, safe: float | None = None) -> None:
@@ -64,73 +63,72 @@ def draw_scene(axes: Axes, scene: Scene, safe: float | None = None) -> None:
 
     for obstacle in scene:
         for shape, size in _shapes(obstacle):
-            if isinstance(shape, float):
-                x, y = MM * size
-                axes.add_patch(Circle((x, y), MM * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
+            if not isinstance(shape, np.ndarray):
+                x, y = _MM * size
+                axes.add_patch(Circle((x, y), _MM * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
                 if safe is not None:
-                    axes.add_patch(Circle((x, y), MM * (shape + safe), fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
+                    axes.add_patch(Circle((x, y), _MM * (shape + safe), fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
                 continue
-            axes.add_patch(Polygon(MM * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
+            axes.add_patch(Polygon(_MM * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
             if safe is not None:
-                hull = _grown(shape, safe)
-                hull = _outline(hull)
-                axes.add_patch(Polygon(MM * hull, fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
-        x, y = MM * obstacle.pose[:2, 3]
+                grown = _outline(_grown(shape, safe))
+                axes.add_patch(Polygon(_MM * grown, fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
+        x, y = _MM * obstacle.pose[:2, 3]
         axes.annotate(obstacle.name or "", (x, y), fontsize=6, ha="center", va="center", zorder=6)
 
 
-def draw_postures(axes: Axes, robot: RobotModel, chart: Array, *, arm: bool, label: str) -> None:
+def _draw_postures(axes: Axes, robot: RobotModel, chart: Array, *, arm: bool, label: str) -> None:
     """Draw a robot at chart rows (T, nv), darker as time goes on."""
     from matplotlib.patches import Polygon
 
     outline = Outline(robot)
     for k, row in enumerate(chart):
-        fade = 0.25 + 0.75 * (k + 1) / len(chart)
-        axes.add_patch(Polygon(MM * outline.base(row), fill=False, edgecolor=_BASE, alpha=fade, lw=0.8, zorder=3))
+        alpha = 0.25 + 0.75 * (k + 1) / len(chart)
+        axes.add_patch(Polygon(_MM * outline.base(row), fill=False, edgecolor=_BASE, alpha=alpha, lw=0.8, zorder=3))
         if arm:
-            points = MM * outline.arm(row)
-            axes.plot(points[:, 0], points[:, 1], "-", color=_ARM, alpha=fade, lw=0.9, zorder=4)
+            points = _MM * outline.arm(row)
+            axes.plot(points[:, 0], points[:, 1], "-", color=_ARM, alpha=alpha, lw=0.9, zorder=4)
     axes.plot([], [], "-", color=_BASE, label=label)
 
 
-def draw_reactive(axes: Axes, run: ReactiveRun, *, every: int = 3) -> None:
+def draw_paper_run(axes: Axes, run: PaperRun, *, every: int = 3) -> None:
     """A run with preset ``paper``: original line, postures, what was sensed and where from, safe distances."""
     arm = not run.params.mobile_only
     draw_scene(axes, run.scenario.scene, run.params.influence)
-    axes.plot(*(MM * run.line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
-    axes.plot(*(MM * run.chart[:, :2].T), "-", color=_WAY, lw=1.0, label="way of the mobile", zorder=5)
+    axes.plot(*(_MM * run.line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
+    axes.plot(*(_MM * run.chart[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
     if len(run.ahead) > 2:
-        axes.plot(*(MM * run.ahead[:, :2].T), ".-", color=_SENSED, lw=0.8, ms=3, label="strip ahead", zorder=5)
+        axes.plot(*(_MM * run.ahead[:, :2].T), ".-", color=_SENSED, lw=0.8, ms=3, label="strip ahead", zorder=5)
     rows = run.chart[:: max(1, every)]
-    draw_postures(axes, run.robot, np.vstack((rows, run.chart[-1:])), arm=arm, label="postures")
-    for k, sighting in enumerate(run.seen):
-        here, there = MM * np.array(sighting.robot), MM * np.array(sighting.point[:2])
+    _draw_postures(axes, run.robot, np.vstack((rows, run.chart[-1:])), arm=arm, label="postures")
+    for k, detection in enumerate(run.detections):
+        here, there = _MM * np.array(detection.robot), _MM * np.array(detection.point[:2])
         axes.plot(*np.stack((here, there)).T, "-", color=_SENSED, lw=0.6, zorder=5)
         axes.plot(*there, "x", color=_SENSED, ms=4, zorder=6, label="sensed points" if k == 0 else None)
-    finish(axes, run.line)
+    _finish(axes, run.line)
 
 
 def draw_drive(axes: Axes, robot: RobotModel, scene: Scene, line: Array, chart: Array, *, arm: bool) -> None:
     """A drive with preset ``default``: the same for chart rows (T, nv) of its true states."""
     draw_scene(axes, scene)
-    axes.plot(*(MM * line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
-    axes.plot(*(MM * chart[:, :2].T), "-", color=_WAY, lw=1.0, label="way of the mobile", zorder=5)
+    axes.plot(*(_MM * line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
+    axes.plot(*(_MM * chart[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
     picked = np.linspace(0, len(chart) - 1, 21).round().astype(int)
-    draw_postures(axes, robot, chart[picked], arm=arm, label="postures")
-    finish(axes, line)
+    _draw_postures(axes, robot, chart[picked], arm=arm, label="postures")
+    _finish(axes, line)
 
 
-def finish(axes: Axes, line: Array) -> None:
+def _finish(axes: Axes, line: Array) -> None:
     """Start, target, labels, and a frame about the line (N, 2) [m]."""
-    axes.plot(*(MM * line[0]), "s", color="k", ms=5, zorder=7)
-    axes.plot(*(MM * line[-1]), "*", color="k", ms=9, zorder=7)
-    low, high = MM * (line.min(axis=0) - 1.2), MM * (line.max(axis=0) + 1.2)
+    axes.plot(*(_MM * line[0]), "s", color="k", ms=5, zorder=7)
+    axes.plot(*(_MM * line[-1]), "*", color="k", ms=9, zorder=7)
+    low, high = _MM * (line.min(axis=0) - 1.2), _MM * (line.max(axis=0) + 1.2)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.tick_params(labelsize=7)
     axes.legend(fontsize=6, loc="lower right", framealpha=0.9)
 
 
-def _shapes(obstacle: Obstacle) -> Iterable[tuple[Any, Array]]:
+def _shapes(obstacle: Obstacle) -> Iterable[tuple[float | Array, Array]]:
     """What is seen of an obstacle from above: (radius, middle) of round parts, or (corners, middle) [m]."""
     rotation, shift = obstacle.pose[:3, :3], obstacle.pose[:3, 3]
     upright = abs(float(rotation[2, 2])) > 0.999
@@ -147,8 +145,7 @@ def _shapes(obstacle: Obstacle) -> Iterable[tuple[Any, Array]]:
         else:
             local, radius = support_points(part.geometry)
             points = local + part.T_obstacle_part[:3, 3]
-        cloud = _grown((points @ rotation.T + shift)[:, :2], radius)
-        yield _outline(cloud), middle
+        yield _outline(_grown((points @ rotation.T + shift)[:, :2], radius)), middle
 
 
 def _grown(points: Array, radius: float) -> Array:

@@ -1,12 +1,13 @@
-"""Study room, paper study: tables and figures of the paper from runs of today, and what it says beside them."""
+"""The paper study: tables and figures of the paper from runs of today, and what the paper says of them, as a report."""
 
 from __future__ import annotations
 
+import html
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,10 +21,8 @@ from ..scenarios import drive_scenario, get_scenario
 from ..scenarios.paper_cases import TABLE_1, TABLE_2
 from ..scenarios.traps import BOTTLENECK, DEAD_END
 from ..summary import Summary
-from .comparison import CASES, METHODS, Row, check_methods, compare
-from .document import Document
-from .parameter_map import Cell, parameter_map
-from .reactive import LONGEST_STEP, Outcome, ReactiveRun, paper_reactively
+from .comparison import CASES, METHODS, TrialResult, check_methods, compare
+from .simulation import LONGEST_STEP, MapCell, Outcome, PaperRun, parameter_map, simulate_paper
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,6 +41,14 @@ SAYS = {
 EXPECTED = {name: Outcome.BLOCKED if name == "case-3" else Outcome.REACHED for name in TABLE_2}
 _MARKDOWN, _PAGE = "paper.md", "paper.html"
 _DPI = 70
+_STYLE = """
+body { font: 15px/1.5 sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em; color: #1a1a1a; }
+table { border-collapse: collapse; margin: 1em 0; font-size: 13px; }
+th, td { border: 1px solid #bbb; padding: 3px 8px; text-align: left; }
+th { background: #eee; }
+img { max-width: 100%; }
+figcaption { font-size: 13px; color: #444; }
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -54,9 +61,9 @@ class PaperStudy(Summary):
         files: what was written.
     """
 
-    runs: dict[str, ReactiveRun]
-    rows: tuple[Row, ...]
-    cells: tuple[Cell, ...]
+    runs: dict[str, PaperRun]
+    rows: tuple[TrialResult, ...]
+    cells: tuple[MapCell, ...]
     files: tuple[Path, ...]
 
     @property
@@ -119,6 +126,59 @@ def paper_study(
         files |= {_MARKDOWN: document.markdown().encode(), _PAGE: document.page().encode()}
         written = _write(out, files)
     return PaperStudy(runs, rows, cells, tuple(written))
+
+
+@dataclass(slots=True)
+class Document:
+    """Workspace: a report that grows from top to bottom.
+
+    Attributes:
+        title: of the report.
+    """
+
+    title: str
+    _markdown: list[str] = field(default_factory=list)
+    _html: list[str] = field(default_factory=list)
+
+    def heading(self, text: str, level: int = 2) -> None:
+        """A heading, from level 2 on; level 1 is the title's."""
+        self._markdown.append(f"{'#' * level} {text}")
+        self._html.append(f"<h{level}>{html.escape(text)}</h{level}>")
+
+    def text(self, text: str) -> None:
+        """A paragraph of plain text."""
+        self._markdown.append(text)
+        self._html.append(f"<p>{html.escape(text)}</p>")
+
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+        """A table; every row has as many cells as the head."""
+        lines = ["| " + " | ".join(map(_cell, head)) + " |", "|" + "---|" * len(head)]
+        lines += ["| " + " | ".join(map(_cell, row)) + " |" for row in rows]
+        self._markdown.append("\n".join(lines))
+        cells = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)
+        body = "".join("<tr>" + "".join(f"<td>{html.escape(str(c))}</td>" for c in row) + "</tr>" for row in rows)
+        self._html.append(f"<table><tr>{cells}</tr>{body}</table>")
+
+    def picture(self, file: str, caption: str) -> None:
+        """A picture beside the report."""
+        self._markdown.append(f"![{caption}]({file})\n\n*{caption}*")
+        source, text = html.escape(file, quote=True), html.escape(caption)
+        self._html.append(f'<figure><img src="{source}" alt="{text}"><figcaption>{text}</figcaption></figure>')
+
+    def markdown(self) -> str:
+        """The report as Markdown."""
+        return "\n\n".join([f"# {self.title}", *self._markdown]) + "\n"
+
+    def page(self) -> str:
+        """The report as HTML."""
+        title = html.escape(self.title)
+        head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
+        return "\n".join([head, f"<h1>{title}</h1>", *self._html, "</html>", ""])
+
+
+def _cell(content: object) -> str:
+    """A cell of a Markdown table: one line, without the sign that separates cells."""
+    return " ".join(str(content).split()).replace("|", "\\|")
 
 
 def _write(out: Path, files: Mapping[str, bytes]) -> list[Path]:
@@ -187,33 +247,33 @@ def _tables(document: Document) -> None:
 
 def _figures(
     document: Document, cases: Sequence[str], files: dict[str, bytes], step: Callable[[str], object]
-) -> dict[str, ReactiveRun]:
+) -> dict[str, PaperRun]:
     from matplotlib.figure import Figure
 
-    from .figures import draw_drive, draw_reactive
+    from .figures import draw_drive, draw_paper_run
 
-    runs: dict[str, ReactiveRun] = {}
+    runs: dict[str, PaperRun] = {}
     document.heading("Figs. 5 to 11")
     summary = []
     for case in cases:
         scenario = get_scenario(case)
-        run = runs[case] = paper_reactively(scenario)
+        run = runs[case] = simulate_paper(scenario)
         step(f"{case}, preset paper")
         drive = drive_scenario(scenario)
         step(f"{case}, preset default")
         figure = Figure(figsize=(13.0, 6.4), layout="constrained")
         left, right = figure.subplots(1, 2)
-        draw_reactive(left, run)
+        draw_paper_run(left, run)
         left.set_title(f"{case}, preset paper: {run.outcome.value}", fontsize=9)
         record = drive.result.record
         draw_drive(right, drive.robot, scenario.scene, run.line, record.control.chart, arm=case == "case-7")
         driven = "reached" if drive.reached else "not reached"
         right.set_title(f"{case}, preset default: {driven} in {drive.verdict.time_s:.1f} s", fontsize=9)
         name = f"fig-{_FIGURES[case]:02d}-{case}.png"
-        files[name] = _drawn(figure)
+        files[name] = _png(figure)
         document.heading(f"Fig. {_FIGURES[case]}: {case}", 3)
         document.text(f"The paper: {SAYS[case]}")
-        document.text(_told(run))
+        document.text(_outcome(run))
         document.picture(name, f"Fig. {_FIGURES[case]}: {case}; preset paper (left) and default (right)")
         summary.append(
             [
@@ -228,29 +288,31 @@ def _figures(
     return runs
 
 
-def _drawn(figure: Figure) -> bytes:
+def _png(figure: Figure) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=_DPI)
     return stream.getvalue()
 
 
-def _told(run: ReactiveRun) -> str:
-    sensed = "; ".join(f"{s.name} is sensed from ({1e3 * s.robot[0]:.0f}, {1e3 * s.robot[1]:.0f})" for s in run.seen)
+def _outcome(run: PaperRun) -> str:
+    sensed = "; ".join(
+        f"{s.name} is sensed from ({1e3 * s.robot[0]:.0f}, {1e3 * s.robot[1]:.0f})" for s in run.detections
+    )
     return (
         f"Here: {run.outcome.value}, {run.reason}. {sensed or 'Nothing is sensed'}. The mobile leaves the original "
-        f"line by up to {_mm(_aside(run.line, run.chart[:, :2]))} mm, and the robot comes no nearer to an obstacle "
+        f"line by up to {_mm(_deviation(run.line, run.chart[:, :2]))} mm, and the robot comes no nearer to an obstacle "
         f"than {_mm(run.clearance)} mm."
     )
 
 
-def _aside(line: Array, points: Array) -> float:
+def _deviation(line: Array, points: Array) -> float:
     """Largest distance [m] of points (K, 2) from the straight line between the ends of a line (N, 2)."""
     a, b = line[0], line[-1]
     along = np.clip((points - a) @ (b - a) / float((b - a) @ (b - a)), 0.0, 1.0)
     return float(np.hypot(*(points - (a + along[:, None] * (b - a))).T).max())
 
 
-def _comparison(document: Document, rows: Sequence[Row]) -> None:
+def _comparison(document: Document, rows: Sequence[TrialResult]) -> None:
     document.heading("Methods compared")
     document.text(
         "The same base on the same machine; the base methods and strip-sensed see what the simulated laser, sonars and "
@@ -271,21 +333,21 @@ def _comparison(document: Document, rows: Sequence[Row]) -> None:
     )  # fmt: skip
     traps = [case for case in (BOTTLENECK, DEAD_END) if any(r.case == case for r in rows)]
     if traps:
-        told = "; ".join(f"{case}: {_who(rows, case)}" for case in traps)
+        told = "; ".join(f"{case}: {_reached_by(rows, case)}" for case in traps)
         document.text(
             "The paper says of the methods before the strip that they do not get out of bottlenecks; a dead end is a "
             f"local minimum besides. Of those that were tried here: {told}."
         )
 
 
-def _who(rows: Sequence[Row], case: str) -> str:
+def _reached_by(rows: Sequence[TrialResult], case: str) -> str:
     """``"a and b reach the goal, c does not"``."""
     there = [r.method for r in rows if r.case == case and r.reached]
     not_there = [r.method for r in rows if r.case == case and not r.reached]
     return f"the goal is reached by {', '.join(there) or 'none'}, and not by {', '.join(not_there) or 'none'}"
 
 
-def _map(document: Document, case: str, cells: Sequence[Cell], files: dict[str, bytes]) -> None:
+def _map(document: Document, case: str, cells: Sequence[MapCell], files: dict[str, bytes]) -> None:
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 
@@ -309,7 +371,7 @@ def _map(document: Document, case: str, cells: Sequence[Cell], files: dict[str, 
         axes[0][-1].plot([], [], "s", color=color, label=kind.value)
     axes[0][-1].legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     name = f"parameter-map-{case}.png"
-    files[name] = _drawn(figure)
+    files[name] = _png(figure)
     document.heading("Parameters decided properly")
     counts = {kind.value: sum(c.outcome is kind for c in cells) for kind in kinds}
     told = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)

@@ -10,8 +10,8 @@ import pytest
 from brute_force import configuration, random_chart
 
 from elastic_strips.robot import RobotModel
-from elastic_strips.strip.forces import add_elastic, add_joint_limits, add_posture, add_rolling
-from elastic_strips.strip.paper.equations import contraction_force, contraction_torque
+from elastic_strips.strip.forces import add_elastic, add_joint_limits, add_posture
+from elastic_strips.strip.paper.equations import elastic_force, elastic_torque
 from elastic_strips.strip.solver import System
 
 Potential = Callable[[np.ndarray], float]
@@ -121,18 +121,17 @@ def test_rolling_penalises_sideways_travel_alone(silvermate, rng):
     chart = random_chart(silvermate, rng, 4)
     system = System(4, 10)
     v = silvermate.space.difference(chart[:-1], chart[1:])
-    energy = add_rolling(system, silvermate.space, v, 200.0)
-    assert energy == pytest.approx(100.0 * float((v[:, 1] ** 2).sum()))
-    assert set(system.energies) == {"rolling"}
     weight = np.zeros(10)
     weight[1] = 200.0
+    energy = add_elastic(system, silvermate.space, v, weight)
+    assert energy == pytest.approx(100.0 * float((v[:, 1] ** 2).sum()))
     assert_is_minus_gradient(system.force, gradient(silvermate, chart, springs(silvermate, weight)))
     np.testing.assert_array_equal(system.force[:, 3:], 0.0)
     assert_positive(system)
     drivable = np.zeros((3, 10))
     drivable[:, 0] = 0.5, 1.0, -0.3
     drivable[:, 2] = 0.3, 0.0, -1.0
-    assert add_rolling(System(4, 10), silvermate.space, drivable, 200.0) == 0.0
+    assert add_elastic(System(4, 10), silvermate.space, drivable, weight) == 0.0
 
 
 def test_springs_spread_nodes_evenly(silvermate):
@@ -144,7 +143,7 @@ def test_springs_spread_nodes_evenly(silvermate):
     assert system.force[1, 0] == pytest.approx(-0.8)
     points = np.zeros((3, 1, 3))
     points[:, 0, 0] = 0.0, 0.9, 1.0
-    np.testing.assert_allclose(contraction_force(points, 1.0), 0.0, atol=1e-15)
+    np.testing.assert_allclose(elastic_force(points, 1.0), 0.0, atol=1e-15)
 
 
 def limits(robot: RobotModel, k_l: float, margin: float) -> Potential:
@@ -233,10 +232,11 @@ def test_forces_add_up(silvermate, rng):
     chart = random_chart(silvermate, rng, 4)
     v = silvermate.space.difference(chart[:-1], chart[1:])
     one, two, both = System(4, 10), System(4, 10), System(4, 10)
+    sideways = 7.0 * np.eye(10)[1]
     add_elastic(one, silvermate.space, v, np.ones(10))
-    add_rolling(two, silvermate.space, v, 7.0)
+    add_elastic(two, silvermate.space, v, sideways)
     add_elastic(both, silvermate.space, v, np.ones(10))
-    add_rolling(both, silvermate.space, v, 7.0)
+    add_elastic(both, silvermate.space, v, sideways)
     np.testing.assert_allclose(both.force, one.force + two.force)
     np.testing.assert_allclose(dense(both), dense(one) + dense(two))
     both.clear()
@@ -270,22 +270,22 @@ def eq4(points: np.ndarray, k_c: float) -> np.ndarray:
     return out
 
 
-def test_contraction_force_is_eq_4(rng):
+def test_elastic_force_is_eq_4(rng):
     points = rng.normal(size=(7, 4, 3))
-    np.testing.assert_allclose(contraction_force(points, 0.5), eq4(points, 0.5), atol=1e-14)
-    np.testing.assert_array_equal(contraction_force(points, 0.5)[[0, -1]], 0.0)
+    np.testing.assert_allclose(elastic_force(points, 0.5), eq4(points, 0.5), atol=1e-14)
+    np.testing.assert_array_equal(elastic_force(points, 0.5)[[0, -1]], 0.0)
 
 
-def test_contraction_force_of_coinciding_points_is_zero():
+def test_elastic_force_of_coinciding_points_is_zero():
     points = np.zeros((4, 2, 3))
-    np.testing.assert_array_equal(contraction_force(points, 0.5), 0.0)
-    np.testing.assert_array_equal(contraction_torque(np.zeros(4), points[:, 0], 0.5), 0.0)
+    np.testing.assert_array_equal(elastic_force(points, 0.5), 0.0)
+    np.testing.assert_array_equal(elastic_torque(np.zeros(4), points[:, 0], 0.5), 0.0)
 
 
 def test_contraction_torque_is_eq_4_of_the_heading(rng):
     points = np.cumsum(rng.uniform(0.1, 1.0, (6, 3)), axis=0)
     yaw = np.array([3.0, 3.1, -3.1, -2.9, -3.0, 3.0])
-    torque = contraction_torque(yaw, points, 0.5)
+    torque = elastic_torque(yaw, points, 0.5)
     unwrapped = np.unwrap(yaw)
     for j in range(1, 5):
         d0, d1 = np.linalg.norm(points[j] - points[j - 1]), np.linalg.norm(points[j + 1] - points[j])

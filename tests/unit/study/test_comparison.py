@@ -14,7 +14,7 @@ from elastic_strips.errors import ParameterError, ScenarioError
 from elastic_strips.scenarios import drive, drive_scenario
 from elastic_strips.sim import SensedPerception
 from elastic_strips.sim.sensors import SensorConfig
-from elastic_strips.study import METHODS, Row, Trial, attempt, compare
+from elastic_strips.study import METHODS, Trial, TrialResult, attempt, compare
 from elastic_strips.study.comparison import _turns
 
 POLE = "{shape: cylinder, name: pole, radius: 0.2, length: 1, at: [%s, 0.5]}"
@@ -85,7 +85,7 @@ def test_a_start_in_collision_is_a_row_that_says_so(tmp_path: Path) -> None:
 
 def test_a_limit_of_time_ends_a_trial(beside: str) -> None:
     """Half a second is not enough."""
-    row: Row = attempt(Trial(beside, "apf", time_limit=0.5))
+    row: TrialResult = attempt(Trial(beside, "apf", time_limit=0.5))
     assert not row.reached
     assert "time limit of 0.5 s" in row.reason
 

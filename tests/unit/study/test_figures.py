@@ -13,8 +13,8 @@ from elastic_strips import RobotModel, Scene, get_scenario
 from elastic_strips.io import PoseSpec
 from elastic_strips.scenarios import Scenario
 from elastic_strips.scene import Box, Capsule, Cylinder, Sphere
-from elastic_strips.study import ReactiveRun, paper_reactively
-from elastic_strips.study.figures import Outline, draw_drive, draw_reactive, draw_scene
+from elastic_strips.study import PaperRun, simulate_paper
+from elastic_strips.study.figures import Outline, draw_drive, draw_paper_run, draw_scene
 
 Array = npt.NDArray[np.float64]
 LYING = (0.0, np.sin(np.pi / 4), 0.0, np.cos(np.pi / 4))
@@ -43,11 +43,11 @@ def _line(axes: Axes, label: str) -> Array:
 
 
 @pytest.fixture(scope="module")
-def short() -> ReactiveRun:
+def short() -> PaperRun:
     """2 m along x, a cylinder 1 m beside the way that is sensed at a safe distance of 1 m."""
     pole = Cylinder(0.3, 1.0, at=(1.2, 1.1, 0.5), name="pole")
     params = {"paper": {"mobile_only": True, "influence": 1.0}}
-    return paper_reactively(
+    return simulate_paper(
         Scenario("short", "", Scene([pole]), PoseSpec(0.0, 0.0, 0.0), PoseSpec(2.0, 0.0, 0.0), params=params)
     )
 
@@ -93,26 +93,26 @@ def test_without_a_safe_distance_none_is_drawn() -> None:
     assert [filled for *_, filled in _circles(axes)] == [True, True]
 
 
-def test_a_reactive_run_is_drawn_in_millimetres(short: ReactiveRun) -> None:
+def test_a_reactive_run_is_drawn_in_millimetres(short: PaperRun) -> None:
     """Original line, way, where the obstacle was sensed from, and a frame of 1.2 m about it all."""
     axes = _axes()
-    draw_reactive(axes, short)
+    draw_paper_run(axes, short)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [mm]", "y [mm]")
     assert axes.get_aspect() == 1.0
     np.testing.assert_allclose([*axes.get_xlim(), *axes.get_ylim()], [-1200.0, 3200.0, -1200.0, 1200.0])
     np.testing.assert_allclose(_line(axes, "original line"), 1e3 * short.line)
     np.testing.assert_allclose(_line(axes, "way of the mobile"), 1e3 * short.chart[:, :2])
-    [sighting] = short.seen
-    np.testing.assert_allclose(_line(axes, "sensed points"), [1e3 * np.array(sighting.point[:2])])
+    [detection] = short.detections
+    np.testing.assert_allclose(_line(axes, "sensed points"), [1e3 * np.array(detection.point[:2])])
     rays = [np.asarray(line.get_xydata()) for line in axes.lines if len(np.asarray(line.get_xydata())) == 2]
-    assert any(np.allclose(ray, 1e3 * np.array([sighting.robot, sighting.point[:2]])) for ray in rays)
+    assert any(np.allclose(ray, 1e3 * np.array([detection.robot, detection.point[:2]])) for ray in rays)
     assert _circles(axes) == [(1200.0, 1100.0, 300.0, True), (1200.0, 1100.0, 1300.0, False)]
     postures = _polygons(axes, filled=False)
     assert len(postures) == len(short.chart[::3]) + 1
     np.testing.assert_allclose(np.mean([postures[-1].min(axis=0), postures[-1].max(axis=0)], axis=0), [2000, 0], atol=1)
 
 
-def test_a_drive_is_drawn_with_its_arm(short: ReactiveRun) -> None:
+def test_a_drive_is_drawn_with_its_arm(short: PaperRun) -> None:
     """21 postures of the chart, each with the arm's control points where that is asked for."""
     chart = np.repeat(short.chart, 5, axis=0)
     for arm in (False, True):

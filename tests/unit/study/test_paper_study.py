@@ -60,9 +60,9 @@ def test_the_report_says_what_was_found(study: tuple[PaperStudy, list[str]]) -> 
     run, [row], text = found.runs["case-4"], found.rows, _text(found, "paper.md")
     assert found.as_the_paper_says
     assert run.outcome is Outcome.REACHED
-    for sighting in run.seen:
-        x, y = (1e3 * v for v in sighting.robot)
-        assert f"{sighting.name} is sensed from ({x:.0f}, {y:.0f})" in text
+    for detection in run.detections:
+        x, y = (1e3 * v for v in detection.robot)
+        assert f"{detection.name} is sensed from ({x:.0f}, {y:.0f})" in text
     assert f"no nearer to an obstacle than {1e3 * run.clearance:.0f} mm" in text
     assert f"| apf | yes | – | {1e3 * row.clearance:.0f} | {1e3 * row.path:.0f} | {row.time:.1f} |" in text
     assert [cell.outcome for cell in found.cells] == [Outcome.REACHED, Outcome.BLOCKED]

@@ -8,7 +8,7 @@ import pytest
 
 from elastic_strips import get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
-from elastic_strips.study import Outcome, paper_reactively, parameter_map
+from elastic_strips.study import Outcome, parameter_map, simulate_paper
 
 
 def test_known_cells_of_case_4() -> None:
@@ -16,7 +16,7 @@ def test_known_cells_of_case_4() -> None:
     near, far = parameter_map("case-4", k_r=[0.3], k_c=[0.5], safe=[0.8, 1.5], processes=1)
     assert (near.safe, near.outcome) == (0.8, Outcome.REACHED)
     assert (far.safe, far.outcome) == (1.5, Outcome.BLOCKED)
-    run = paper_reactively(get_scenario("case-4"))
+    run = simulate_paper(get_scenario("case-4"))
     assert (near.reason, near.clearance) == (run.reason, run.clearance)
 
 

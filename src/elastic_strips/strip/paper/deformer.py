@@ -21,7 +21,7 @@ from ..forces import repulsive_potential
 from ..params import StripParams
 from ..report import DeformReport, DeformStatus, StripForces, tick_status
 from ..strip import Strip
-from .equations import contraction_force, contraction_torque, control_point_repulsion, explicit_step, map_to_joints
+from .equations import control_point_repulsion, elastic_force, elastic_torque, explicit_step, map_to_joints
 
 _LINK_REACH = 0.3  # links' distances to obstacles are exact below this [m]; the forces act on control points
 _SELF_REACH = 0.03  # those to each other
@@ -203,11 +203,11 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         points = self._points(kin)
         contacts = self._proximity.contacts()
         repulsion = control_point_repulsion(contacts, points.shape[:2], k_r=params.k_r, influence=params.influence)
-        force = repulsion + contraction_force(points, params.k_c)
+        force = repulsion + elastic_force(points, params.k_c)
         torque = map_to_joints(kin, self.control_points.joint, points, force)
         chart = kin.chart[: kin.n]
         if space.planar:
-            torque[:, 2] += contraction_torque(chart[:, 2], chart[:, :2], params.k_c)
+            torque[:, 2] += elastic_torque(chart[:, 2], chart[:, :2], params.k_c)
         mobile_force = np.zeros((kin.n, 3)) if self._mobile is None else force[:, self._mobile]
         delta = explicit_step(
             torque,

@@ -30,7 +30,7 @@ def control_point_repulsion(contacts: Contacts, shape: tuple[int, int], *, k_r: 
     return force
 
 
-def contraction_force(points: Array, k_c: float) -> Array:
+def elastic_force(points: Array, k_c: float) -> Array:
     """The paper's elastic force (Eq. 4) on every control point of every node.
 
     It has no potential: it pulls a point towards where its neighbours' spacing ratio d⁻/(d⁻+d⁺) puts it on the chord,
@@ -53,7 +53,7 @@ def contraction_force(points: Array, k_c: float) -> Array:
     return force
 
 
-def contraction_torque(yaw: Array, points: Array, k_c: float) -> Array:
+def elastic_torque(yaw: Array, points: Array, k_c: float) -> Array:
     """Eq. 4 for the heading of the mobile, whose position vector in the paper is [x, y, φ].
 
     Args:

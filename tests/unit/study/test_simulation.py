@@ -15,11 +15,11 @@ from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scenarios import Scenario
 from elastic_strips.scene import Cylinder
-from elastic_strips.study import Outcome, ReactiveRun, paper_reactively
-from elastic_strips.study.reactive import LONGEST_STEP
+from elastic_strips.study import Outcome, PaperRun, simulate_paper
+from elastic_strips.study.simulation import LONGEST_STEP
 
 Array = npt.NDArray[np.float64]
-Run = Callable[[str], ReactiveRun]
+Run = Callable[[str], PaperRun]
 CASES = {f"case-{k}": Outcome.BLOCKED if k == 3 else Outcome.REACHED for k in range(1, 8)}
 RADIUS, HEIGHT = 0.3, 1.3
 """Of the cases' cylinders [m]."""
@@ -28,11 +28,11 @@ RADIUS, HEIGHT = 0.3, 1.3
 @pytest.fixture(scope="module")
 def run() -> Run:
     """Runs a case, once."""
-    done: dict[str, ReactiveRun] = {}
+    done: dict[str, PaperRun] = {}
 
-    def result(name: str) -> ReactiveRun:
+    def result(name: str) -> PaperRun:
         if name not in done:
-            done[name] = paper_reactively(get_scenario(name))
+            done[name] = simulate_paper(get_scenario(name))
         return done[name]
 
     return result
@@ -77,17 +77,17 @@ def test_obstacles_are_sensed_from_the_control_points(run: Run, name: str) -> No
     points = [np.asarray(robot.control_points(q)) for q in robot.space.from_chart(result.chart)]
     if name != "case-7":
         points = [p[:1] for p in points]
-    assert {s.name for s in result.seen} == set(result.scenario.scene.names)
-    for sighting in result.seen:
-        if sighting.name == "shelf":
+    assert {s.name for s in result.detections} == set(result.scenario.scene.names)
+    for detection in result.detections:
+        if detection.name == "shelf":
             continue
-        centre = result.scenario.scene.obstacle(sighting.name).pose[:3, 3]
-        row = int(np.hypot(*(result.chart[:, :2] - sighting.robot).T).argmin())
-        np.testing.assert_allclose(result.chart[row, :2], sighting.robot, atol=1e-9)
+        centre = result.scenario.scene.obstacle(detection.name).pose[:3, 3]
+        row = int(np.hypot(*(result.chart[:, :2] - detection.robot).T).argmin())
+        np.testing.assert_allclose(result.chart[row, :2], detection.robot, atol=1e-9)
         assert _to_cylinder(points[row], centre) < safe
         assert all(_to_cylinder(p, centre) >= safe for p in points[:row])
-        assert sighting.distance == pytest.approx(_to_cylinder(points[row], centre), abs=1e-4)
-        x, y, z = sighting.point
+        assert detection.distance == pytest.approx(_to_cylinder(points[row], centre), abs=1e-4)
+        x, y, z = detection.point
         assert np.hypot(x - centre[0], y - centre[1]) == pytest.approx(RADIUS, abs=1e-3)
         assert -1e-6 <= z <= HEIGHT
 
@@ -95,7 +95,7 @@ def test_obstacles_are_sensed_from_the_control_points(run: Run, name: str) -> No
 @pytest.mark.parametrize("name", ["case-1", "case-2"])
 def test_obstacle_2_is_sensed_where_the_text_says(run: Run, name: str) -> None:
     """About (−1500, −1500) mm, to one posture of the original line, and before obstacle 1."""
-    first = run(name).seen[0]
+    first = run(name).detections[0]
     assert first.name == "obstacle-2"
     assert np.hypot(*(np.array(first.robot) + 1.5)) < 0.216
 
@@ -118,7 +118,7 @@ def test_no_sampling_time_moves_further_than_said(run: Run) -> None:
     assert steps.max() > 0.9 * LONGEST_STEP, "there is such a gap in case 1"
 
 
-def _clearance(result: ReactiveRun, chart: Array) -> float:
+def _clearance(result: PaperRun, chart: Array) -> float:
     robot = result.robot
     model = robot.collision_model.clone()
     model.removeAllCollisionPairs()
@@ -140,9 +140,9 @@ def _clearance(result: ReactiveRun, chart: Array) -> float:
 
 def test_without_obstacles_the_way_is_the_line() -> None:
     """Nothing is sensed, nothing turns it aside, and the clearance is the largest that is measured."""
-    result = paper_reactively(_problem())
+    result = simulate_paper(_problem())
     assert result.outcome is Outcome.REACHED
-    assert result.seen == ()
+    assert result.detections == ()
     assert result.clearance == 1.0
     assert result.length == pytest.approx(2.0)
     np.testing.assert_allclose(result.chart[:, 1], 0.0, atol=1e-9)
@@ -151,40 +151,40 @@ def test_without_obstacles_the_way_is_the_line() -> None:
 
 def test_a_safe_distance_within_the_base_ends_in_contact() -> None:
     """P_m would be 0.15 m from the pole: by then the base has touched it, though it is not sensed yet."""
-    result = paper_reactively(_problem(_pole(1.2), influence=0.15))
+    result = simulate_paper(_problem(_pole(1.2), influence=0.15))
     assert result.outcome is Outcome.CONTACT
     assert "pole" in result.reason
     assert result.clearance <= 0.0
-    assert result.seen == ()
+    assert result.detections == ()
     assert result.chart[-1, 0] < 1.0
 
 
 def test_a_start_in_contact_is_the_end() -> None:
     """No sampling time is simulated."""
-    result = paper_reactively(_problem(_pole(0.2)))
+    result = simulate_paper(_problem(_pole(0.2)))
     assert result.outcome is Outcome.CONTACT
     assert len(result.chart) == 1
 
 
 def test_a_last_posture_that_cannot_be_reached_is_blocked() -> None:
     """A safe distance of 5 mm gives hulls of 5 mm, and the postures are 0.2 m apart: it stands, and says where."""
-    result = paper_reactively(_problem(_pole(1.0, y=3.0), way=0.6, influence=0.0051))
+    result = simulate_paper(_problem(_pole(1.0, y=3.0), way=0.6, influence=0.0051))
     assert result.outcome is Outcome.BLOCKED
     assert "stands at (0.00, 0.00) m" in result.reason
 
 
 def test_the_same_problem_gives_the_same_run(run: Run) -> None:
     """To the last bit."""
-    again = paper_reactively(get_scenario("case-1"))
+    again = simulate_paper(get_scenario("case-1"))
     np.testing.assert_array_equal(again.chart, run("case-1").chart)
-    assert again.seen == run("case-1").seen
+    assert again.detections == run("case-1").detections
 
 
 def test_wrong_input_is_refused(gantry: RobotModel) -> None:
     """A robot that cannot move its base, and parameters that are none."""
     with pytest.raises(RobotError, match="is fixed"):
-        paper_reactively(_problem(), robot=gantry)
+        simulate_paper(_problem(), robot=gantry)
     with pytest.raises(ParameterError, match="'k_q'"):
-        paper_reactively(_problem(), overrides={"k_q": 1.0})
+        simulate_paper(_problem(), overrides={"k_q": 1.0})
     with pytest.raises(ParameterError, match="influence"):
-        paper_reactively(_problem(), overrides={"influence": -1.0})
+        simulate_paper(_problem(), overrides={"influence": -1.0})
