@@ -34,7 +34,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     on = {"strip": strip, "scene": scene}
     viewer = es.Viewer(server=False)
     return {
-        "Deformer": (es.Deformer, {"robot": robot, "params": "default", "task": None}),
+        "Deformer": (es.Deformer, {"robot": robot, "params": es.DeformParams(), "constraint": None}),
         "step": (deformer.step, {**on, "budget": None, "prediction": None}),
         "settle": (deformer.settle, {**on, "max_ticks": 1, "until": "rest", "watch": None}),
         "certify": (deformer.certify, on),

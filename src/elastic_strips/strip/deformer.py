@@ -110,13 +110,13 @@ class Deformer(BaseDeformer[DeformReport]):
         if budget is not None:
             check_number("budget", budget, above=0.0, unit="s")
         work = self.workspace
-        queries, known = work.queries, work.holds(strip)
+        already, known = work.queries, work.holds(strip)
         self._load(strip, scene, prediction, to_move=True)
         self._proven = self._to_keep(strip, scene, known)
         result, iterations = self._iterations(lambda: self._iterate(scene), budget)
         if nodes and (budget is None or self.clock.elapsed <= budget):
             result = self._resample(scene, result)
-        return self._report(scene, result, iterations, work.queries - queries, detail)
+        return self._report(scene, result, iterations, work.queries - already, detail)
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it."""

@@ -145,10 +145,10 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         if budget is not None:
             check_number("budget", budget, above=0.0, unit="s")
         work = self.workspace
-        queries = work.queries
+        already = work.queries
         self._load(strip, scene, to_move=True)
         result, iterations = self._iterations(lambda: self._iterate(scene), budget)
-        return self._report(scene, result, iterations, work.queries - queries, detail)
+        return self._report(scene, result, iterations, work.queries - already, detail)
 
     def settle(
         self,
