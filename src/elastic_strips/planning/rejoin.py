@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array, Indices
 from ..robot import BaseKind
 from ..strip import Deformer, DeformReport, Strip
 from ..strip.report import SLIP_LIMIT
-from ..strip.rolling import project_rolling
+from ..strip.solver import project_rolling
 
 _LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre
 _NEAR = 0.03  # [m] a node that is so near the robot is left out

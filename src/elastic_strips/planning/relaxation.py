@@ -13,7 +13,7 @@ from ..robot import BaseKind, RobotModel
 from ..scene import Scene
 from ..strip import Deformer, DeformReport, DeformStatus, Strip
 from ..strip.report import settled_report
-from ..strip.rolling import project_rolling
+from ..strip.solver import project_rolling
 from .line import tucked_rows, waypoint_rows
 
 _LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up

@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array
 from ..robot import BaseKind, RobotModel
 from ..scene import Scene
 from ..strip import Deformer, Strip
-from ..strip.rolling import project_rolling
+from ..strip.solver import project_rolling
 from ..tunnel import Certificate
 
 _MAX_PAIRED = 400

@@ -19,8 +19,7 @@ from .forces import add_elastic, add_joint_limits, add_posture, add_repulsion, a
 from .params import DeformParams
 from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
 from .resampling import node_spacing, resample
-from .rolling import project_rolling
-from .solver import BandedSolver, System
+from .solver import BandedSolver, System, project_rolling
 from .strip import Strip
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step

@@ -20,7 +20,7 @@ from elastic_strips.execution.trajectory import Trajectory
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel
 from elastic_strips.strip import Strip
-from elastic_strips.strip.rolling import project_rolling
+from elastic_strips.strip.solver import project_rolling
 
 ROBOTS = ["silvermate", "tiago", "rover", "gantry"]
 

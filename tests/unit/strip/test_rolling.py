@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.robot import RobotModel
-from elastic_strips.strip.rolling import ROLLING_TOLERANCE, project_rolling
+from elastic_strips.strip.solver import ROLLING_TOLERANCE, project_rolling
 
 
 def wavy(robot: RobotModel, seed: int, nodes: int, noise: float) -> np.ndarray:
