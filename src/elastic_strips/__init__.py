@@ -47,7 +47,7 @@ if TYPE_CHECKING:
         Scene,
         Sphere,
         Twist,
-        Unknown,
+        UnknownMotion,
         Voxels,
         World,
     )
@@ -74,7 +74,7 @@ __all__ = [
     "Points",
     "Twist",
     "Keyframes",
-    "Unknown",
+    "UnknownMotion",
     "World",
     "read_scene",
     "write_scene",
@@ -113,7 +113,7 @@ _ROOMS = {
     "scenarios": ("get_scenario", "run_scenario", "scenario_names"),
     "scene": (
         "Box", "Capsule", "Cone", "ConvexHull", "Cylinder", "Keyframes", "Mesh", "Points", "Scene", "Sphere", "Twist",
-        "Unknown", "Voxels", "World",
+        "UnknownMotion", "Voxels", "World",
     ),
     "strip": ("Strip",),
     "tunnel": ("Certificate", "strip_clearance"),

@@ -12,7 +12,7 @@ from types import ModuleType
 import pytest
 
 import elastic_strips as es
-from elastic_strips.named import SCENARIOS
+from elastic_strips.catalogue import SCENARIOS
 
 HEAVY = ("coal", "pinocchio", "scipy", "trimesh", "yourdfpy", "networkx", "matplotlib", "mujoco", "meshcat", "tornado")
 

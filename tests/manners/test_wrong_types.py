@@ -12,7 +12,8 @@ import elastic_strips as es
 from elastic_strips.control import DriveAndReach, DriveTo, ReachHand
 from elastic_strips.errors import InputError
 from elastic_strips.execution import DriveParams, MotionLimits, Retimer
-from elastic_strips.io import write_json, write_record
+from elastic_strips.files import write_json
+from elastic_strips.io import write_record
 from elastic_strips.perception import SceneEstimator
 from elastic_strips.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sim import Fault, TaskSimulation, judge, simulation

@@ -13,14 +13,14 @@ from elastic_strips.io import read_record, write_record
 from elastic_strips.scenarios import DriveOutcome, drive_scenario, moving_corridor
 from elastic_strips.scenarios.corridor import HALF_WIDTH, LENGTH
 from elastic_strips.scenarios.moving import ACCELERATION, COURTEOUS_SPEEDS, YIELDING
-from elastic_strips.scene import Keyframes, Obstacle, Yielding
+from elastic_strips.scene import Keyframes, Obstacle, PedestrianMotion
 
 SEED = 3
 """Somebody crosses there, finds the robot in the way, and waits."""
 
 
-def _movers(world) -> list[tuple[Obstacle, Yielding]]:
-    return [(o, o.motion) for o in world.scene if isinstance(o.motion, Yielding)]
+def _movers(world) -> list[tuple[Obstacle, PedestrianMotion]]:
+    return [(o, o.motion) for o in world.scene if isinstance(o.motion, PedestrianMotion)]
 
 
 def _acceleration(places: np.ndarray, step: float, span: int) -> float:

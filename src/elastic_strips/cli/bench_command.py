@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from ..bench import bench_plan, bench_replan, bench_robots, bench_tick, robot_cases, robots_table, with_table
-from ..io import check_writable, write_json
-from ..io.files import write_whole
+from ..files import atomic_write, check_writable, write_json
 from ..robot import load_robot
 from .bench_drive_command import COMMANDS
 from .group import Finite
@@ -143,7 +142,7 @@ def robots(
     if table_file is not None:
         page = Path(table_file)
         text = with_table(page.read_text(encoding="utf-8") if page.is_file() else "", text)
-        click.echo(f"table   {write_whole(page, text.encode())}")
+        click.echo(f"table   {atomic_write(page, text.encode())}")
     _write(json_file, figures)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from ..bench import bench_bridge, bench_drive, bench_faults, bench_problems, bench_reaction, bench_soak
-from ..io import check_writable, write_json
+from ..files import check_writable, write_json
 from ..robot import load_robot
 from ..scenarios import DRIVE_METHODS, PLANTS, STRIP
 from .group import Finite

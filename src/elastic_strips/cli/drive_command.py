@@ -11,7 +11,8 @@ import click
 import numpy as np
 
 from ..execution import Controller, RunState
-from ..io import check_record_file, write_json, write_record
+from ..files import write_json
+from ..io import check_record_file, write_record
 from ..scenarios import (
     DRIVE_METHODS,
     PLANTS,

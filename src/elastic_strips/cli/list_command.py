@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import click
 
-from ..catalogue import own_robots, robot_names, robot_summary
-from ..named import PRESETS, SCENARIOS
+from ..catalogue import PRESETS, SCENARIOS, own_robots, robot_names, robot_summary
 
 
 @click.command(name="list", help="Show the scenarios, robots and presets that have names.")

@@ -9,7 +9,7 @@ import click
 
 from ..deform import DeformReport
 from ..errors import InputError
-from ..io import check_writable, write_json
+from ..files import check_writable, write_json
 from ..robot import RobotModel
 from ..scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
 from .group import Finite

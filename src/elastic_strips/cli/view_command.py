@@ -10,7 +10,7 @@ import click
 
 from ..errors import InputError, RobotError
 from ..execution import Record
-from ..input_file import read_input_text
+from ..files import read_input_text
 from ..io import read_record, record_robot
 from ..planning import straight_line
 from ..robot import RobotModel, load_robot, recorded_robot

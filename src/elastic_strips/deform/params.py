@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from .. import named
+from .. import catalogue
 from ..errors import ParameterError, nearest_name
 from ..validation import check_choice, check_numbers, shown
 
-PRESETS = tuple(named.PRESETS)
+PRESETS = tuple(catalogue.PRESETS)
 _POSITIVE = (
     "influence", "k_c", "damping", "max_step", "max_spacing", "max_nodes", "max_ticks", "certificate_depth", "updates",
 )  # fmt: skip

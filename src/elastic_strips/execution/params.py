@@ -20,7 +20,7 @@ class ObstacleAssumptions:
 
     An obstacle that is sensed at a pose with a velocity is within ``position_error + velocity_error·t +
     ½·acceleration·t²`` of where constant velocity takes it, t after the snapshot. One whose motion is unknown
-    (:class:`~elastic_strips.scene.Unknown`) is within its speed bound times t of where it is.
+    (:class:`~elastic_strips.scene.UnknownMotion`) is within its speed bound times t of where it is.
 
     Attributes:
         position_error: error of a sensed pose [m].

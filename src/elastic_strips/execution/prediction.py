@@ -8,7 +8,7 @@ from elastic_strips.arrays import Array
 
 from ..proximity import Ahead, Forecast
 from ..robot import RobotModel
-from ..scene import Scene, Unknown
+from ..scene import Scene, UnknownMotion
 from .limits import MotionLimits
 from .params import ObstacleAssumptions
 
@@ -28,7 +28,7 @@ def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = 
     velocity, offset, speed, acceleration = np.zeros((m, 3)), np.zeros(m), np.zeros(m), np.zeros(m)
     for i, k in enumerate(moving):
         obstacle = scene.obstacles[k]
-        if isinstance(obstacle.motion, Unknown):
+        if isinstance(obstacle.motion, UnknownMotion):
             speed[i] = obstacle.motion.max_speed
         else:
             linear, angular = obstacle.velocity()
@@ -65,9 +65,9 @@ def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: Ob
         now, then = scene.obstacles[k], before.obstacles[k]
         apart[m] = float(np.linalg.norm(now.pose[:3, 3] - then.pose[:3, 3] - age * forecast.velocity[m]))
         apart[m] += now.reach * float(np.linalg.norm(now.pose[:3, :3] - then.pose[:3, :3])) / np.sqrt(2.0)
-        known[m] = not isinstance(then.motion, Unknown)
+        known[m] = not isinstance(then.motion, UnknownMotion)
         if known[m]:
-            if isinstance(now.motion, Unknown):
+            if isinstance(now.motion, UnknownMotion):
                 return False
             faster[m] = float(np.linalg.norm(now.velocity()[0] - forecast.velocity[m]))
     growth = forecast.offset + forecast.speed * age + 0.5 * forecast.acceleration * age * age

@@ -17,7 +17,6 @@ from elastic_strips.arrays import Array
 from ..errors import InputError
 from ..robot import BaseKind, RobotModel
 from ..scene import Scene, World
-from ..scene.yielding import copied
 from ..summary import Summary
 
 DRIVE_NAMES = {
@@ -351,7 +350,7 @@ class Recorder:
             control=control,
             planning=self._planning(),
             events=tuple(sorted(self._events, key=lambda e: e.time)),
-            world=copied(self._world),  # what a later run makes of it is not part of this one
+            world=self._world.copied(),  # what a later run makes of it is not part of this one
             goal=self._goal,
             states=self._states,
             metadata={**self._metadata, **metadata},

@@ -112,7 +112,7 @@ class Replanner:
 def standing(scene: Scene) -> Scene:
     """What a planner of still scenes gets: the obstacles that stand."""
     still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _STANDING]
-    return Scene([o.sensed(o.pose, None) for o in still], time=scene.time)
+    return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
 
 
 def _around(obstacle: Obstacle, width: float) -> Obstacle:
@@ -219,4 +219,4 @@ class SwitchingReplanner(Replanner):
 def slow(scene: Scene) -> Scene:
     """What stands or moves slowly, as if it stood."""
     still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _SLOW]
-    return Scene([o.sensed(o.pose, None) for o in still], time=scene.time)
+    return Scene([o.observed(o.pose, None) for o in still], time=scene.time)

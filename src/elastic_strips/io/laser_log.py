@@ -14,7 +14,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError
-from elastic_strips.input_file import open_input
+from elastic_strips.files import open_input
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan
 
 MAX_BYTES = 200_000_000

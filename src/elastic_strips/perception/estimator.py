@@ -86,7 +86,7 @@ class SceneEstimator:
 
     @property
     def suspects(self) -> tuple[TrackedObstacle, ...]:
-        """What has moved and may set off again, or begins to; in the map too, and in scenes of `Unknown` motion."""
+        """What has moved and may set off again, or begins to; in the map too, and in scenes with `UnknownMotion`."""
         return self._suspects
 
     @property

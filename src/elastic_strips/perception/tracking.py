@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Mask
 
-from ..scene import Cylinder, Motion, Obstacle, Twist, Unknown
+from ..scene import Cylinder, Motion, Obstacle, Twist, UnknownMotion
 from .clusters import OTHER, ROUND, Cluster, Footprint, footprint
 from .params import SceneEstimatorParams
 from .readings import ScanRays
@@ -36,7 +36,7 @@ class TrackedObstacle:
 
     Attributes:
         name: of the track and of the obstacle, ``"track-3"``; it stays with the thing.
-        obstacle: with its pose and `Twist` at `time`, or `Unknown` where that is all that is known; its solid is
+        obstacle: with its pose and `Twist` at `time`, or `UnknownMotion` where that is all that is known; its solid is
             the same object as long as its size is.
         time: of the estimate [s].
         position: (2,) of the cylinder's axis [m].
@@ -201,12 +201,12 @@ class Track:
         position.flags.writeable = velocity.flags.writeable = False
         motion: Motion = Twist(np.array([velocity[0], velocity[1], 0.0]))
         if self.stirring(params):
-            motion = Unknown(min(params.stir_speed, self.speed + 2.0 * math.sqrt(self.vv)))
+            motion = UnknownMotion(min(params.stir_speed, self.speed + 2.0 * math.sqrt(self.vv)))
         elif not self.moving:
-            motion = Unknown(params.wary_speed)
+            motion = UnknownMotion(params.wary_speed)
         return TrackedObstacle(
             name=self.name,
-            obstacle=self.solid.at(self.time).sensed(pose, motion),
+            obstacle=self.solid.at(self.time).observed(pose, motion),
             time=self.time,
             position=position,
             velocity=velocity,

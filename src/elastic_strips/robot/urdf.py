@@ -19,7 +19,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ..errors import RobotError, nearest_name
-from ..input_file import check_input, read_input
+from ..files import check_input, read_input
 from ..summary import shortened
 
 _log = logging.getLogger(__name__)

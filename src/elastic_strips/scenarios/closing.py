@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..catalogue import SCENARIOS
 from ..io import PoseSpec
-from ..named import SCENARIOS
 from ..scene import Box, Scene
 from ..scene.motion import Twist
 from .scenario import Scenario

@@ -6,9 +6,9 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..catalogue import SCENARIOS
 from ..errors import ScenarioError
 from ..io import PoseSpec
-from ..named import SCENARIOS
 from ..scene import Box, Cylinder, Obstacle, Scene
 from .scenario import Scenario
 

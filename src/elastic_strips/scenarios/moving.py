@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..catalogue import SCENARIOS
 from ..errors import ScenarioError
 from ..io import PoseSpec
-from ..named import SCENARIOS
-from ..scene import Box, Cylinder, Keyframes, Motion, Obstacle, Scene, Sphere, World, Yielding, checks
+from ..scene import Box, Cylinder, Keyframes, Motion, Obstacle, PedestrianMotion, Scene, Sphere, World
+from ..validation import check_array
 from .corridor import HALF_WIDTH, LENGTH, PASSAGE, corridor_guide, corridor_scene
 from .scenario import Scenario
 from .to_rest import FINE, to_rest
@@ -144,7 +145,7 @@ def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:
     if count is not None and not (whole and COUNTS[0] <= count <= COUNTS[1]):
         raise ScenarioError(f"{NAME}: count={count!r} must be an integer from {COUNTS[0]} to {COUNTS[1]}")
     try:
-        low, high = checks.array("speed", speed, (2,)).tolist()
+        low, high = check_array("speed", speed, (2,)).tolist()
     except ValueError as error:
         raise ScenarioError(f"{NAME}: {error}") from None
     if not SPEEDS[0] <= low <= high <= SPEEDS[1]:
@@ -174,7 +175,7 @@ def _mover(
         times = plan.begin + frame * np.arange(len(track))
         half = 0.5 * math.atan2(plan.velocity[1], plan.velocity[0])
         motion = Keyframes(times, np.column_stack((track, np.full(len(track), body.height))))
-        motion = Yielding(motion, YIELDING) if yielding else motion
+        motion = PedestrianMotion(motion, YIELDING) if yielding else motion
         name = f"{role}-{body.kind}-{k}" if role else f"{body.kind}-{k}"
         return body.make(name, motion, (0.0, 0.0, math.sin(half), math.cos(half))), plan.begin, float(times[-1])
     raise ScenarioError(f"{NAME}: found no course for mover {k} of at most {high:g} m/s; try another seed")

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..catalogue import SCENARIOS
 from ..io import PoseSpec
-from ..named import SCENARIOS
 from ..scene import Box, Cylinder, Obstacle, Scene
 from .scenario import Scenario
 

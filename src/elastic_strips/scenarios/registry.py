@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..catalogue import SCENARIOS
 from ..errors import ScenarioError, nearest_name
 from ..io import PoseSpec, read_scenario
-from ..named import SCENARIOS
 from ..validation import shown
 from .closing import NAME as CLOSING
 from .closing import closing_side

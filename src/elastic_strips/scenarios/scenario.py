@@ -12,7 +12,6 @@ from ..errors import ConfigurationError, RobotError, ScenarioError
 from ..io import PoseSpec, ScenarioSpec
 from ..robot import BaseKind, RobotModel, load_robot
 from ..scene import Scene, World
-from ..scene.yielding import copied
 from ..summary import Summary
 
 
@@ -58,7 +57,7 @@ class Scenario(Summary):
 
         Where obstacles yield, each time another world, in which nobody has yielded yet.
         """
-        return World(self.scene) if self.timeline is None else copied(self.timeline, history=False)
+        return World(self.scene) if self.timeline is None else self.timeline.copied(history=False)
 
     @staticmethod
     def from_spec(spec: ScenarioSpec) -> Scenario:

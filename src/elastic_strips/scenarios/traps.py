@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..catalogue import SCENARIOS
 from ..io import PoseSpec
-from ..named import SCENARIOS
 from ..scene import Box, Obstacle, Scene
 from .scenario import Scenario
 

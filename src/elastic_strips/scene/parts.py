@@ -13,14 +13,12 @@ from functools import cached_property
 from itertools import permutations
 from typing import Any
 
-import coal as _coal
+import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
-from elastic_strips.scene.checks import Array
-
-coal: Any = _coal  # compiled, without type stubs
 
 MIN_THICKNESS = 1e-6
 """A convex hull thinner than this [m] counts as flat and is refused."""
@@ -95,7 +93,7 @@ class Solid:
         return Solid, (self.parts,)
 
 
-def primitive(geometry: Any, half_extents: Sequence[float], radius: float) -> Solid:
+def primitive(geometry: Any, half_extents: ArrayLike, radius: float) -> Solid:
     """Solid of one Coal primitive that is centred at the obstacle's origin."""
     geometry.computeLocalAABB()
     return Solid([Part(geometry, np.eye(4), np.zeros(3), np.array(half_extents, dtype=np.float64), float(radius))])

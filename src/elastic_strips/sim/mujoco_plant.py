@@ -15,8 +15,7 @@ from ..execution.limits import MotionLimits
 from ..execution.measurement import Measurement
 from ..execution.tracking import Command
 from ..robot import RobotModel
-from ..scene import Scene
-from ..scene.world import World
+from ..scene import Scene, World
 from .mujoco_geoms import FLOOR, LINK, OBSTACLE, ROLLING
 from .mujoco_model import MujocoModel, build_model, import_mujoco
 from .odometry import Sensors

@@ -16,7 +16,7 @@ from elastic_strips.arrays import Array
 from ..errors import ParameterError
 from ..execution.evasion import Silhouette, beyond_box
 from ..robot import RobotModel
-from ..scene import Obstacle, World, Yielding
+from ..scene import Obstacle, PedestrianMotion, World
 from ..validation import check_numbers
 
 _OVERLAP = 0.05
@@ -100,7 +100,7 @@ _SLOW = 0.1  # [m/s] the clock of what is slower than this changes no faster tha
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Courtesy:
+class YieldingPolicy:
     """How those who yield treat a robot.
 
     Attributes:
@@ -144,9 +144,9 @@ class Bystanders:
         courtesy: how they do it.
     """
 
-    def __init__(self, robot: RobotModel, world: World, courtesy: Courtesy | None = None) -> None:
-        self._courtesy, self._world = courtesy or Courtesy(), world
-        self._movers = [_Mover(o, o.motion) for o in world.scene if isinstance(o.motion, Yielding)]
+    def __init__(self, robot: RobotModel, world: World, courtesy: YieldingPolicy | None = None) -> None:
+        self._courtesy, self._world = courtesy or YieldingPolicy(), world
+        self._movers = [_Mover(o, o.motion) for o in world.scene if isinstance(o.motion, PedestrianMotion)]
         self._footprint = Footprint(robot) if self._movers else None
         self._moved, self._looked, self._time = -math.inf, -math.inf, math.nan
         for mover in self._movers:
@@ -186,7 +186,7 @@ class Bystanders:
 class _Mover:
     """Workspace: an obstacle that yields, since when it does [s], and the rate that it is about to take."""
 
-    def __init__(self, obstacle: Obstacle, motion: Yielding) -> None:
+    def __init__(self, obstacle: Obstacle, motion: PedestrianMotion) -> None:
         self.name, self.motion, self.wish = obstacle.name or "", motion, 1.0
         self._since: float | None = None
         self._anchor, self._discs = obstacle.anchor, Discs.of(obstacle)
@@ -199,7 +199,7 @@ class _Mover:
         if rate != self.wish:
             self.motion.advance(t, self._towards(self.wish, self.motion.place(t), rate, dt))
 
-    def decide(self, t: float, stands: bool, footprint: Footprint, courtesy: Courtesy) -> None:
+    def decide(self, t: float, stands: bool, footprint: Footprint, courtesy: YieldingPolicy) -> None:
         """Whether to go on, to stop, or to step back."""
         if self._since is None and not stands:
             return

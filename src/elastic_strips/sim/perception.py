@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array
 
 from ..errors import ElasticStripsError, ParameterError
 from ..execution.params import ObstacleAssumptions
-from ..scene import Scene, Twist, Unknown, World
+from ..scene import Scene, Twist, UnknownMotion, World
 
 
 class PerceptionError(ElasticStripsError):
@@ -124,9 +124,9 @@ class Perception:
             name = obstacle.name or ""
             pose = np.array(obstacle.pose)
             pose[:3, 3] += self._position[name]
-            if isinstance(obstacle.motion, Unknown):
-                seen.append(obstacle.sensed(pose, obstacle.motion))
+            if isinstance(obstacle.motion, UnknownMotion):
+                seen.append(obstacle.observed(pose, obstacle.motion))
                 continue
             linear, angular = obstacle.velocity()
-            seen.append(obstacle.sensed(pose, Twist(linear + self._velocity[name], angular)))
-        return scene.seen(seen) if seen else scene
+            seen.append(obstacle.observed(pose, Twist(linear + self._velocity[name], angular)))
+        return scene.with_observations(seen) if seen else scene

@@ -15,7 +15,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..errors import InputError, ScenarioError, missing_extra, nearest_name
-from ..io.files import check_writable, write_whole
+from ..files import atomic_write, check_writable
 from ..scenarios import drive_scenario, get_scenario
 from ..scenarios.paper_cases import TABLE_1, TABLE_2
 from ..scenarios.traps import BOTTLENECK, DEAD_END
@@ -128,7 +128,7 @@ def _write(out: Path, files: Mapping[str, bytes]) -> list[Path]:
         for name, data in files.items():
             if not (out / name).exists():
                 new.append(out / name)
-            write_whole(check_writable(out / name), data)
+            atomic_write(check_writable(out / name), data)
     except BaseException:
         for file in new:
             file.unlink(missing_ok=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 from elastic_strips.errors import InputError, RobotError, SceneError
 from elastic_strips.execution.record import Record as RunRecord
-from elastic_strips.io.files import check_writable, write_whole
+from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.viewer import page, playback, replay
@@ -210,7 +210,7 @@ class Viewer:
         Raises:
             InputError: The file cannot be written.
         """
-        return write_whole(check_writable(path), self.html().encode())
+        return atomic_write(check_writable(path), self.html().encode())
 
     def _repr_html_(self) -> str:
         return page.inline_frame(self.html())

@@ -8,7 +8,7 @@ import pytest
 from elastic_strips.execution import DriveParams, MotionLimits, Pilot
 from elastic_strips.execution.supervisor import standstill
 from elastic_strips.planning import straight_line
-from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, Unknown
+from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
 from elastic_strips.strip import Strip
 from elastic_strips.tunnel import BrokenSegment, Certificate
 
@@ -70,7 +70,7 @@ def moved(scene: Scene, name: str, by: tuple[float, float, float]) -> Scene:
 
 
 def faster(obstacle: Obstacle) -> Obstacle:
-    return obstacle.sensed(obstacle.pose, Twist((0.0, 0.9, 0.0)))
+    return obstacle.observed(obstacle.pose, Twist((0.0, 0.9, 0.0)))
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def faster(obstacle: Obstacle) -> Obstacle:
     [
         pytest.param(lambda s: moved(s, "pillar", (0.0, 0.1, 0.0)), id="what stood has moved"),
         pytest.param(lambda s: moved(s, "walker", (0.0, 0.2, 0.0)), id="what moves is elsewhere"),
-        pytest.param(lambda s: s.seen([faster(s.obstacle("walker"))]), id="what moves is faster"),
+        pytest.param(lambda s: s.with_observations([faster(s.obstacle("walker"))]), id="what moves is faster"),
         pytest.param(
             lambda s: Scene([*s, Box((0.2, 0.2, 1.0), at=(3.0, 1.5, 0.5), name="new")], time=s.time), id="new"
         ),
@@ -95,7 +95,7 @@ def test_what_is_not_as_expected_is_planned_for_at_once(silvermate, change):
 
 def test_a_waiting_robot_tries_every_other_tick(silvermate):
     """Something near by may come at any time as fast as a person: no motion can be certified."""
-    near = Cylinder(0.2, 1.7, at=(0.7, 0.1, 0.85), name="near", motion=Unknown(1.5))
+    near = Cylinder(0.2, 1.7, at=(0.7, 0.1, 0.85), name="near", motion=UnknownMotion(1.5))
     ride = Ride(silvermate, Scene([near]))
     waiting = [ride.tick() for _ in range(13)][1:]
     assert not any(p.accepted for p in waiting)
@@ -130,7 +130,7 @@ def test_it_brakes_at_once_where_the_held_motion_is_refuted(silvermate):
     at = ride.time + 0.02
     robot = held.at(at).chart[0]
     comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
-    now = Scene([PILLAR, comer.sensed(comer.pose, comer.motion)], time=ride.time)
+    now = Scene([PILLAR, comer.observed(comer.pose, comer.motion)], time=ride.time)
     proposal = ride.tick(now)
     assert not proposal.accepted
     assert proposal.emergency

@@ -8,7 +8,7 @@ import pytest
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution import DriveParams, ObstacleAssumptions, predict
 from elastic_strips.execution.prediction import ArrivalTimes, as_expected
-from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, Unknown, World
+from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, UnknownMotion, World
 from elastic_strips.sim import Fault, Perception, PerceptionError, PerceptionParams
 from elastic_strips.sim.faults import FaultPlan, FaultyPerception
 
@@ -51,7 +51,7 @@ def test_kinds_of_motion():
         [
             Sphere(0.2, at=(1, 0, 0.5), name="still"),
             Sphere(0.2, at=(2, 0, 0.5), name="steady", motion=Twist((0.5, 0.0, 0.0))),
-            Sphere(0.2, at=(3, 0, 0.5), name="unknown", motion=Unknown(0.7)),
+            Sphere(0.2, at=(3, 0, 0.5), name="unknown", motion=UnknownMotion(0.7)),
             Box((0.6, 0.2, 0.4), at=(4, 0, 0.5), name="turning", motion=Twist(angular=(0.0, 0.0, 1.0))),
         ]
     )
@@ -155,7 +155,9 @@ def test_what_keeps_to_the_assumptions_is_as_expected():
             verdicts.append(as_expected(two, one, predict(one, ASSUMED), ASSUMED))
             assert not as_expected(one, two, predict(two, ASSUMED), ASSUMED)  # older, not newer
             pose = two.obstacle("a").pose
-            turned = two.seen([two.obstacle("a").sensed(pose, Twist(two.obstacle("a").velocity()[0] + 0.3))])
+            turned = two.with_observations(
+                [two.obstacle("a").observed(pose, Twist(two.obstacle("a").velocity()[0] + 0.3))]
+            )
             assert not as_expected(turned, one, predict(one, ASSUMED), ASSUMED)
             away = pose.copy()
             away[0, 3] += 0.06

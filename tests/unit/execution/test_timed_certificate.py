@@ -8,7 +8,7 @@ from brute_force import configuration, link_distances
 
 from elastic_strips.execution import MotionLimits, ObstacleAssumptions, Retimer, TrajectoryCertifier, predict
 from elastic_strips.planning import straight_line
-from elastic_strips.scene import Cylinder, Scene, Sphere, Twist, Unknown
+from elastic_strips.scene import Cylinder, Scene, Sphere, Twist, UnknownMotion
 
 EXACT = ObstacleAssumptions(position_error=0.0, velocity_error=0.0, acceleration=0.0)
 
@@ -50,7 +50,7 @@ def test_uncertainty_grows_until_the_end(silvermate, motion):
     certifier = TrajectoryCertifier(silvermate, clearance=0.02)
     for gap, bound, good in ((0.5, 0.2, True), (0.5, 0.35, False), (1.0, 0.35, True)):
         x = 1.5 + 0.30 + 0.15 + gap
-        scene = Scene([Cylinder(0.15, 0.3, at=(x, 0.0, 0.15), motion=Unknown(bound))])
+        scene = Scene([Cylinder(0.15, 0.3, at=(x, 0.0, 0.15), motion=UnknownMotion(bound))])
         reach = bound * motion.duration
         assert (gap - reach > 0.02) == good
         assert certifier.certify(motion, scene, predict(scene, EXACT)).certified == good

@@ -17,7 +17,8 @@ from synthetic_run import moving_world, straight_run
 
 from elastic_strips.errors import InputError, MissingExtraError
 from elastic_strips.execution.record import Record, Recorder, RecordError
-from elastic_strips.io import record_file
+from elastic_strips.io import obstacle_document, record_file
+from elastic_strips.io.obstacle_document import world_from_documents
 from elastic_strips.io.record_file import (
     FORMAT_VERSION,
     check_record_file,
@@ -27,7 +28,6 @@ from elastic_strips.io.record_file import (
     record_csv,
     record_frame,
     record_robot,
-    world_from_documents,
     write_record,
 )
 from elastic_strips.scene import Box, Keyframes, Mesh, Scene, Sphere, Twist, World
@@ -414,7 +414,7 @@ def test_obstacles_that_follow_one_track_are_bounded(file, tmp_path, monkeypatch
     """A line of metadata each, and all of them would hold the track's poses."""
     entry = {"shape": "sphere", "size": [1.0], "pose": [0, 0, 0, 0, 0, 0, 1], "appears": None, "vanishes": None}
     many = [{**entry, "name": f"b{k}", "track": 0} for k in range(20)]
-    monkeypatch.setattr(record_file, "MAX_ROWS", 1000)
+    monkeypatch.setattr(obstacle_document, "MAX_ROWS", 1000)
     with pytest.raises(RecordError, match=r"need \d+ rows; at most 1000"):
         read_record(with_metadata(file, tmp_path / "x.npz", obstacles=many))
 

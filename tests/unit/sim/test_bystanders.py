@@ -9,9 +9,9 @@ from brute_force import configuration, link_distances
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution import MotionLimits
 from elastic_strips.execution.tracking import Command
-from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World, Yielding
+from elastic_strips.scene import Box, Cylinder, Keyframes, PedestrianMotion, Scene, World
 from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, judge, simulation
-from elastic_strips.sim.pedestrians import Bystanders, Courtesy
+from elastic_strips.sim.pedestrians import Bystanders, YieldingPolicy
 
 DT = 0.01
 LIMIT = 0.48
@@ -20,7 +20,7 @@ LIMIT = 0.48
 def walker(speed: float = 1.0, y: float = 0.0, height: float = 0.85, ahead: float = 6.0) -> World:
     """A person who comes along −x, towards a robot at the origin, and goes on beyond it."""
     ends = [[ahead, y, height], [-ahead, y, height]]
-    motion = Yielding(Keyframes([0.0, 2 * ahead / speed], ends), LIMIT)
+    motion = PedestrianMotion(Keyframes([0.0, 2 * ahead / speed], ends), LIMIT)
     return World(Scene([Cylinder(0.25, 1.7, name="walker", motion=motion)]))
 
 
@@ -52,7 +52,7 @@ def acceleration(places: np.ndarray) -> float:
 @pytest.mark.parametrize("speed", [0.3, 1.0, 1.5])
 def test_stops_before_a_robot_that_stands(silvermate, speed):
     world = walker(speed)
-    places = watch(silvermate, world, 6.0 / speed + 4.0, courtesy=Courtesy(room=0.0))
+    places = watch(silvermate, world, 6.0 / speed + 4.0, courtesy=YieldingPolicy(room=0.0))
     assert np.linalg.norm(places[-1] - places[-50]) < 1e-9
     assert 0.2 < gap(silvermate, world, 6.0 / speed + 4.0) < 0.5
     assert 0.3 < acceleration(places) <= LIMIT + 0.02
@@ -71,7 +71,7 @@ def test_does_not_stop_for_a_robot_that_is_not_in_its_way(silvermate):
 @pytest.mark.parametrize("height, stops", [(0.3, True), (3.0, False)])
 def test_heights_count(silvermate, height, stops):
     """What hangs above the robot passes."""
-    motion = Yielding(Keyframes([0.0, 12.0], [[6, 0, height], [-6, 0, height]]), LIMIT)
+    motion = PedestrianMotion(Keyframes([0.0, 12.0], [[6, 0, height], [-6, 0, height]]), LIMIT)
     world = World(Scene([Box((0.5, 0.3, 0.3), name="walker", motion=motion)]))
     assert bool(watch(silvermate, world, 12.0)[-1, 0] > 0.0) is stops
 
@@ -105,7 +105,7 @@ def test_a_turn_and_braking_together_stay_within_the_bound(silvermate):
     """On a circle at 0.8 m/s, 0.4 m/s² inwards, that the robot stands on."""
     angle = np.linspace(0.0, 1.7 * np.pi, 1200)
     circle = np.column_stack((1.6 * (1 - np.cos(angle)), 1.6 * np.sin(angle), np.full(len(angle), 0.85)))
-    motion = Yielding(Keyframes(angle / 0.5, circle), LIMIT)
+    motion = PedestrianMotion(Keyframes(angle / 0.5, circle), LIMIT)
     world = World(Scene([Cylinder(0.25, 1.7, name="walker", motion=motion)]))
     bystanders, chart = Bystanders(silvermate, world), _home(silvermate)
     chart[:2] = 3.2, 0.0
@@ -190,4 +190,4 @@ def test_mujoco_carries_them_as_their_clocks_say(silvermate):
 @pytest.mark.parametrize("wrong", [{"distance": -1.0}, {"room": 2.0}, {"pace": 1.5}, {"look": 0.0}])
 def test_wrong_courtesy_is_refused(wrong):
     with pytest.raises(ParameterError):
-        Courtesy(**wrong)
+        YieldingPolicy(**wrong)

@@ -27,8 +27,8 @@ from elastic_strips.scene import (
     Sphere,
     Twist,
     Voxels,
+    World,
 )
-from elastic_strips.scene.world import World
 from elastic_strips.sim.mujoco_geoms import LINK, ROLLING
 from elastic_strips.sim.mujoco_plant import MujocoPlant
 from elastic_strips.sim.odometry import SensorParams

@@ -8,7 +8,7 @@ from brute_force import configuration, link_distances
 
 from elastic_strips.execution import DriveParams, MotionLimits, RunState
 from elastic_strips.planning import straight_line
-from elastic_strips.scene import Box, Cylinder, Scene, Twist, Unknown, World
+from elastic_strips.scene import Box, Cylinder, Scene, Twist, UnknownMotion, World
 from elastic_strips.sim import FAULTS, Fault, PerceptionError, PerceptionParams, judge, simulation
 from elastic_strips.sim.judge import REST_SPEED
 from elastic_strips.sim.tracking_bound import Displacement
@@ -148,7 +148,7 @@ def test_a_closed_way_is_not_driven(silvermate):
 
 def test_who_might_walk_on_and_does_not_is_planned_around_again_and_again(silvermate):
     """At rest the held motion is made anew now and then: that must not count as if the robot had moved."""
-    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=UnknownMotion(0.1))
     walls = ((0.2, 6.0, -2.0, 0.0), (4.2, 0.2, 0.0, 3.0), (4.2, 0.2, 0.0, -3.0))
     room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.6)

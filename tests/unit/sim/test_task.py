@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from elastic_strips.control import DriveTo, Order, ReachHand
 from elastic_strips.execution import DriveParams
-from elastic_strips.scene import Box, Scene, Unknown, World
+from elastic_strips.scene import Box, Scene, UnknownMotion, World
 from elastic_strips.sim import TaskSimulation, judge
 
 SHELF = Box((0.5, 0.8, 0.05), at=(1.6, 0.0, 0.6), name="shelf")
@@ -48,7 +48,7 @@ def test_a_way_that_closes_is_planned_anew(silvermate):
 
 
 def test_a_hopeless_task_is_given_up(silvermate):
-    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=UnknownMotion(0.1))
     walls = ((0.2, 6.0, -2.0, 0.0), (4.2, 0.2, 0.0, 3.0), (4.2, 0.2, 0.0, -3.0))
     room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.1, replan_time=0.1)

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from elastic_strips.errors import ParameterError, nearest_name
-from elastic_strips.io import schema
-from elastic_strips.io.yaml_source import Node, load_yaml
+from elastic_strips.io.nodes import Node, load_yaml
 from elastic_strips.sim.sensors import params as sensing
 from elastic_strips.sim.sensors.params import InfraredParams, LaserParams, SensorConfig, SensorParams, SonarParams
 
@@ -40,40 +39,36 @@ def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
             message names file, line, key, value and bound.
     """
     root = load_yaml(silvermate_sensors() if path is None else path, error=ParameterError)
-    entries = schema.mapping(root, ("sensors", "self_padding"), needed=("sensors",), what="a sensor file")
-    named = entries["sensors"]
-    if not isinstance(named.value, dict):
-        named.fail(f"must be a mapping from names to sensors, not {schema.kind(named)}")
-    values: dict[str, Any] = {"sensors": tuple(_sensor(name, node) for name, node in named.value.items())}
+    entries = root.mapping(("sensors", "self_padding"), needed=("sensors",), what="a sensor file")
+    named = entries["sensors"].mapping(what="names to sensors")
+    values: dict[str, Any] = {"sensors": tuple(_sensor(name, node) for name, node in named.items())}
     if "self_padding" in entries:
-        values["self_padding"] = schema.number(entries["self_padding"])
-    return schema.checked(root, SensorConfig, **values)
+        values["self_padding"] = entries["self_padding"].number()
+    return root.checked(SensorConfig, **values)
 
 
 def _sensor(name: str, node: Node) -> SensorParams:
-    if not isinstance(node.value, dict):
-        node.fail(f"must be a mapping, not {schema.kind(node)}")
-    kind = node.value.get("kind")
+    kind = node.mapping().get("kind")
     if kind is None:
         node.fail(f"the key 'kind' is missing{nearest_name('kind', _KINDS)}")
-    make = _KINDS[schema.string(kind, valid=_KINDS)]
+    make = _KINDS[kind.text(valid=_KINDS)]
     known = {f.name: f.type for f in fields(make) if f.name != "name"}
-    entries = schema.mapping(node, ("kind", *known), what=f"a {kind.value}")
+    entries = node.mapping(("kind", *known), what=f"a {kind.value}")
     values: dict[str, Any] = {"name": name}
     for key, entry in entries.items():
         if key != "kind":
             values[key] = _value(str(known[key]), entry)
-    return schema.checked(node, make, **values)
+    return node.checked(make, **values)
 
 
 def _value(kind: str, node: Node) -> Any:
     """What a node holds, as the field of that type needs it."""
     if kind == "str":
-        return schema.string(node)
+        return node.text()
     if kind == "bool":
-        return schema.boolean(node)
+        return node.boolean()
     if kind == "int":
-        return schema.integer(node, low=0, high=1_000_000)
+        return node.integer(low=0, high=1_000_000)
     if kind.startswith("tuple"):
-        return tuple(schema.string(entry) for entry in schema.items(node))
-    return schema.number(node, unit="")
+        return tuple(entry.text() for entry in node)
+    return node.number(unit="")

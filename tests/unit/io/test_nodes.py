@@ -1,25 +1,18 @@
 """YAML source: plain data with lines; everything dangerous or ambiguous is refused, with the line."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.errors import InputError, ScenarioError, SceneError
-from elastic_strips.io import load_yaml, yaml_source
-from elastic_strips.io.yaml_source import Node, Source, parse_yaml
-
-
-def plain(node: Node):
-    """The node's value without lines."""
-    if isinstance(node.value, dict):
-        return {key: plain(entry) for key, entry in node.value.items()}
-    if isinstance(node.value, list):
-        return [plain(entry) for entry in node.value]
-    return node.value
+from elastic_strips.io import nodes
+from elastic_strips.io.nodes import Source, load_yaml, parse_yaml
 
 
 def parse(text, path="x.yaml"):
-    return parse_yaml(text, Source(path, SceneError))
+    return parse_yaml(text, Source(Path(path), SceneError))
 
 
 @pytest.mark.parametrize(
@@ -50,19 +43,20 @@ def parse(text, path="x.yaml"):
     ],
 )
 def test_scalars_are_those_of_yaml_1_2(text, value):
-    found = plain(parse(f"[{text}]"))[0]
+    found = parse(f"[{text}]").value[0]
     assert found == value
     assert type(found) is type(value)
 
 
 def test_nodes_know_their_line_and_key():
     root = parse("a: 1\n\nb:\n  - x\n  - c: [1,\n      2]\n")
-    assert root.value["b"].line == 3
-    inner = root.value["b"].value[1].value["c"]
+    assert root["b"].line == 3
+    inner = root["b"].items()[1]["c"]
     assert (inner.line, inner.key) == (5, "b[1].c")
-    assert (inner.value[1].line, inner.value[1].key) == (6, "b[1].c[1]")
+    first, second = inner
+    assert (first.line, second.line, second.key) == (5, 6, "b[1].c[1]")
     with pytest.raises(SceneError, match=r"^x\.yaml:6: b\[1\]\.c\[1\]: wrong$"):
-        inner.value[1].fail("wrong")
+        second.fail("wrong")
 
 
 @pytest.mark.parametrize(
@@ -101,10 +95,10 @@ def test_alias_bomb_is_refused_at_once():
 def test_size_is_bounded(tmp_path, monkeypatch):
     path = tmp_path / "big.yaml"
     path.write_text("a: 1\n" + "#" * 200)
-    monkeypatch.setattr(yaml_source, "MAX_BYTES", 100)
+    monkeypatch.setattr(nodes, "MAX_YAML_BYTES", 100)
     with pytest.raises(SceneError, match="may have at most 100"):
         load_yaml(path)
-    monkeypatch.setattr(yaml_source, "MAX_NODES", 10)
+    monkeypatch.setattr(nodes, "MAX_NODES", 10)
     with pytest.raises(SceneError, match="more than 10 values"):
         parse("[" + "1," * 20 + "]")
 
@@ -118,7 +112,7 @@ def test_a_file_that_cannot_be_read_raises_the_asked_error(tmp_path):
 def test_byte_order_mark_is_skipped(tmp_path):
     path = tmp_path / "bom.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\n")
-    assert plain(load_yaml(path)) == {"a": 1}
+    assert load_yaml(path).value == {"a": 1}
 
 
 @settings(max_examples=300, deadline=None)

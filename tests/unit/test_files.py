@@ -1,16 +1,20 @@
-"""Input files: regular files up to their bound; whatever else stands at a path is one typed error, at once."""
+"""Files: regular ones up to their bound are read, whatever else stands at a path is one typed error, at once; and
+files are written whole or not at all, whatever comes between."""
 
 from __future__ import annotations
 
 import os
 import socket
+import stat
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from elastic_strips import input_file
-from elastic_strips.errors import SceneError
-from elastic_strips.input_file import check_input, read_input, read_input_text
+from elastic_strips import files
+from elastic_strips.errors import InputError, SceneError
+from elastic_strips.files import atomic_write, check_input, read_input, read_input_text
 
 
 def read(path: Path | str, limit: int = 100) -> bytes:
@@ -54,7 +58,7 @@ def test_a_fifo_that_takes_the_files_place_does_not_hang(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "file").write_text("x")
     regular = os.stat(tmp_path / "file")
-    monkeypatch.setattr(input_file.os, "stat", lambda path: regular)
+    monkeypatch.setattr(files.os, "stat", lambda path: regular)
     with pytest.raises(SceneError, match="is a FIFO"):
         read(tmp_path / "fifo")
 
@@ -80,6 +84,45 @@ def test_a_file_without_permission(tmp_path, monkeypatch):
     def deny(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(input_file.os, "open", deny)  # root may read everything
+    monkeypatch.setattr(files.os, "open", deny)  # root may read everything
     with pytest.raises(SceneError, match="cannot read the map: Permission denied"):
         read(tmp_path / "a")
+
+
+def _raise(error: BaseException) -> Any:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_a_file_keeps_its_mode(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    assert atomic_write(target, b"one") == target
+    assert stat.S_IMODE(target.stat().st_mode) == 0o644
+    target.chmod(0o600)
+    atomic_write(target, b"two")
+    assert stat.S_IMODE(target.stat().st_mode) == 0o600
+    assert target.read_bytes() == b"two"
+
+
+@pytest.mark.parametrize("place", [(os, "replace"), (os, "fsync"), (tempfile, "mkstemp")])
+@pytest.mark.parametrize(
+    "error, raised, message",
+    [
+        (OSError(28, "No space left on device"), InputError, "cannot write: No space left"),
+        (OSError("something else"), InputError, "cannot write: something else"),
+        (KeyboardInterrupt(), KeyboardInterrupt, None),
+    ],
+)
+def test_nothing_is_left_of_a_file_that_could_not_be_written(
+    place: tuple[Any, str], error: BaseException, raised: type[BaseException], message: str | None, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    target = tmp_path / "a.txt"
+    target.write_bytes(b"old")
+    monkeypatch.setattr(*place, _raise(error))
+    with pytest.raises(raised, match=message):
+        atomic_write(target, b"new")
+    assert target.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a.txt"]
