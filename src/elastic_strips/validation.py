@@ -7,7 +7,7 @@ import numbers
 import reprlib
 from collections.abc import Iterable
 from dataclasses import fields
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 
@@ -166,13 +166,13 @@ def check_count(what: str, value: object, *, low: int = 0, high: int | None = No
     return number
 
 
-def check_numbers(owner: Any, *, zero: tuple[str, ...] = ()) -> None:
+def check_numbers(owner: object, *, zero: tuple[str, ...] = ()) -> None:
     """Every number of a dataclass is finite and > 0, or ≥ 0 where it is named in ``zero``; an ``int`` is whole.
 
     Raises:
         ParameterError: a value that is not; the message has the value and its bound.
     """
-    for f in fields(owner):
+    for f in fields(owner):  # type: ignore[arg-type]
         value, what = getattr(owner, f.name), f"{type(owner).__name__}.{f.name}"
         if f.type in ("int", int):
             check_count(what, value, low=0 if f.name in zero else 1)

@@ -78,7 +78,7 @@ class Node:
         source: Where it comes from.
     """
 
-    value: Any
+    value: object
     key: str
     source: Source = field(repr=False)
 
@@ -101,7 +101,7 @@ class Node:
         """Raise the source's error: ``file:line: key: message``."""
         self.source.fail(f"{self.key}: {message}" if self.key else message, self.line)
 
-    def checked(self, make: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+    def checked(self, make: Callable[..., T], *args: object, **kwargs: object) -> T:
         """Call ``make``; an `InputError` without a place is raised again with the node's file, line and key."""
         try:
             return make(*args, **kwargs)
@@ -257,7 +257,7 @@ def parse_yaml(text: str, source: Source) -> Node:
 class _Collection:
     """A list or dict that is being read."""
 
-    value: list[Any] | dict[str, Any]
+    value: list[object] | dict[str, object]
     key: str
     pending: tuple[str, int] | None = None  # key and line of the dict's entry whose value comes next
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -336,9 +336,7 @@ def world_documents(world: World, time: Array) -> tuple[list[Document], list[str
     return documents, names, poses[..., :3, 3].copy(), quaternions.reshape(len(time), len(moving), 4)
 
 
-def world_from_documents(
-    documents: Sequence[Mapping[str, Any]], time: Array, position: Array, quaternion: Array
-) -> World:
+def world_from_documents(documents: Any, time: Array, position: Array, quaternion: Array) -> World:
     """The world of what `world_documents` gave: convex obstacles that follow the recorded poses.
 
     Raises:

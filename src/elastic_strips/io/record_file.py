@@ -27,10 +27,11 @@ from elastic_strips.files import atomic_write, check_writable, open_input
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
 from elastic_strips.validation import check_type
 
+from .nodes import Node, Source
 from .npy_source import NpzArrays
 from .obstacle_document import world_documents, world_from_documents
 
-UNITS = {
+_UNITS = {
     "time": "s",
     "chart": "m, m, rad (base); rad or m (joints)",
     "velocity": "m/s, m/s, rad/s (base, in its own frame); rad/s or m/s (joints)",
@@ -42,43 +43,43 @@ UNITS = {
 }
 
 
-def chart_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
+def _chart_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
     """Names of the columns of a chart row (nv): x, y, yaw of a base that moves, then the joints."""
     base = ("x", "y", "yaw") if record.drive_names else ()
     return tuple(prefix + name for name in (*base, *record.joint_names))
 
 
-def velocity_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
+def _velocity_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
     """Names of the columns of a velocity (nv)."""
     base = ("vx", "vy", "omega") if record.drive_names else ()
     return tuple(prefix + name for name in (*base, *(f"{joint}_rate" for joint in record.joint_names)))
 
 
-def control_columns(record: Record) -> tuple[str, ...]:
+def _control_columns(record: Record) -> tuple[str, ...]:
     """Names of all columns of a control row, in the order of a CSV file."""
     return (
         "time",
         "state",
-        *chart_columns(record),
-        *velocity_columns(record),
-        *chart_columns(record, "reference_"),
-        *velocity_columns(record, "reference_"),
-        *chart_columns(record, "estimate_"),
+        *_chart_columns(record),
+        *_velocity_columns(record),
+        *_chart_columns(record, "reference_"),
+        *_velocity_columns(record, "reference_"),
+        *_chart_columns(record, "estimate_"),
         *(f"command_{name}" for name in record.drive_names),
         *(f"command_{name}_rate" for name in record.joint_names),
         *(f"motor_{name}" for name in record.drive_names),
     )
 
 
-def record_columns(record: Record) -> dict[str, Any]:
+def record_columns(record: Record) -> dict[str, npt.NDArray[Any]]:
     """The control rows by column name: arrays (T,); ``state`` holds names."""
     rows = record.control
     arrays = (rows.chart, rows.v, rows.reference, rows.reference_v, rows.estimate, rows.drive, rows.joints, rows.motors)
     columns = [rows.time, np.array(record.states)[rows.state], *chain.from_iterable(array.T for array in arrays)]
-    return dict(zip(control_columns(record), columns, strict=True))
+    return dict(zip(_control_columns(record), columns, strict=True))
 
 
-def record_frame(record: Record) -> Any:
+def record_frame(record: Record) -> object:
     """The control rows as a ``pandas.DataFrame``.
 
     Raises:
@@ -98,7 +99,7 @@ def record_csv(record: Record) -> str:
     numbers = np.column_stack(list(columns.values())).tolist()
     stream = io.StringIO(newline="")
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(control_columns(record))
+    writer.writerow(_control_columns(record))
     for (time, *rest), state in zip(numbers, states, strict=True):
         writer.writerow([repr(time), state, *("" if x != x else repr(x) for x in rest)])
     return stream.getvalue()
@@ -201,12 +202,12 @@ def _packed(record: Record) -> bytes:
         "states": list(record.states),
         **{name: list(getattr(planning, name)) for name in _TABLES},
         "columns": {
-            "chart": chart_columns(record),
-            "velocity": velocity_columns(record),
+            "chart": _chart_columns(record),
+            "velocity": _velocity_columns(record),
             "drive": record.drive_names,
             "joints": record.joint_names,
         },
-        "units": UNITS,
+        "units": _UNITS,
         "events": [[event.time, event.kind, event.reason] for event in record.events],
         "tracks": names,
         "obstacles": documents,
@@ -234,7 +235,7 @@ def _packed(record: Record) -> bytes:
     return stream.getvalue()
 
 
-def _metadata(loaded: Mapping[str, Any]) -> dict[str, Any]:
+def _metadata(loaded: Mapping[str, npt.NDArray[Any]]) -> dict[str, object]:
     if "metadata" not in loaded:
         raise RecordError("holds no array 'metadata': it is no record")
     text = loaded["metadata"]
@@ -251,25 +252,15 @@ def _metadata(loaded: Mapping[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
-    try:
-        base = BaseKind(document["base"])
-        joints, states = _names(document, "joint_names"), _names(document, "states")
-        nv = len(joints) + (3 if base.planar else 0)
-        tables = {name: _names(document, name) for name in _TABLES}
-        goal = None if document["goal"] is None else np.array(document["goal"], dtype=float)
-        if goal is not None and not np.isfinite(goal).all():
-            raise ValueError(f"goal {goal.tolist()!s:.80} must be finite")
-        events = tuple(
-            Event(_finite("an event's time", time), str(kind), str(reason)) for time, kind, reason in document["events"]
-        )
-        locked = {str(name): _finite(f"locked[{name!r}]", value) for name, value in document["locked"].items()}
-        obstacles, tracks, metadata = document["obstacles"], len(document["tracks"]), dict(document["metadata"])
-        robot, urdf = document["robot"], document["urdf"]
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
-        raise RecordError(f"the metadata are damaged: {type(error).__name__}: {error}") from None
-    if goal is not None and goal.shape != (nv,):
-        raise RecordError(f"the goal has shape {goal.shape}; it must be ({nv},)")
+def _unpacked(document: dict[str, object], loaded: Mapping[str, npt.NDArray[Any]]) -> Record:
+    root = Node(document, "", Source(Path("metadata"), RecordError))
+    base = BaseKind(root["base"].text(valid=[kind.value for kind in BaseKind]))
+    joints, states = _names(root["joint_names"]), _names(root["states"])
+    nv = len(joints) + (3 if base.planar else 0)
+    tables = {name: _names(root[name]) for name in _TABLES}
+    goal = None if root["goal"].value is None else root["goal"].vector(nv, limit=math.inf)
+    locked = {name: entry.number(**_ANY) for name, entry in root["locked"].mapping().items()}
+    urdf, tracks = root["urdf"].value, len(root["tracks"].items())
     T = _array(loaded, "control_time", (None,)).shape[0]
     widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints), "motors": len(DRIVE_NAMES[base])}
     shapes = {name: (T,) if name in ("time", "state") else (T, widths.get(name, nv)) for name in _CONTROL}
@@ -282,35 +273,35 @@ def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
     position = _array(loaded, "track_position", (T, tracks, 3))
     quaternion = _array(loaded, "track_quaternion", (T, tracks, 4))
     return Record(
-        robot=str(robot),
+        robot=str(root["robot"].value),
         base=base,
         joint_names=joints,
         locked=locked,
         urdf=None if urdf is None else str(urdf),
         control=control,
         planning=planning,
-        events=events,
-        world=world_from_documents(obstacles, control.time, position, quaternion),
+        events=tuple(map(_event, root["events"])),
+        world=world_from_documents(root["obstacles"].value, control.time, position, quaternion),
         goal=None if goal is None else frozen(goal),
         states=states,
-        metadata=metadata,
+        metadata={key: entry.value for key, entry in root["metadata"].mapping().items()},
     )
 
 
-def _finite(what: str, value: Any) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{what} is {number}; it must be finite")
-    return number
+def _event(node: Node) -> Event:
+    entries = node.items()
+    if len(entries) != 3:
+        node.fail(f"must be a list of time, kind and reason, not {node.kind}")
+    return Event(entries[0].number(**_ANY), str(entries[1].value), str(entries[2].value))
 
 
-def _names(document: dict[str, Any], key: str) -> tuple[str, ...]:
-    names = document[key]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"{key} must be a list of names")
-    return tuple(names)
+def _names(node: Node) -> tuple[str, ...]:
+    if not isinstance(node.value, list) or not all(isinstance(name, str) for name in node.value):
+        node.fail(f"must be a list of names, not {node.kind}")
+    return tuple(node.value)
 
 
+_ANY: dict[str, Any] = {"low": -math.inf, "high": math.inf, "unit": ""}  # bounds of a number that only has to be finite
 _KINDS = {"state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i"}
 _MAY_BE_NAN = frozenset(
     (
@@ -329,7 +320,7 @@ _MAY_BE_NAN = frozenset(
 _KIND_NAMES = {"u": "unsigned integers", "b": "truth values", "i": "integers", "f": "floating point numbers"}
 
 
-def _array(loaded: Mapping[str, Any], key: str, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
+def _array(loaded: Mapping[str, npt.NDArray[Any]], key: str, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
     if key not in loaded:
         raise RecordError(f"the array {key!r} is missing")
     array = loaded[key]

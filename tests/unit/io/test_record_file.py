@@ -324,14 +324,14 @@ def test_arrays_that_contradict_themselves_are_refused(record, file, tmp_path):
         with pytest.raises(RecordError, match=match):
             read_record(changed(file, target, **{name: array}))
     for values, match in (
-        ({"base": "legs"}, "'legs' is not a valid BaseKind"),
+        ({"base": "legs"}, "metadata: base: unknown value 'legs'"),
         ({"joint_names": "arm"}, "list of names"),
-        ({"goal": [1.0]}, "goal has shape"),
-        ({"events": [[1]]}, "metadata are damaged"),
+        ({"goal": [1.0]}, "goal: must be a list of 10 numbers, not a list of 1"),
+        ({"events": [[1]]}, r"events\[0\]: must be a list of time, kind and reason"),
         ({"obstacles": [{"name": "x"}]}, "an obstacle is damaged"),
         ({"obstacles": 3}, "an obstacle is damaged"),
         ({"tracks": ["a", "b", "c", "d"]}, "track_position"),
-        ({"locked": [1]}, "metadata are damaged"),
+        ({"locked": [1]}, "locked: must be a mapping"),
     ):
         with pytest.raises(RecordError, match=match):
             read_record(with_metadata(file, target, **values))
@@ -388,7 +388,7 @@ def test_what_is_not_finite_is_refused_with_its_place(record, file, tmp_path):
         {"events": [[np.nan, "start", ""]]},
         {"locked": {"arm": np.inf}},
     ):
-        with pytest.raises(RecordError, match="must be finite"):
+        with pytest.raises(RecordError, match="must be a finite number"):
             read_record(with_metadata(file, target, **values))
 
 
