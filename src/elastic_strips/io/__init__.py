@@ -1,4 +1,4 @@
-"""IO room: scene, scenario and benchmark files in and out; every complaint names file and place."""
+"""IO room: scene, scenario and benchmark files in and out; error messages name file and place."""
 
 from typing import TYPE_CHECKING
 

@@ -112,11 +112,10 @@ def load_barn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     centers = world["cylinders_xy"].rows(2, limit=MAX_LENGTH)
     scene = Scene([Cylinder(radius, length, at=(x, y, z), name=f"cylinder-{k}") for k, (x, y) in enumerate(centers)])
     start, goal = world["start"].vector(3, limit=MAX_LENGTH), world["goal"].vector(2, limit=MAX_LENGTH)
-    way = world["path"].rows(2, limit=MAX_LENGTH)
-    fresh = np.concatenate([[True], np.any(np.diff(way, axis=0) != 0.0, axis=1)])
-    way = way[fresh]
-    way.flags.writeable = False
-    last = way[-1] - way[-2] if len(way) > 1 else goal - start[:2]
+    path_given = world["path"].rows(2, limit=MAX_LENGTH)
+    route = path_given[np.concatenate([[True], np.any(np.diff(path_given, axis=0) != 0.0, axis=1)])]
+    route.flags.writeable = False
+    last = route[-1] - route[-2] if len(route) > 1 else goal - start[:2]
     return DriveProblem(
         name=f"barn-{id}",
         world=World(scene),
@@ -126,7 +125,7 @@ def load_barn(path: str | os.PathLike[str], id: int) -> DriveProblem:
         heading_free=True,
         timeout=root["timeout"].number(low=0.0, unit="s"),
         robot="jackal-box",
-        path=way,
+        path=route,
         path_length=world["path_length"].number(low=0.0),
     )
 

@@ -51,7 +51,7 @@ class Source:
 
     Attributes:
         path: The file.
-        error: Type of the error that complaints about it raise.
+        error: Type of the errors about it.
         lines: Path of keys → line of the file, from 1; of a mapping's entry the line of its key. Empty for JSON.
     """
 

@@ -1,7 +1,7 @@
 """Motions: how an obstacle moves with time, and how fast any of its points can get.
 
-Motions that are known: `Twist`, `Keyframes`; one that is not: `UnknownMotion`. One that depends on what others do:
-`PedestrianMotion`, a track that is followed at a rate that somebody else sets; see `elastic_strips.sim.pedestrians`.
+Motions that are known: `Twist`, `Keyframes`; one that is not: `UnknownMotion`. One whose rate a
+simulation sets: `PedestrianMotion`; see `elastic_strips.sim.pedestrians`.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class Twist(Motion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnknownMotion(Motion):
-    """A motion of which nothing is known but a bound of its speed; what a sensor makes of an obstacle it sees once.
+    """A motion of which nothing is known but a bound of its speed; what a sensor makes of an obstacle that it sees once.
 
     As far as is known the obstacle stays where it is: `pose` is its last pose and `velocity` is 0, but any of its
     points may be up to ``max_speed`` times the elapsed time away from there.
@@ -281,17 +281,16 @@ class Keyframes(Motion, Summary):
 
 
 class PedestrianMotion(Motion):
-    """Workspace, the one motion that is not frozen: a track, and the history of how fast it has been followed.
+    """Workspace, the one motion that is not frozen: a track, and the history of the rate at which it was followed.
 
-    At the time t the obstacle is where its track has it at the track's time s(t). Before time 0, s = t; from then on
-    the loop that owns the motion says by `advance` at which rate ds/dt, -1 to 1, s goes on (below 0: it steps back); it
-    goes on so until it is told otherwise. What has been is never changed by that. All copies of an obstacle share its
-    motion.
+    At time t the obstacle is where the track is at its own time s(t). Before time 0, s = t; from then on the
+    simulation sets the rate ds/dt in [-1, 1] by `advance` (below 0: backwards), which holds until it is set again.
+    The past never changes. All copies of an obstacle share its motion.
 
     Args:
-        track: Where the obstacle moves if nobody stands in its way; a loop must not jump.
-        acceleration: Most that the obstacle accelerates in any direction, its track's own turns included [m/s²];
-            whoever sets the rates keeps to it.
+        track: Motion of the obstacle while nothing blocks it; a loop must not jump.
+        acceleration: Largest acceleration of the obstacle in any direction, turns of the track included [m/s²]; the
+            rates that are set must keep to it.
 
     Raises:
         SceneError: No track, one that jumps, or an acceleration that is not positive.
@@ -316,11 +315,11 @@ class PedestrianMotion(Motion):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the history: the track's own pace, at all times."""
+        """Delete the history: rate 1 at all times."""
         self._times, self._places, self._rates = [0.0, 0.0], [0.0, 0.0], [1.0, 1.0]
 
     def advance(self, t: float, rate: float) -> None:
-        """From the time ``t`` [s] on, at which the history has arrived, follow the track at ``rate``, -1 to 1.
+        """Follow the track at ``rate`` in [-1, 1] from the time ``t`` [s] on, the latest so far or later.
 
         Raises:
             SceneError: A rate outside its range, or a time before the last one that was given.
@@ -365,7 +364,7 @@ class PedestrianMotion(Motion):
     def speed_bound(self, radius: float, *, start: float | None = None, end: float | None = None) -> float:
         """Largest speed [m/s] of a point within ``radius`` [m] of the origin between ``start`` and ``end`` [s].
 
-        True of what has been; of what is to come, whatever rates will be given.
+        Exact for the past; for the future it holds for any rates.
         """
         radius = _check_radius(radius)
         begin, stop = _interval(start, end)

@@ -368,10 +368,10 @@ class World(Summary):
         return self.appears.get(name, -math.inf) <= t < self.vanishes.get(name, math.inf)
 
     def copied(self, *, history: bool = True) -> World:
-        """A world whose pedestrians have clocks of their own; the world itself where there are none.
+        """A world with own copies of every `PedestrianMotion`; the world itself where there are none.
 
         Args:
-            history: Whether the copy keeps how they have moved so far, or begins anew.
+            history: Whether the copies keep their history.
         """
         new = []
         for obstacle in self.scene:
@@ -383,7 +383,7 @@ class World(Summary):
         return World(self.scene.with_observations(new), self.appears, self.vanishes) if new else self
 
     def forget(self) -> None:
-        """Make snapshots anew: the history of a `PedestrianMotion` has been forgotten."""
+        """Drop cached snapshots, after the history of a `PedestrianMotion` was deleted."""
         self._latest.clear()
 
     @property

@@ -22,7 +22,6 @@ from elastic_strips.io.obstacle_document import world_from_documents
 from elastic_strips.io.record_file import (
     FORMAT_VERSION,
     check_record_file,
-    control_columns,
     read_record,
     record_columns,
     record_csv,
@@ -176,7 +175,7 @@ def test_a_csv_file_holds_the_control_rows(record, tmp_path):
     target = write_record(record, tmp_path / "run.CSV")
     rows = list(csv.DictReader(target.read_text().splitlines()))
     assert len(rows) == len(record.control)
-    assert tuple(rows[0]) == control_columns(record)
+    assert list(rows[0]) == list(record_columns(record))
     assert len(set(rows[0])) == 2 + 5 * 10 + 2 + 7 + 2
     for k in (0, 57, len(rows) - 1):
         assert float(rows[k]["time"]) == record.control.time[k]
@@ -206,7 +205,7 @@ def test_a_frame_where_pandas_is(record, monkeypatch):
     pandas = pytest.importorskip("pandas")
     frame = record_frame(record)
     assert isinstance(frame, pandas.DataFrame)
-    assert list(frame.columns) == list(control_columns(record))
+    assert list(frame.columns) == list(record_columns(record))
     np.testing.assert_array_equal(frame["x"], record.control.chart[:, 0])
     assert frame["state"].iloc[-1] == "reached"
 
