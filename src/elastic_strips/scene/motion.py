@@ -1,7 +1,7 @@
 """Motions: how an obstacle moves with time, and how fast any of its points can get.
 
-Motions that are known: `Twist`, `Keyframes`; one that is not: `UnknownMotion`. One whose rate a
-simulation sets: `PedestrianMotion`; see `elastic_strips.sim.pedestrians`.
+Motions that are known: `Twist`, `Keyframes`; one that is not: `UnknownMotion`. One whose rate a simulation sets:
+`PedestrianMotion`; see `elastic_strips.sim.pedestrians`.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class Twist(Motion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnknownMotion(Motion):
-    """A motion of which nothing is known but a bound of its speed; what a sensor makes of an obstacle that it sees once.
+    """A motion of which nothing is known but a bound of its speed; what is known of an obstacle seen once.
 
     As far as is known the obstacle stays where it is: `pose` is its last pose and `velocity` is 0, but any of its
     points may be up to ``max_speed`` times the elapsed time away from there.
