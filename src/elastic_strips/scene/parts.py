@@ -37,7 +37,7 @@ class Part:
         boxes: For a block: the (coal.Box, translation (3,)) of its members; empty otherwise.
     """
 
-    geometry: coal.CollisionGeometry | None
+    geometry: Any  # coal.CollisionGeometry or None
     T_obstacle_part: Array
     center: Array
     half_extents: Array
