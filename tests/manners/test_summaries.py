@@ -11,7 +11,6 @@ import pytest
 
 import elastic_strips as es
 from elastic_strips.execution import MotionLimits
-from elastic_strips.planning import plan_alternatives
 from elastic_strips.scenarios import drive_scenario
 
 LONGEST = 300
@@ -34,7 +33,7 @@ def values(silvermate) -> dict[str, Any]:
         "robot": silvermate, "space": silvermate.space, "tree": silvermate.tree, "scene": scene, "strip": plan.strip,
         "plan": plan, "settled": settled, "broken": blocked, "certificate": settled.certificate,
         "forces": settled.forces, "tunnel": settled.tunnel, "world": es.World(scene), "hull": hull,
-        "alternatives": plan_alternatives(silvermate, scene, silvermate.home(x=-1.0), silvermate.home(x=4.0), count=2),
+        "alternatives": es.plan_report(silvermate, scene, silvermate.home(x=-1.0), silvermate.home(x=4.0), count=2),
         "scenario": drive.scenario, "run": es.run_scenario(es.get_scenario("case-1")), "drive": drive,
         "result": drive.result, "record": drive.result.record, "rows": drive.result.record.control,
         "verdict": drive.verdict, "limits": MotionLimits.for_robot(silvermate),

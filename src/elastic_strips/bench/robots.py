@@ -17,7 +17,7 @@ from elastic_strips.arrays import Array
 
 from ..deform import Deformer, DeformParams, DeformReport
 from ..errors import ConfigurationError, ElasticStripsError, ScenarioError
-from ..planning import check_ends, plan_report
+from ..planning import check_endpoints, plan_report
 from ..robot import RobotModel, load_robot, robot_names
 from ..scene import Scene, Sphere
 from ..strip import Strip
@@ -182,7 +182,7 @@ def small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
     """
     params, rng, space = DeformParams(), np.random.default_rng(seed), robot.space
     home = space.to_chart(robot.home())
-    check_ends(robot, Scene([]), robot.home(), robot.home(), params)
+    check_endpoints(robot, Scene([]), robot.home(), robot.home(), params)
     span = np.where(np.isfinite(space.upper - space.lower), space.upper - space.lower, 2.0 * np.pi)
     easy: tuple[Scene, Array] | None = None
     for _ in range(60):
@@ -191,7 +191,7 @@ def small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
             chart[:3] = (*DRIVEN, 0.0)
         goal = space.from_chart(np.clip(chart, space.lower, space.upper))
         try:
-            check_ends(robot, Scene([]), robot.home(), goal, params)
+            check_endpoints(robot, Scene([]), robot.home(), goal, params)
         except ConfigurationError:
             continue
         easy = easy or (Scene([]), goal)
@@ -199,7 +199,7 @@ def small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
         for radius in RADII:
             scene = Scene([Sphere(radius, at=tuple(at), name="ball")])
             try:
-                check_ends(robot, scene, robot.home(), goal, params)
+                check_endpoints(robot, scene, robot.home(), goal, params)
             except ConfigurationError:
                 continue
             return scene, goal

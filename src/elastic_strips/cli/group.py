@@ -52,7 +52,7 @@ _COMMANDS = {
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
-_SAY_THEMSELVES = ("elastic_strips.planning.alternatives", "elastic_strips.planning.plan")
+_SAY_THEMSELVES = ("elastic_strips.planning.homotopy.alternatives", "elastic_strips.planning.plan")
 """Loggers whose warnings are the reasons of reports, which the commands show."""
 
 

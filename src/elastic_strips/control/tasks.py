@@ -16,7 +16,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array
 
 from ..errors import ParameterError, RobotError, nearest_name
-from ..planning.validity import Validity
+from ..planning import Validity
 from ..robot import RobotModel
 from ..robot.control_points import find_frame
 from ..scene import Scene

@@ -14,9 +14,9 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 
-from ..proximity import BodySet, Forecast
-from ..robot import Kinematics, RobotModel
-from ..robot.geometry import support_points
+from ..proximity import Forecast
+from ..robot import PlanarFootprint, RobotModel
+from ..robot.footprint import box_distance
 from ..robot.space import wrap_angle
 from ..scene import Scene
 from .limits import MotionLimits
@@ -27,85 +27,17 @@ from .prediction import ArrivalTimes
 from .timed_certificate import TrajectoryCertifier
 from .trajectory import ReferenceState, Trajectory
 
-
-class Silhouette:
-    """Workspace: the robot's bodies as upright boxes in the base's frame, for one posture of its joints.
-
-    Attributes:
-        middle, half: (K, 2) centres and half sizes of the boxes seen from above [m].
-        low, high: (K,) their lowest and highest points [m].
-    """
-
-    def __init__(self, robot: RobotModel) -> None:
-        self._bodies = BodySet.links(robot)
-        self._points = [support_points(g) for g in self._bodies.geometries]
-        self._kin = Kinematics(robot.tree, 1)
-        self._base = robot.space.base_nv
-        self._posture: Array | None = None
-        self._placed: list[Array] = []
-        self.middle = self.half = np.zeros((0, 2))
-        self.low = self.high = np.zeros(0)
-
-    def update(self, chart: Array) -> None:
-        """Take the joints of a chart row (nv,)."""
-        row = np.array(chart, dtype=float)
-        row[: self._base] = 0.0
-        if self._posture is not None and np.array_equal(row, self._posture):
-            return
-        self._kin.update(row[None])
-        count = len(self._bodies)
-        index = np.arange(count, dtype=np.intp)
-        turn, move = self._bodies.placements(self._kin, np.zeros(count, dtype=np.intp), index)
-        boxes = np.empty((count, 2, 3))
-        self._placed = [points @ turn[g].T + move[g] for g, (points, _) in enumerate(self._points)]
-        for g, (_, radius) in enumerate(self._points):
-            boxes[g] = self._placed[g].min(axis=0) - radius, self._placed[g].max(axis=0) + radius
-        inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2) & (boxes[:, None, 1] <= boxes[None, :, 1]).all(2)
-        inside &= ~np.eye(count, dtype=bool)
-        boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
-        self.middle, self.half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
-        self.low, self.high = boxes[:, 0, 2], boxes[:, 1, 2]
-        self._posture = row
-
-    @property
-    def reach(self) -> float:
-        """Radius [m] about the base's origin that holds the robot, seen from above."""
-        return self.reach_between(-np.inf, np.inf)
-
-    def reach_between(self, low: float, high: float) -> float:
-        """That of the bodies between two heights [m]."""
-        at = (self.low <= high) & (self.high >= low)
-        return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
-
-    def disc_below(self, height: float) -> float:
-        """Radius [m] of the largest disc about the base that a body which reaches below ``height`` [m] covers."""
-        angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
-        ways = np.stack((np.cos(angles), np.sin(angles)))
-        best = 0.0
-        for placed, (_, radius) in zip(self._placed, self._points, strict=True):
-            if placed[:, 2].min() - radius < height:
-                best = max(best, float((placed[:, :2] @ ways).max(axis=0).min()) + radius)
-        return best
-
-
-def beyond_box(x: Array, y: Array, a: Array | float, b: Array | float) -> Array:
-    """Signed distances [m] of points from boxes of half sizes a, b about the origin."""
-    x, y = np.abs(x) - a, np.abs(y) - b
-    outside = np.sqrt(np.square(np.maximum(x, 0.0)) + np.square(np.maximum(y, 0.0)))
-    return outside + np.minimum(np.maximum(x, y), 0.0)
-
-
 FAR = 3.0
 """Separations are not told beyond this [m]."""
 _FASTEST = 3.0  # [m/s] what is faster is noticed late
 _LOW = 0.02  # [m] what lies lower is driven over
 
 
-class Outlook:
+class ObstacleLookahead:
     """What is around the robot, seen from above, and where constant velocities take it.
 
     Args:
-        silhouette: of the robot.
+        footprint: of the robot.
         scene: sensed.
         forecast: its moving obstacles, with the bounds of the errors.
         centre: (2,) where the robot is [m].
@@ -115,10 +47,10 @@ class Outlook:
     """
 
     def __init__(
-        self, silhouette: Silhouette, scene: Scene, forecast: Forecast, centre: Array, *, reach: float, horizon: float,
-        most: int = 12,
+        self, footprint: PlanarFootprint, scene: Scene, forecast: Forecast, centre: Array, *, reach: float,
+        horizon: float, most: int = 12,
     ) -> None:  # fmt: skip
-        self.body = silhouette
+        self.body = footprint
         moving = dict(zip(forecast.obstacles.tolist(), range(len(forecast)), strict=True))
         discs, boxes = [], []
         for k, obstacle in enumerate(scene):
@@ -137,7 +69,7 @@ class Outlook:
                 if abs(pose[2, 2]) < 0.999:  # it lies or leans
                     flat = part.radius
                 low, high = middle[2] - tall, middle[2] + tall
-                if high < _LOW or low > silhouette.high.max():
+                if high < _LOW or low > footprint.high.max():
                     continue
                 if mover is not None:
                     v = forecast.velocity[mover]
@@ -150,11 +82,11 @@ class Outlook:
         apart = np.hypot(found[:, 0] + found[:, 2] * t - centre[0], found[:, 1] + found[:, 3] * t - centre[1])
         soon = (apart - found[:, 4] - reach * t / horizon).min(axis=0)
         order = np.argsort(soon, kind="stable")[:most]
-        self._discs = found[order[soon[order] < silhouette.reach]]
+        self._discs = found[order[soon[order] < footprint.reach()]]
         self._boxes = np.array(boxes).reshape(-1, 7)
         at = self._discs[:, 7].astype(int)
         self._error = np.stack([forecast.offset[at], forecast.speed[at], 0.5 * forecast.acceleration[at]])
-        self._size = self._discs[:, 4] + [silhouette.reach_between(*z) for z in self._discs[:, 5:7]]
+        self._size = self._discs[:, 4] + [footprint.reach(*z) for z in self._discs[:, 5:7]]
 
     @property
     def movers(self) -> int:
@@ -190,7 +122,7 @@ class Outlook:
         for k in range(len(body.low)):
             at = (low <= body.high[k]) & (high >= body.low[k])
             if at.any():
-                d = beyond_box(ahead[..., at] - body.middle[k, 0], aside[..., at] - body.middle[k, 1], *body.half[k])
+                d = box_distance(ahead[..., at] - body.middle[k, 0], aside[..., at] - body.middle[k, 1], *body.half[k])
                 np.minimum(result, (d - size[:, at]).min(axis=-1), out=result)
         return result
 
@@ -211,7 +143,7 @@ class Outlook:
                 px, py = pose[..., 0] + cos * u - sin * w, pose[..., 1] + sin * u + cos * w
                 c, s = np.cos(self._boxes[at, 6]), np.sin(self._boxes[at, 6])
                 dx, dy = px[..., None] - self._boxes[at, 0], py[..., None] - self._boxes[at, 1]
-                d = beyond_box(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
+                d = box_distance(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
                 np.minimum(result, d.min(axis=-1) - radius, out=result)
         return result
 
@@ -457,12 +389,12 @@ class Evasion:
     ) -> None:  # fmt: skip
         self.robot, self.limits, self.params = robot, limits, params
         self.dt, self.clearance = dt, clearance
-        self._silhouette = Silhouette(robot)
+        self._footprint = PlanarFootprint(robot)
         self._holds = hold + np.array(_LONGER)
         self._lattice: Targets | None = lattice(limits) if limits.drive_dim else None
         self._time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._last: Array | None = None
-        self._outlook: Outlook | None = None
+        self._lookahead: ObstacleLookahead | None = None
         self._way = np.zeros((0, 2))
         self._rest = np.zeros(0)
         self._delay = 0.0
@@ -538,17 +470,17 @@ class Evasion:
             start: where the next motion begins, and when.
             strip: (M, nv) the way to the goal from there.
         """
-        self._outlook = None
+        self._lookahead = None
         if self._lattice is None or not len(possible):
             return False
-        self._silhouette.update(start.chart)
+        self._footprint.update(start.chart)
         horizon = self.params.horizon
-        reach = self._silhouette.reach + self.params.near + float(self.limits.drive_speed[:2].max()) * horizon
-        outlook = Outlook(self._silhouette, scene, possible, start.chart[:2], reach=reach, horizon=horizon)
-        if not outlook.movers:
+        reach = self._footprint.reach() + self.params.near + float(self.limits.drive_speed[:2].max()) * horizon
+        lookahead = ObstacleLookahead(self._footprint, scene, possible, start.chart[:2], reach=reach, horizon=horizon)
+        if not lookahead.movers:
             self._last = None
             return False
-        self._outlook, self._delay = outlook, start.time - scene.time
+        self._lookahead, self._delay = lookahead, start.time - scene.time
         self._way = strip[:, :2]
         step = np.hypot(*np.diff(self._way, axis=0).T)
         self._rest = np.append(np.cumsum(step[::-1])[::-1], 0.0)
@@ -570,7 +502,7 @@ class Evasion:
 
         Each follows its manoeuvre for a while, and then brakes to rest where nothing can be by then, as it seems.
         """
-        assert self._outlook is not None
+        assert self._lookahead is not None
         assert self._lattice is not None
         params, targets, last = self.params, self._lattice, self._last
         part, step = params.acceleration, params.step
@@ -616,29 +548,29 @@ class Evasion:
 
     def _room(self, start: ReferenceState, kinds: Array) -> Mask:
         """(D, H) whether motions to targets (D, k), held for the times to choose from, seem to end well."""
-        assert self._outlook is not None
+        assert self._lookahead is not None
         count = len(self._holds)
         hold = np.tile(self._holds, len(kinds))
         motions, rest = roll_to_rest(
             self.limits, start, np.repeat(kinds, count, axis=0), hold, part=self.params.acceleration, dt=0.1
         )
-        apart = self._outlook.possible(motions.pose, self._delay + motions.time) - self.clearance
+        apart = self._lookahead.possible(motions.pose, self._delay + motions.time) - self.clearance
         over = motions.time > rest[:, None] + 0.25
         return ((apart > 0.0) | over).all(axis=1).reshape(-1, count)
 
     def _risk(self, pose: Array) -> Array:
         """(N,) cost [s] of coming near what moves: what is further off in time is less sure, and counts less."""
-        assert self._outlook is not None
+        assert self._lookahead is not None
         params, t = self.params, self._time
-        apart = self._outlook.near(pose, self._delay + t, params.lead) - self.clearance
+        apart = self._lookahead.near(pose, self._delay + t, params.lead) - self.clearance
         near = np.clip(1.0 - apart / (params.near + params.spread * t), 0.0, 1.5)
         weight = params.step * np.exp(-t / params.fade)
         return (params.care * near * near + _TOUCHING * (apart < 0.0)) @ weight
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching what stands."""
-        assert self._outlook is not None
-        apart = self._outlook.from_standing(pose[:, 1::2])
+        assert self._lookahead is not None
+        apart = self._lookahead.from_standing(pose[:, 1::2])
         weight = 2.0 * self.params.step * np.exp(-self._time[1::2] / self.params.fade)
         return (_TOUCHING * (apart < self.clearance)) @ weight
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigurationError, ElasticStripsError
-from ..planning import FamilyParams, PlanReport, StripFamily, plan_report
+from ..planning import PlanReport, StripSet, StripSetParams, plan_report
 from ..robot import RobotModel
 from ..scene import Box, Obstacle, Scene
 from ..strip import Strip
@@ -151,12 +151,12 @@ class SwitchingReplanner(Replanner):
     """
 
     def __init__(
-        self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool, family: FamilyParams | None = None
+        self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool, family: StripSetParams | None = None
     ) -> None:
         super().__init__(robot, params, seed=seed, grid=grid)
-        self.family: StripFamily | None = None
+        self.family: StripSet | None = None
         # planners are called at rest only; who stands can turn on the spot, so that no other way is left behind
-        self._kept = replace(family or FamilyParams(), plan_every=0, part=np.pi)
+        self._kept = replace(family or StripSetParams(), plan_every=0, divergence_angle=np.pi)
         self._ticks, self._why = 0, ""
 
     def plan(
@@ -168,7 +168,7 @@ class SwitchingReplanner(Replanner):
             ConfigurationError: start or goal is not sound, or in collision.
         """
         first = super().plan(scene, start, goal, path=path)
-        self.family = StripFamily(self.robot, goal, params=self.deform, family=self._kept, seed=self.seed)
+        self.family = StripSet(self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed)
         try:
             found = self.family.plan(slow(scene), start)
         except ConfigurationError:  # something slow stands in start or goal, and may go away

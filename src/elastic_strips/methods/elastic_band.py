@@ -17,7 +17,7 @@ from elastic_strips.arrays import Array
 
 from ..errors import ParameterError
 from ..perception import Reading
-from ..planning.grid_path import cheapest_way, resample
+from ..planning.grid_path import cheapest_path, resample
 from ..validation import check_numbers
 from .base_method import BaseCommand, BaseLimits
 from .certainty_grid import SensedPoints
@@ -231,7 +231,7 @@ class SensedWay:
         axes = [low[k] + cell * np.arange(math.ceil(size[k] / cell) + 1) for k in range(2)]
         at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         clear = FreeDistance(points, 0.0, self._inner + self._comfort)(at)
-        return cheapest_way(clear, low, cell, ends, inner=self._inner, comfort=self._comfort)
+        return cheapest_path(clear, low, cell, ends, inner=self._inner, comfort=self._comfort)
 
 
 class ElasticBand:

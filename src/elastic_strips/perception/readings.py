@@ -122,7 +122,7 @@ class ScanRays:
         time: of the scan [s].
         origin: (2,) where its rays start [m].
         height: of its plane over the floor [m].
-        way: (R, 2) unit directions.
+        direction: (R, 2) unit vectors along the rays.
         bearing: (R,) their angles, ascending, not wrapped [rad].
         ranges: (R,) as in the scan [m].
         range_min, range_max: of the sensor [m].
@@ -132,7 +132,7 @@ class ScanRays:
     time: float
     origin: Array
     height: float
-    way: Array
+    direction: Array
     bearing: Array
     ranges: Array
     range_min: float
@@ -215,7 +215,7 @@ def rays_of(scan: LaserScan, base_pose: Any) -> ScanRays:
         time=scan.time,
         origin=T[:2, 3].copy(),
         height=float(T[2, 3]),
-        way=np.column_stack((np.cos(bearing), np.sin(bearing))),
+        direction=np.column_stack((np.cos(bearing), np.sin(bearing))),
         bearing=bearing,
         ranges=ranges,
         range_min=scan.range_min,

@@ -2,6 +2,7 @@
 
 from ..catalogue import recorded_robot, robot_names, robot_summary
 from .control_points import ControlPoints
+from .footprint import PlanarFootprint
 from .geometry import Capsule, LinkGeometry
 from .kinematics import Kinematics, KinematicTree
 from .loading import load_robot
@@ -16,6 +17,7 @@ __all__ = [
     "KinematicTree",
     "Kinematics",
     "LinkGeometry",
+    "PlanarFootprint",
     "RobotModel",
     "load_robot",
     "recorded_robot",

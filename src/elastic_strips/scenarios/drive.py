@@ -16,7 +16,7 @@ from ..errors import RobotError, ScenarioError
 from ..execution import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams, MotionLimits
 from ..execution.replanning import SwitchingReplanner
 from ..methods import BASE_METHODS
-from ..planning import FamilyParams
+from ..planning import StripSetParams
 from ..robot import RobotModel
 from ..scene import World
 from ..sim import (
@@ -26,9 +26,9 @@ from ..sim import (
     Contact,
     Fault,
     KinematicPlant,
-    Perceiver,
+    Perception,
     Plant,
-    SensedPerception,
+    SensorPerception,
     Simulation,
     Verdict,
     base_simulation,
@@ -143,13 +143,13 @@ def make_simulation(
         if sensors is not None:
             params = replace(params, assumptions=LASER_ASSUMPTIONS, ease_speed=LASER_EASE)
     if sensors is not None:
-        options["perception"] = SensedPerception(
+        options["perception"] = SensorPerception(
             problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed
         )
     if alternatives > 1:
         options["replanner"] = SwitchingReplanner(
             problem.robot, params, seed=problem.seed, grid=options.get("grid", True),
-            family=FamilyParams(count=alternatives),
+            family=StripSetParams(count=alternatives),
         )  # fmt: skip
     return simulation(
         problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
@@ -228,7 +228,7 @@ def conclude(
     suite: SensorSuite | None = getattr(perception, "suite", None)
     separation = None
     if controller.method == STRIP:
-        separation = protective_separation(driven.limits, driven.params, cast("Perceiver", perception).params)
+        separation = protective_separation(driven.limits, driven.params, cast("Perception", perception).params)
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
     if suite is not None:

@@ -13,8 +13,7 @@ from elastic_strips.arrays import Array
 
 from ..deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
 from ..errors import ConfigurationError, ParameterError, RobotError, ScenarioError
-from ..planning import check_ends, plan_report, straight_line
-from ..planning.ompl_planner import ompl_path
+from ..planning import check_endpoints, ompl_path, plan_report, straight_line
 from ..robot import RobotModel
 from ..strip import Strip
 from ..summary import Summary
@@ -181,7 +180,7 @@ def _run_paper(
     began = perf_counter()
     start, goal = scenario.ends(robot)
     deformer = Deformer(robot, params)
-    ends = np.stack(check_ends(robot, scenario.scene, start, goal, params))
+    ends = np.stack(check_endpoints(robot, scenario.scene, start, goal, params))
     spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
     rows = straight_line(robot, start, goal, spacing=spacing)
     if robot.space.planar:
@@ -214,10 +213,10 @@ def _run_paper(
                 timeout=timeout / 4,
                 spacing=spacing,
             )
-            if found.chart is None:
+            if found.rows is None:
                 attempts.append(found.reason)
                 continue
-            initial, method = Strip.from_chart(robot, found.chart, ends=ends), "ompl"
+            initial, method = Strip.from_chart(robot, found.rows, ends=ends), "ompl"
             report = relax(initial)
             if report.status is DeformStatus.SETTLED:
                 break

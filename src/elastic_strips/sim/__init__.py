@@ -6,9 +6,9 @@ from .base import RawReadings, base_simulation
 from .faults import FAULTS, Fault
 from .judge import Contact, Verdict, judge
 from .odometry import SensorParams
-from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
 from .plant import KinematicPlant, Plant, PlantParams
-from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensedPerception
+from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensorPerception
 from .separation import protective_separation
 from .simulation import MACHINE, Simulation, simulation
 from .task import TaskResult, TaskSimulation
@@ -25,14 +25,14 @@ __all__ = [
     "LASER_ASSUMPTIONS",
     "LASER_EASE",
     "MACHINE",
-    "Perceiver",
+    "NoisyGroundTruth",
     "Perception",
     "PerceptionError",
     "PerceptionParams",
     "Plant",
     "PlantParams",
     "RawReadings",
-    "SensedPerception",
+    "SensorPerception",
     "SensorParams",
     "Simulation",
     "TaskResult",

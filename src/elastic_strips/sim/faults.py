@@ -20,7 +20,7 @@ from ..execution.tracking import Command
 from ..execution.trajectory import Trajectory
 from ..scene import Scene
 from ..validation import check_type, shown
-from .perception import Perceiver, PerceptionError
+from .perception import Perception, PerceptionError
 from .plant import Plant
 
 FAULTS = {
@@ -98,7 +98,7 @@ class FaultPlan:
 class FaultyPerception:
     """Workspace: what senses, with scenes that are frozen, late, or no scenes at all."""
 
-    def __init__(self, inner: Perceiver, faults: FaultPlan) -> None:
+    def __init__(self, inner: Perception, faults: FaultPlan) -> None:
         self.inner, self.params = inner, inner.params
         self._faults = faults
         self._last: Scene | None = None

@@ -14,8 +14,8 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..errors import ParameterError
-from ..execution.evasion import Silhouette, beyond_box
-from ..robot import RobotModel
+from ..robot import PlanarFootprint, RobotModel
+from ..robot.footprint import box_distance
 from ..scene import Obstacle, World, Yielding
 from ..validation import check_numbers
 
@@ -61,36 +61,22 @@ class Discs:
         return Discs(np.array(centre), np.array(radius), np.array(half))
 
 
-class Footprint:
-    """Workspace: a robot where it stands, each of its bodies as an upright box that is turned as the base is.
+def _distances(footprint: PlanarFootprint, base: Array, discs: Discs, poses: Array) -> Array:
+    """Distances (P,) [m] seen from above of an obstacle at poses (P, 4, 4) from a robot with its base at (x, y, yaw).
 
-    Args:
-        robot: whose bodies these are.
+    They are infinite where no heights overlap.
     """
-
-    def __init__(self, robot: RobotModel) -> None:
-        self._body, self._planar = Silhouette(robot), robot.space.planar
-        self._origin, self._turn = np.zeros(2), np.eye(2)
-
-    def place(self, chart: Array) -> None:
-        """Put the robot at a chart row (nv,)."""
-        self._body.update(chart)
-        if self._planar:
-            cos, sin = math.cos(chart[2]), math.sin(chart[2])
-            self._origin, self._turn = np.array(chart[:2]), np.array([[cos, -sin], [sin, cos]])
-
-    def distances(self, discs: Discs, poses: Array) -> Array:
-        """Distances (P,) [m] seen from above of an obstacle at poses (P, 4, 4); infinite where no heights overlap."""
-        body, rotation = self._body, poses[:, None, :3, :3]
-        centre = np.matmul(rotation, discs.centre[:, :, None])[..., 0] + poses[:, None, :3, 3]  # (P, D, 3)
-        tall = (np.abs(rotation[..., 2, :]) * discs.half).sum(axis=-1) + _OVERLAP  # (P, D)
-        local = (centre[..., :2] - self._origin) @ self._turn
-        offset = local[:, :, None] - body.middle  # (P, D, K, 2)
-        outside = beyond_box(offset[..., 0], offset[..., 1], *body.half.T)
-        z = centre[..., 2, None]
-        level = (z - tall[..., None] <= body.high) & (z + tall[..., None] >= body.low)
-        apart = np.where(level, outside - discs.radius[:, None], np.inf)
-        return apart.reshape(len(poses), -1).min(axis=1)
+    cos, sin = math.cos(base[2]), math.sin(base[2])
+    rotation = poses[:, None, :3, :3]
+    centre = np.matmul(rotation, discs.centre[:, :, None])[..., 0] + poses[:, None, :3, 3]  # (P, D, 3)
+    tall = (np.abs(rotation[..., 2, :]) * discs.half).sum(axis=-1) + _OVERLAP  # (P, D)
+    local = (centre[..., :2] - base[:2]) @ np.array([[cos, -sin], [sin, cos]])
+    offset = local[:, :, None] - footprint.middle  # (P, D, K, 2)
+    outside = box_distance(offset[..., 0], offset[..., 1], *footprint.half.T)
+    z = centre[..., 2, None]
+    level = (z - tall[..., None] <= footprint.high) & (z + tall[..., None] >= footprint.low)
+    apart = np.where(level, outside - discs.radius[:, None], np.inf)
+    return apart.reshape(len(poses), -1).min(axis=1)
 
 
 _ROUNDING = 1e-6  # [s] rounding of times
@@ -147,7 +133,8 @@ class Bystanders:
     def __init__(self, robot: RobotModel, world: World, courtesy: Courtesy | None = None) -> None:
         self._courtesy, self._world = courtesy or Courtesy(), world
         self._movers = [_Mover(o, o.motion) for o in world.scene if isinstance(o.motion, Yielding)]
-        self._footprint = Footprint(robot) if self._movers else None
+        self._footprint = PlanarFootprint(robot) if self._movers else None
+        self._planar = robot.space.planar
         self._moved, self._looked, self._time = -math.inf, -math.inf, math.nan
         for mover in self._movers:
             mover.motion.reset()
@@ -174,10 +161,11 @@ class Bystanders:
         stands = t - self._moved >= courtesy.patience - _ROUNDING
         if t - self._looked >= courtesy.look - _ROUNDING:
             self._looked = t
-            self._footprint.place(chart)
+            self._footprint.update(chart)
+            base = chart[:3] if self._planar else np.zeros(3)
             for mover in self._movers:
                 if self._world.exists(mover.name, t):
-                    mover.decide(t, stands, self._footprint, courtesy)
+                    mover.decide(t, stands, self._footprint, base, courtesy)
         for mover in self._movers:
             if dt > 0.0:
                 mover.turn(t, dt)
@@ -199,7 +187,7 @@ class _Mover:
         if rate != self.wish:
             self.motion.advance(t, self._towards(self.wish, self.motion.place(t), rate, dt))
 
-    def decide(self, t: float, stands: bool, footprint: Footprint, courtesy: Courtesy) -> None:
+    def decide(self, t: float, stands: bool, footprint: PlanarFootprint, base: Array, courtesy: Courtesy) -> None:
         """Whether to go on, to stop, or to step back."""
         if self._since is None and not stands:
             return
@@ -208,7 +196,7 @@ class _Mover:
         if self._since is not None:
             pace = max(self._speed(way[-1]), _SLOW)
             way += (way[-1] + np.linspace(0.1, 1.0, 10) * (courtesy.onward / pace)).tolist()
-        near = footprint.distances(self._discs, self._poses(way))
+        near = _distances(footprint, base, self._discs, self._poses(way))
         here = float(near[0])
         limit = min(courtesy.distance, here - courtesy.aside)  # too near already: at least not nearer
         if near.min() >= limit:
@@ -219,7 +207,7 @@ class _Mover:
         self.wish = 0.0
         if stands and here < courtesy.room and t - self._since >= courtesy.wait and place > self._begin:
             back = self._poses([place, place - 0.25, place - 0.5])
-            if footprint.distances(self._discs, back).min() >= here - courtesy.aside:
+            if _distances(footprint, base, self._discs, back).min() >= here - courtesy.aside:
                 self.wish = -courtesy.pace
 
     def _stop(self, place: float, rate: float, late: float) -> list[float]:

@@ -37,7 +37,7 @@ class PerceptionParams:
             raise ParameterError(f"PerceptionParams.delay={self.delay!r} must be finite and ≥ 0 s")
 
 
-class Perceiver(Protocol):
+class Perception(Protocol):
     """What tells a planner about the world."""
 
     params: PerceptionParams
@@ -70,7 +70,7 @@ class Perceiver(Protocol):
         ...
 
 
-class Perception:
+class NoisyGroundTruth:
     """Workspace: turns a world into what is sensed of it.
 
     Static obstacles are known (a map); of moving ones position and velocity are sensed, each off by a constant within

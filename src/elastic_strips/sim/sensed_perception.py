@@ -8,11 +8,10 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 
 from ..control.pose_history import PoseHistory
-from ..execution.evasion import Silhouette
 from ..execution.params import ObstacleAssumptions
 from ..perception import SceneEstimator, SceneEstimatorParams
 from ..proximity import BodySet, ObstacleProximity
-from ..robot import Kinematics, RobotModel
+from ..robot import Kinematics, PlanarFootprint, RobotModel
 from ..scene import Scene, World
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
@@ -53,7 +52,7 @@ _STEP = 0.01  # [s] between looks while the robot stands at its start
 _FEEL = 0.05  # [s] between questions to the bumper
 
 
-class SensedPerception:
+class SensorPerception:
     """Workspace: simulated sensors, and a scene of what they have seen.
 
     Before the robot sets out it stands at its start for a while and looks about.
@@ -135,6 +134,4 @@ class SensedPerception:
 
 def body_radius(robot: RobotModel) -> float:
     """Radius of the largest disc about the base's origin that the robot fills where a laser of its base looks [m]."""
-    silhouette = Silhouette(robot)
-    silhouette.update(robot.space.to_chart(robot.home()))
-    return silhouette.disc_below(_LOW)
+    return PlanarFootprint.of(robot, robot.home()).inner_below(_LOW)

@@ -28,7 +28,7 @@ from ..scene import Scene, World
 from ..validation import check_able, check_count, check_number, check_type
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Bystanders
-from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
 from .plant import KinematicPlant, Plant, PlantParams
 
 _log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ _T = TypeVar("_T")
 
 
 class Senses(Protocol):
-    """What tells a controller about the world; see :class:`Perceiver`."""
+    """What tells a controller about the world; see :class:`Perception`."""
 
     @property
     def contact(self) -> str: ...
@@ -279,7 +279,7 @@ def simulation(
     limits: MotionLimits | None = None,
     params: DriveParams | None = None,
     plant: Plant | None = None,
-    perception: PerceptionParams | Perceiver | None = None,
+    perception: PerceptionParams | Perception | None = None,
     faults: Iterable[Fault] = (),
     seed: int = 0,
     watch: Callable[[Any], object] | None = None,
@@ -321,10 +321,10 @@ def simulation(
     wrong = FaultPlan(faults)
     plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
     machine = plant or KinematicPlant(robot, limits, MACHINE, seed=np.random.default_rng(plant_seed))
-    senses: Perceiver
+    senses: Perception
     if perception is None or isinstance(perception, PerceptionParams):
         noise = perception or PerceptionParams()
-        senses = Perception(world, params.assumptions, noise, np.random.default_rng(sense_seed))
+        senses = NoisyGroundTruth(world, params.assumptions, noise, np.random.default_rng(sense_seed))
     else:
         senses = perception
     Bystanders(robot, world)  # whoever has a clock of their own begins anew, before anything is seen of them

@@ -16,7 +16,7 @@ from ..robot import RobotModel
 from ..scene import Scene, World
 from ..summary import Summary
 from ..validation import check_able
-from .perception import Perceiver, PerceptionParams
+from .perception import Perception, PerceptionParams
 from .simulation import Simulation, simulation
 
 
@@ -74,7 +74,7 @@ class TaskSimulation:
         *,
         keep: AxisTask | None = None,
         params: DriveParams | None = None,
-        perception: PerceptionParams | Perceiver | None = None,
+        perception: PerceptionParams | Perception | None = None,
         seed: int = 0,
         look: Callable[[HybridControl], object] | None = None,
         **options: Any,

@@ -9,14 +9,14 @@ import pytest
 from drivable import limits_of, most_used
 
 from elastic_strips.execution import Controller, DriveParams, predict
-from elastic_strips.execution.evasion import Evasion, Outlook, Silhouette, lattice, motion_to, roll_to_rest
+from elastic_strips.execution.evasion import Evasion, ObstacleLookahead, lattice, motion_to, roll_to_rest
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.params import EvasionParams, ObstacleAssumptions
 from elastic_strips.execution.progress import reattached
 from elastic_strips.execution.trajectory import ReferenceState
 from elastic_strips.planning import straight_line
 from elastic_strips.proximity import Forecast
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim import Simulation, judge, simulation
 from elastic_strips.strip import Strip
@@ -79,23 +79,23 @@ def test_rollouts_are_where_the_motions_are(jackal_box):
 
 def test_separations_from_above(jackal_box):
     """Against what is plain to see: a disc ahead that comes, and a wall at the side."""
-    silhouette = Silhouette(jackal_box)
-    silhouette.update(jackal_box.space.to_chart(jackal_box.home()))
-    half = silhouette.half[int(silhouette.half[:, 0].argmax())]
+    footprint = PlanarFootprint(jackal_box)
+    footprint.update(jackal_box.space.to_chart(jackal_box.home()))
+    half = footprint.half[int(footprint.half[:, 0].argmax())]
     disc = Cylinder(0.5, 1.0, at=(3.0, 0.0, 0.5), name="disc", motion=Twist((-1.0, 0.0, 0.0)))
     wall = Box((8.0, 0.2, 1.0), at=(0.0, 1.5, 0.5), name="wall")
     scene = Scene([disc, wall])
     assumptions = ObstacleAssumptions(position_error=0.0, velocity_error=0.0, acceleration=0.5)
-    outlook = Outlook(silhouette, scene, predict(scene, assumptions), np.zeros(2), reach=3.0, horizon=3.0)
-    assert outlook.movers == 1
+    lookahead = ObstacleLookahead(footprint, scene, predict(scene, assumptions), np.zeros(2), reach=3.0, horizon=3.0)
+    assert lookahead.movers == 1
     pose, time = np.zeros((1, 2, 3)), np.array([0.0, 1.0])
-    possible = outlook.possible(pose, time)[0]
+    possible = lookahead.possible(pose, time)[0]
     assert possible[0] == pytest.approx(3.0 - 0.5 - half[0], abs=0.03)
     assert possible[1] == pytest.approx(possible[0] - 1.0 - 0.25, abs=1e-9)
-    near = outlook.near(pose, time, 0.5)[0]
+    near = lookahead.near(pose, time, 0.5)[0]
     assert near[1] == pytest.approx(near[0] - 1.0, abs=1e-9)
     assert near[0] <= possible[0] - 0.5 + 1e-9
-    assert 1.4 - half[1] - 0.1 < outlook.from_standing(pose)[0, 0] <= 1.4 - half[1] + 1e-9
+    assert 1.4 - half[1] - 0.1 < lookahead.from_standing(pose)[0, 0] <= 1.4 - half[1] + 1e-9
 
 
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
@@ -171,12 +171,12 @@ def test_goes_back_to_the_strip(jackal_box):
         assert np.abs(np.diff(rows[:, 2])).max() < 1.6
 
 
-def test_an_empty_forecast_is_no_outlook(jackal_box):
+def test_an_empty_forecast_is_no_lookahead(jackal_box):
     none = Forecast(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0))
-    silhouette = Silhouette(jackal_box)
-    silhouette.update(jackal_box.space.to_chart(jackal_box.home()))
-    outlook = Outlook(silhouette, Scene(GATE), none, np.zeros(2), reach=5.0, horizon=3.0)
-    assert outlook.movers == 0
+    footprint = PlanarFootprint(jackal_box)
+    footprint.update(jackal_box.space.to_chart(jackal_box.home()))
+    lookahead = ObstacleLookahead(footprint, Scene(GATE), none, np.zeros(2), reach=5.0, horizon=3.0)
+    assert lookahead.movers == 0
     assert (
-        outlook.possible(np.zeros((3, 2, 3)), np.zeros(2)) == outlook.near(np.zeros((3, 2, 3)), np.zeros(2), 1.0)
+        lookahead.possible(np.zeros((3, 2, 3)), np.zeros(2)) == lookahead.near(np.zeros((3, 2, 3)), np.zeros(2), 1.0)
     ).all()

@@ -9,7 +9,7 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.execution import DriveParams, ObstacleAssumptions, predict
 from elastic_strips.execution.prediction import ArrivalTimes, as_expected
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, Unknown, World
-from elastic_strips.sim import Fault, Perception, PerceptionError, PerceptionParams
+from elastic_strips.sim import Fault, NoisyGroundTruth, PerceptionError, PerceptionParams
 from elastic_strips.sim.faults import FaultPlan, FaultyPerception
 
 ASSUMED = ObstacleAssumptions(position_error=0.01, velocity_error=0.05, acceleration=0.4, max_speed=2.0)
@@ -30,7 +30,7 @@ def test_an_obstacle_is_within_what_is_predicted():
     checked = 0
     for seed in range(10):
         world = World(Scene([Cylinder(0.2, 1.6, motion=curve(seed), name="walker"), Box((1, 1, 1), at=(5, 5, 0.5))]))
-        sense = Perception(world, ASSUMED, PerceptionParams(), np.random.default_rng(seed))
+        sense = NoisyGroundTruth(world, ASSUMED, PerceptionParams(), np.random.default_rng(seed))
         for now in (1.0, 3.3, 6.0):
             scene = sense.sense(now)
             assert scene.time == pytest.approx(now - 0.05)
@@ -70,7 +70,7 @@ def test_kinds_of_motion():
 def test_the_future_is_not_sensed():
     """Of a track only position and velocity come through."""
     world = World(Scene([Cylinder(0.2, 1.6, motion=curve(1), name="walker")]))
-    seen = Perception(world, ASSUMED, PerceptionParams(), np.random.default_rng(0)).sense(2.0)
+    seen = NoisyGroundTruth(world, ASSUMED, PerceptionParams(), np.random.default_rng(0)).sense(2.0)
     motion = seen.obstacle("walker").motion
     assert isinstance(motion, Twist)
     truth = world.at(1.95).obstacle("walker")
@@ -83,7 +83,7 @@ def test_faults_of_perception():
     faults = FaultPlan(
         [Fault("scene_frozen", 1.0, 0.5), Fault("scene_late", 2.0, 0.5), Fault("nan_obstacle", 3.0, 0.5)]
     )
-    inner = Perception(world, ASSUMED, PerceptionParams(delay=0.1), np.random.default_rng(0))
+    inner = NoisyGroundTruth(world, ASSUMED, PerceptionParams(delay=0.1), np.random.default_rng(0))
     sense = FaultyPerception(inner, faults)
     assert sense.sense(0.9).time == pytest.approx(0.8)
     assert sense.sense(1.4).time == pytest.approx(0.8)  # it says how old it is
@@ -96,7 +96,7 @@ def test_faults_of_perception():
 
 def test_appearing_obstacles_are_seen_when_they_exist():
     world = World(Scene([Sphere(0.2, name="ball", motion=Twist((0.1, 0, 0)))]), appears={"ball": 1.0})
-    sense = Perception(world, ASSUMED, PerceptionParams(delay=0.1), np.random.default_rng(0))
+    sense = NoisyGroundTruth(world, ASSUMED, PerceptionParams(delay=0.1), np.random.default_rng(0))
     assert len(sense.sense(1.05)) == 0
     assert sense.sense(1.15).names == ("ball",)
 
@@ -149,7 +149,7 @@ def test_what_keeps_to_the_assumptions_is_as_expected():
     for seed in range(20):
         obstacles = [Sphere(0.2, name="a", motion=curve(seed)), Box((0.3, 0.3, 1.0), at=(5.0, 0.0, 0.5), name="b")]
         rng = np.random.default_rng(seed)
-        seen = Perception(World(Scene(obstacles)), ASSUMED, PerceptionParams(), rng)
+        seen = NoisyGroundTruth(World(Scene(obstacles)), ASSUMED, PerceptionParams(), rng)
         for t in np.arange(0.5, 4.0, 0.37):
             one, two = seen.sense(float(t)), seen.sense(float(t) + 0.05)
             verdicts.append(as_expected(two, one, predict(one, ASSUMED), ASSUMED))

@@ -10,7 +10,7 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.execution import DriveParams, RunState
 from elastic_strips.execution import replanning as replanning_room
 from elastic_strips.execution.replanning import SwitchingReplanner, slow
-from elastic_strips.planning import FamilyParams
+from elastic_strips.planning import StripSetParams
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim import judge, simulation
 
@@ -29,7 +29,7 @@ def side(strip) -> str:
 
 @pytest.fixture
 def replanner(silvermate):
-    return SwitchingReplanner(silvermate, DriveParams(), seed=0, grid=True, family=FamilyParams(count=2))
+    return SwitchingReplanner(silvermate, DriveParams(), seed=0, grid=True, family=StripSetParams(count=2))
 
 
 def test_another_side_is_taken_without_a_planner(replanner, silvermate, monkeypatch):
@@ -77,7 +77,7 @@ def test_a_drive_changes_sides(silvermate):
     """The side that the robot drives to is closed before it is there: it stops, and follows the other strip."""
     params = DriveParams(replan_after=0.2)
     world = World(HALL.with_obstacle(BLOCK), appears={"block": 2.0})
-    replanner = SwitchingReplanner(silvermate, params, seed=0, grid=True, family=FamilyParams(count=2))
+    replanner = SwitchingReplanner(silvermate, params, seed=0, grid=True, family=StripSetParams(count=2))
     runner = simulation(
         silvermate, world, silvermate.home(), silvermate.home(x=6.0), params=params, replanner=replanner, seed=1
     )

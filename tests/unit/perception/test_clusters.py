@@ -14,12 +14,10 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.perception import (
     LaserScan,
     SceneEstimatorParams,
-    cluster_obstacles,
-    clusters_of,
-    fit_circle,
     rays_of,
     scan_scene,
 )
+from elastic_strips.perception.clusters import cluster_obstacles, clusters_of, fit_circle
 from elastic_strips.scene import Box, Cylinder
 
 PARAMS = SceneEstimatorParams()

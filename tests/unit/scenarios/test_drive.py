@@ -13,7 +13,7 @@ from elastic_strips.io import PoseSpec
 from elastic_strips.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
 from elastic_strips.scenarios.scenario import Scenario
 from elastic_strips.scene import Box, Obstacle, Scene
-from elastic_strips.sim import LASER_ASSUMPTIONS, SensedPerception, Simulation
+from elastic_strips.sim import LASER_ASSUMPTIONS, SensorPerception, Simulation
 from elastic_strips.sim.sensors import SensorConfig
 
 LASER = SensorConfig().only("laser")
@@ -30,7 +30,7 @@ def scenario(*obstacles: Obstacle) -> Scenario:
 
 def test_the_laser_is_all_that_the_planner_knows(silvermate):
     driven = make_simulation(scenario(PILLAR), robot=silvermate, sensors=LASER)
-    assert isinstance(driven.perception, SensedPerception)
+    assert isinstance(driven.perception, SensorPerception)
     assert driven.params.assumptions == LASER_ASSUMPTIONS
     outcome = drive_scenario(scenario(PILLAR), robot=silvermate, sensors=LASER, time_limit=20.0)
     assert outcome.reached, outcome.result.reason

@@ -12,7 +12,7 @@ import pytest
 from elastic_strips import RobotModel, get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
 from elastic_strips.scenarios import drive, drive_scenario
-from elastic_strips.sim import SensedPerception
+from elastic_strips.sim import SensorPerception
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.study import METHODS, Row, Trial, attempt, compare
 from elastic_strips.study.comparison import _turns
@@ -57,12 +57,12 @@ def test_the_strip_is_tried_with_and_without_sensors(beside: str, monkeypatch: p
     """Sensors for one of the two alone; cases and methods in order, one note each."""
     notes, sensed = list[str](), list[str]()
 
-    class Perception(SensedPerception):
+    class Counted(SensorPerception):
         def __init__(self, *given: Any, **options: Any) -> None:
             sensed.append(f"after {len(notes)}")
             super().__init__(*given, **options)
 
-    monkeypatch.setattr(drive, "SensedPerception", Perception)
+    monkeypatch.setattr(drive, "SensorPerception", Counted)
     rows = compare([beside], ["strip", "strip-sensed"], seeds=[1], processes=1, step=notes.append)
     assert [row.method for row in rows] == ["strip", "strip-sensed"]
     assert all(row.reached and row.path > 1.0 and row.seed == 1 for row in rows)

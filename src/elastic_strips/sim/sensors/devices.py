@@ -12,7 +12,7 @@ from elastic_strips.arrays import Array
 from ...perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing
 from .mounting import Mount, Posture
 from .params import LaserParams, RangeParams, RingParams
-from .rays import ObstacleRays, OwnBody, Rays
+from .rays import ObstacleRays, Rays, SelfFilter
 
 CUT = 3.0
 """Noise is cut off at this many standard deviations."""
@@ -72,7 +72,7 @@ class LaserRangefinder:
         fan = np.stack((np.cos(self.angles), np.sin(self.angles), np.zeros(params.rays)), axis=1)
         self._local = Rays(np.zeros((1, 3)), fan)
         joint = np.full(params.rays, self._mount.joint[0])
-        self._own = OwnBody(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
+        self._own = SelfFilter(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
 
     def measure(self, t: float) -> LaserScan:
         """The scan at time ``t`` [s] from where the robot was placed.
@@ -129,12 +129,12 @@ class SensorRing:
         self.params, self._obstacles, self._rng = params, obstacles, rng
         self._mount = Mount(posture, params.frames)
         self._cone = cone_rays(params.half_angle, params.rays)
-        self._groups: list[tuple[npt.NDArray[np.intp], OwnBody]] = []
+        self._groups: list[tuple[npt.NDArray[np.intp], SelfFilter]] = []
         for g in range(params.groups):
             members = np.arange(g, len(params.frames), params.groups)
             joint = np.repeat(self._mount.joint[members], params.rays)
             local = self._rays(self._mount.T_joint_sensor[members])
-            self._groups.append((members, OwnBody(posture, joint, local, self_padding)))
+            self._groups.append((members, SelfFilter(posture, joint, local, self_padding)))
         self.restart()
 
     def restart(self) -> None:
@@ -160,7 +160,7 @@ class SensorRing:
         direction = np.matmul(self._cone, T[:, :3, :3].transpose(0, 2, 1)).reshape(-1, 3)
         return Rays(np.repeat(T[:, :3, 3], self.params.rays, axis=0), direction)
 
-    def _distances(self, t: float, rays: Rays, own: OwnBody) -> Array:
+    def _distances(self, t: float, rays: Rays, own: SelfFilter) -> Array:
         """Nearest true echo (S,) [m] of each sensor; infinite without one, NaN where it is the robot's own."""
         p = self.params
         met = self._obstacles.cast(t, rays, p.range_max, normals=True)

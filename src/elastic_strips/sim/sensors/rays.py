@@ -545,7 +545,7 @@ def _meshes(obstacle: Obstacle) -> list[Corners]:
 _FAR = 1e3  # [m] beyond any robot
 
 
-class OwnBody:
+class SelfFilter:
     """Workspace: a robot's own collision bodies before the beams of one sensor or ring.
 
     Bodies that are fixed to the joint that carries a sensor never move before it: they are looked at once, as they are.

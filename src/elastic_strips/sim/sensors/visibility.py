@@ -67,7 +67,7 @@ def seen_obstacles(scene: Scene, scan: LaserScan, base_pose: Any, *, tolerance: 
     """
     rays, table = rays_of(scan, base_pose), scene.table
     at = np.flatnonzero(rays.hits)
-    ends = rays.origin + rays.ranges[at, None] * rays.way[at]
+    ends = rays.origin + rays.ranges[at, None] * rays.direction[at]
     result = []
     for k, name in enumerate(scene.names):
         rows = slice(int(table.offsets[k]), int(table.offsets[k + 1]))

@@ -8,7 +8,7 @@ from brute_force import random_chart
 from free_way import along, outside_robot
 
 from elastic_strips.sim.sensors.mounting import Mount, Posture
-from elastic_strips.sim.sensors.rays import OwnBody, Rays
+from elastic_strips.sim.sensors.rays import Rays, SelfFilter
 
 REACH = 4.0
 
@@ -20,7 +20,7 @@ def beams_of(robot, link: str, count: int, padding: float, rng):
     direction = rng.normal(size=(count, 3))
     local = Rays(np.zeros((1, 3)), direction / np.linalg.norm(direction, axis=1, keepdims=True))
     T = mount.T_joint_sensor[0]
-    own = OwnBody(posture, np.full(count, mount.joint[0]), local.moved(T), padding)
+    own = SelfFilter(posture, np.full(count, mount.joint[0]), local.moved(T), padding)
     return posture, mount, local, own
 
 

@@ -1,4 +1,4 @@
-"""Perception room, voxel map: what stands, as a grid of log-odds swept over a height, as obstacles tile by tile."""
+"""Occupancy grid: what stands, as log-odds of cells of the floor, and as obstacles tile by tile."""
 
 from __future__ import annotations
 
@@ -22,13 +22,16 @@ _AROUND = np.array([[-1, -1, -1, 0, 0, 1, 1, 1], [-1, 0, 1, -1, 1, -1, 0, 1]])
 _MAX_CELLS = 60_000_000
 
 
-class VoxelMap:
+class OccupancyGrid:
     """Workspace: what scans say about cells of the floor, and obstacles made of it.
 
-    The grid grows with what is seen. ScanRays free the cells that they pass, up to `SceneEstimatorParams.carve_margin`
+    The grid grows with what is seen. Rays free the cells that they pass, up to `SceneEstimatorParams.carve_margin`
     before their ends; where they end, every cell that the padded point touches is hit. A scan counts once per cell,
     and where it both hits and frees a cell, it hits it. A cell that is hit is an obstacle at once, however often it was
     free before; it takes some scans to be free again.
+
+    The grids of the base methods (`methods.certainty_grid`) stay apart: theirs are windows that move with the base and
+    forget what leaves them, and theirs are the rules of their papers, by which readings count as often as they come.
 
     Args:
         params: how.
@@ -66,8 +69,8 @@ class VoxelMap:
         r, self._time = rays.ranges, max(self._time, rays.time)
         reach = np.where(np.isfinite(r), r - p.carve_margin, np.where(np.isposinf(r), rays.range_max, 0.0))
         hit = np.isfinite(r) if ignored is None else np.isfinite(r) & ~ignored
-        ends = rays.origin + r[hit, None] * rays.way[hit]
-        self._integrate(rays.origin, rays.way, np.minimum(reach, p.carve_range), rays.range_min, ends)
+        ends = rays.origin + r[hit, None] * rays.direction[hit]
+        self._integrate(rays.origin, rays.direction, np.minimum(reach, p.carve_range), rays.range_min, ends)
 
     def add_ring(self, ring: RangeRing, base_pose: Any, ignored: Mask | None = None) -> None:
         """Take a round of cone sensors in: something is somewhere on an arc, and nothing nearer is in the cone.
@@ -89,14 +92,14 @@ class VoxelMap:
             if math.isnan(r) or (math.isinf(r) and ring.kind == "sonar"):
                 continue
             angle = math.atan2(T[s, 1, 0], T[s, 0, 0]) + spread
-            way, origin = np.column_stack((np.cos(angle), np.sin(angle))), T[s, :2, 3]
+            direction, origin = np.column_stack((np.cos(angle), np.sin(angle))), T[s, :2, 3]
             hit = r <= p.sonar_range and (ignored is None or not ignored[s])
-            ends = origin + r * way if hit else np.zeros((0, 2))
+            ends = origin + r * direction if hit else np.zeros((0, 2))
             free = min(r - p.carve_margin if math.isfinite(r) else ring.range_max, p.sonar_range, p.carve_range)
             reach, aside = np.full(count, free), p.padding * np.array([-T[s, 1, 0], T[s, 0, 0]])
             for shift in (-aside, aside):  # as wide as what a hit marks, else its edges would stay for ever
-                self._integrate(origin + shift, way, reach, ring.range_min, np.zeros((0, 2)))
-            self._integrate(origin, way, reach, ring.range_min, ends)
+                self._integrate(origin + shift, direction, reach, ring.range_min, np.zeros((0, 2)))
+            self._integrate(origin, direction, reach, ring.range_min, ends)
 
     def forget(self, points: Array) -> None:
         """The cells about points (n, 2) [m] hold nothing that stands: what was there has moved on."""
@@ -104,7 +107,7 @@ class VoxelMap:
             i, j = self._touched(points)
             self._change(i, j, np.full(len(i), -self.params.floor), at_once=True)
 
-    def stand(self, x: float, y: float) -> None:
+    def clear_footprint(self, x: float, y: float) -> None:
         """The base is at (x, y) [m]: there is nothing but the robot, and unseen space is looked at from there."""
         p = self.params
         if p.robot_radius > 0.0:
@@ -167,16 +170,16 @@ class VoxelMap:
             origin = (tile[0] * p.tile, tile[1] * p.tile, 0.5 * p.height)
             made[tile] = Voxels(centers, size, at=origin, name=f"{kind}-{tile[0]}-{tile[1]}")
 
-    def _integrate(self, origin: Array, way: Array, reach: Array, start: float, ends: Array) -> None:
+    def _integrate(self, origin: Array, direction: Array, reach: Array, start: float, ends: Array) -> None:
         p = self.params
-        far = origin + np.maximum(reach, 0.0)[:, None] * way
+        far = origin + np.maximum(reach, 0.0)[:, None] * direction
         self._cover(np.concatenate((far, ends - p.cell, ends + p.cell, origin[None])))
         hit_i, hit_j = self._touched(ends)
         if len(hit_i):
             hits = np.unique(hit_i * self.seen.shape[1] + hit_j)
             hit_i, hit_j = np.divmod(hits, self.seen.shape[1])
             self._change(hit_i, hit_j, np.minimum(np.maximum(self.log_odds[hit_i, hit_j], 0.0) + p.hit, p.top))
-        if not len(way) or not reach.max() > 0.0:
+        if not len(direction) or not reach.max() > 0.0:
             return
         limit = np.array(self.seen.shape) + self.corner
         low = np.maximum(np.floor(np.minimum(far.min(axis=0), origin) / p.cell).astype(np.int64) - 1, self.corner)
@@ -188,7 +191,7 @@ class VoxelMap:
         count = np.maximum(np.floor(reach / p.cell + 0.5).astype(np.int64) - begin, 0)
         along = np.arange(int(count.sum()), dtype=np.float32)
         along -= np.repeat((np.cumsum(count) - count).astype(np.float32) - np.float32(begin + 0.5), count)
-        local, slope = (origin / p.cell - low).astype(np.float32), way.astype(np.float32)
+        local, slope = (origin / p.cell - low).astype(np.float32), direction.astype(np.float32)
         i = (local[0] + np.repeat(slope[:, 0], count) * along).astype(np.int32)
         j = (local[1] + np.repeat(slope[:, 1], count) * along).astype(np.int32)
         passed.ravel()[i * width + j] = True
@@ -199,7 +202,7 @@ class VoxelMap:
         self._free(passed, low - self.corner)
 
     def _free(self, passed: Mask, first: Index) -> None:
-        """ScanRays have passed these cells of the window that begins at cell ``first``."""
+        """Rays have passed these cells of the window that begins at cell ``first``."""
         p = self.params
         window = tuple(slice(a, a + n) for a, n in zip(first.tolist(), passed.shape, strict=True))
         values, filled = self.log_odds[window], self.filled[window]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -11,13 +12,15 @@ import pytest
 
 from elastic_strips.deform import Deformer, DeformParams, DeformStatus
 from elastic_strips.errors import ConfigurationError, InputError, ParameterError, RobotError, SceneError
-from elastic_strips.planning import check_ends, ompl_path, plan, plan_alternatives, plan_report
-from elastic_strips.planning import deadline as deadlines
+from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
+from elastic_strips.planning import problem as deadlines
 from elastic_strips.planning.grid_path import grid_frame
-from elastic_strips.planning.ompl_planner import Region
+from elastic_strips.planning.problem import Region
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene, Sphere
 from elastic_strips.strip import Strip
+
+several = partial(plan_report, count=3)
 
 
 def wall(length, y=0.0, x=2.0, name="wall"):
@@ -81,9 +84,7 @@ def test_the_base_keeps_to_the_bounds(mover):
     path = mover.space.to_chart(kept.strip.sample(0.02))[:, :2]
     assert (path >= bounds[0]).all()
     assert (path <= bounds[1]).all()
-    for found in plan_alternatives(
-        mover, scene, start, goal, bounds=bounds, timeout=60.0, ompl_attempts=1
-    ).alternatives:
+    for found in plan_report(mover, scene, start, goal, bounds=bounds, count=3, timeout=60.0).alternatives:
         assert found.strip.chart[:, 1].max() <= 2.0
 
 
@@ -98,7 +99,7 @@ BAD_BOUNDS = [
 
 @pytest.mark.parametrize("bounds, error, message", BAD_BOUNDS)
 def test_wrong_bounds_are_named(silvermate, bounds, error, message):
-    for call in (plan, plan_report, plan_alternatives):
+    for call in (plan, plan_report, several):
         with pytest.raises(error, match=message):
             call(silvermate, Scene([]), silvermate.home(), silvermate.home(x=4.0), bounds=bounds)
 
@@ -119,7 +120,7 @@ class SlowClock:
         return self.now
 
 
-@pytest.mark.parametrize("call", [plan_report, plan_alternatives])
+@pytest.mark.parametrize("call", [plan_report, several])
 def test_nothing_goes_on_when_the_time_is_over(silvermate, call, monkeypatch):
     """By a clock that counts looks: after the time limit only what is under way is ended."""
     clock = SlowClock(0.02)
@@ -152,7 +153,7 @@ def test_a_long_drive_past_an_obstacle_is_planned(mover):
     assert Deformer(mover).certify(report.strip, scene).certified
 
 
-@pytest.mark.parametrize("call", [plan, plan_report, plan_alternatives])
+@pytest.mark.parametrize("call", [plan, plan_report, several])
 @pytest.mark.parametrize("x", [3e4, 1e8])
 def test_a_goal_in_millimetres_is_refused_with_its_distance(silvermate, call, x):
     with pytest.raises(ConfigurationError, match=rf"goal is {x:.6g} m from start.*millimetres".replace("+", r"\+")):
@@ -162,11 +163,11 @@ def test_a_goal_in_millimetres_is_refused_with_its_distance(silvermate, call, x)
 def test_what_is_suspiciously_large_is_told(silvermate, caplog):
     ground = Box((2000.0, 2000.0, 0.1), at=(0.0, 0.0, -0.1), name="ground")
     with caplog.at_level(logging.WARNING, logger="elastic_strips"):
-        check_ends(silvermate, Scene([ground]), silvermate.home(), silvermate.home(x=3.0), DeformParams())
+        check_endpoints(silvermate, Scene([ground]), silvermate.home(), silvermate.home(x=3.0), DeformParams())
         assert not caplog.records
         table = Box((1200.0, 800.0, 750.0), at=(3000.0, 0.0, 375.0), name="table")
         for _ in range(3):  # as often as a loop plans anew; it is said once
-            check_ends(silvermate, Scene([table]), silvermate.home(), silvermate.home(x=437.5), DeformParams())
+            check_endpoints(silvermate, Scene([table]), silvermate.home(), silvermate.home(x=437.5), DeformParams())
     said = [r.getMessage() for r in caplog.records]
     assert len(said) == 2
     assert any("obstacle 'table' is 1200 m × 800 m × 750 m large" in s for s in said)
@@ -183,7 +184,7 @@ def test_the_ends_are_those_that_were_given(mover):
         assert report.certified, report.reason
         for strip in (report.strip, report.initial):
             np.testing.assert_array_equal(strip.q[[0, -1]], [start, goal])
-    for found in plan_alternatives(mover, Scene([wall(3.0)]), start, goal, timeout=60.0).alternatives:
+    for found in several(mover, Scene([wall(3.0)]), start, goal, timeout=60.0).alternatives:
         np.testing.assert_array_equal(found.strip.q[[0, -1]], [start, goal])
 
 
@@ -192,7 +193,7 @@ def test_threads_do_not_change_what_a_seed_gives(silvermate):
     start, goal = silvermate.home(), silvermate.home(x=4.0)
 
     def path():
-        return ompl_path(silvermate, scene, start, goal, seed=5, margin=0.04, timeout=60.0).chart
+        return ompl_path(silvermate, scene, start, goal, seed=5, margin=0.04, timeout=60.0).rows
 
     alone, found = path(), []
     threads = [threading.Thread(target=lambda: found.append(path())) for _ in range(3)]
@@ -314,7 +315,7 @@ KINDS = [
 
 @pytest.mark.parametrize("call, error, message", KINDS)
 def test_wrong_kinds_of_arguments_are_named(silvermate, call, error, message):
-    for planner in (plan, plan_report, plan_alternatives):
+    for planner in (plan, plan_report, several):
         with pytest.raises(error, match=message):
             call(silvermate, planner)
     with pytest.raises(InputError, match="deformer is a str"):

@@ -1,4 +1,4 @@
-"""StripFamily: alternatives side by side; which one to follow, and when it changes over."""
+"""StripSet: alternatives side by side; which one to follow, and when it changes over."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from elastic_strips.deform import Deformer
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.planning import FamilyParams, FamilyReport, StripFamily
+from elastic_strips.planning import StripSet, StripSetParams, StripSetReport
 from elastic_strips.scene import Box, Scene
 
 WALLS = [
@@ -19,7 +19,7 @@ WALLS = [
 HALL = Scene([*WALLS, Box((0.7, 0.7, 1.4), at=(3.0, -0.15, 0.7), name="box")])
 
 
-def check(report: FamilyReport, scene: Scene) -> None:
+def check(report: StripSetReport, scene: Scene) -> None:
     """What a report claims of this tick's scene holds, asked of a fresh workspace."""
     if report.certified:
         best = report.best
@@ -30,7 +30,7 @@ def check(report: FamilyReport, scene: Scene) -> None:
 
 
 def test_a_family_starts_with_the_best(silvermate) -> None:
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=2))
     report = family.plan(HALL, silvermate.home())
     assert len(report.alternatives) == 2
     assert report.current is not None
@@ -47,7 +47,7 @@ def test_a_family_starts_with_the_best(silvermate) -> None:
 
 def test_others_are_deformed_in_turn(silvermate) -> None:
     """Three strips: each tick the current one and one of the others."""
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=3, plan_every=0))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=3, plan_every=0))
     first = family.plan(HALL, silvermate.home())
     assert len(first.alternatives) == 3
     turns = [family.step(HALL).fresh for _ in range(4)]
@@ -57,7 +57,7 @@ def test_others_are_deformed_in_turn(silvermate) -> None:
 
 def test_a_closed_side_is_left_at_once(silvermate, caplog) -> None:
     """A block appears in the gap that the current strip goes through: the tick that sees it changes over."""
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2, plan_every=0))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=2, plan_every=0))
     first = family.plan(HALL, silvermate.home())
     closed = HALL.with_obstacle(Box((1.0, 1.2, 1.4), at=(3.0, 0.8, 0.7), name="block"))
     with caplog.at_level(logging.INFO, logger="elastic_strips"):
@@ -75,10 +75,10 @@ def test_a_closed_side_is_left_at_once(silvermate, caplog) -> None:
 
 def test_a_better_side_is_taken_after_some_ticks(silvermate) -> None:
     """The box moves aside, so that the other side is much better: not at once, and not where it is little better."""
-    params = FamilyParams(count=2, plan_every=0, patience=4, margin=0.05)
+    params = StripSetParams(count=2, plan_every=0, patience=4, margin=0.05)
     wide = Scene([*WALLS, Box((0.7, 0.7, 1.4), at=(3.0, 0.0, 0.7), name="box")])
     for at, switches in ((0.55, True), (0.02, False)):
-        family = StripFamily(silvermate, silvermate.home(x=6.0), family=params)
+        family = StripSet(silvermate, silvermate.home(x=6.0), params=params)
         first = family.plan(wide, silvermate.home())
         side = 1.0 if np.abs(first.best.strip.q[:, 1]).max() == first.best.strip.q[:, 1].max() else -1.0
         when = []
@@ -106,7 +106,7 @@ def _pose(x: float, y: float) -> np.ndarray:
 
 def test_the_robot_moves_on(silvermate) -> None:
     """The strips begin where the robot is; the one that it has left is dropped with the reason."""
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2, plan_every=0))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=2, plan_every=0))
     report = family.plan(HALL, silvermate.home())
     events: list[str] = []
     lengths = []
@@ -130,7 +130,7 @@ def test_the_robot_moves_on(silvermate) -> None:
 
 def test_a_robot_beside_its_strip_is_taken_up(silvermate) -> None:
     """A start 6 cm and 0.1 rad off: the first tick after may not be certified, but it never claims what is not so."""
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=1, plan_every=0))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=1, plan_every=0))
     family.plan(HALL, silvermate.home())
     q = silvermate.home(0.4, 0.06, 0.1)
     for _ in range(10):
@@ -142,8 +142,8 @@ def test_a_robot_beside_its_strip_is_taken_up(silvermate) -> None:
 
 def test_nothing_left_is_said_once_and_planned_anew(silvermate) -> None:
     """Both sides are closed, then one opens again: planned anew, with the reason."""
-    family = StripFamily(
-        silvermate, silvermate.home(x=6.0), family=FamilyParams(count=1, plan_every=6, patience=2, timeout=1.0)
+    family = StripSet(
+        silvermate, silvermate.home(x=6.0), params=StripSetParams(count=1, plan_every=6, patience=2, timeout=1.0)
     )
     family.plan(HALL, silvermate.home())
     blocks = [Box((0.5, 14.0, 1.4), at=(3.0, 0.0, 0.7), name="block")]
@@ -165,7 +165,7 @@ def test_nothing_left_is_said_once_and_planned_anew(silvermate) -> None:
 
 
 def test_a_start_in_collision_does_not_stop_the_family(silvermate) -> None:
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2, plan_every=1, patience=1))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=2, plan_every=1, patience=1))
     family.plan(HALL, silvermate.home())
     blocked = HALL.with_obstacle(Box((0.2, 0.2, 1.0), at=(0.0, 0.0, 0.5), name="post"))
     report = family.step(blocked)
@@ -175,8 +175,8 @@ def test_a_start_in_collision_does_not_stop_the_family(silvermate) -> None:
 
 def test_strips_that_come_to_the_same_side_are_one(silvermate) -> None:
     """The box vanishes: what passed it on its two sides is of one class, which the next call of the planner sees."""
-    family = StripFamily(
-        silvermate, silvermate.home(x=6.0), family=FamilyParams(count=3, plan_every=3, timeout=60.0, patience=50)
+    family = StripSet(
+        silvermate, silvermate.home(x=6.0), params=StripSetParams(count=3, plan_every=3, timeout=60.0, patience=50)
     )
     first = family.plan(HALL, silvermate.home())
     assert len(first.alternatives) == 3
@@ -185,22 +185,22 @@ def test_strips_that_come_to_the_same_side_are_one(silvermate) -> None:
     assert [r.planned for r in reports] == [False, False, True]
     events = [e for r in reports for e in r.events]
     assert sum("passes on the same sides as a better one" in e for e in events) == 1
-    words = [a.base_class for a in reports[-1].alternatives]
+    words = [a.homotopy_class for a in reports[-1].alternatives]
     assert len(set(words)) == len(words)
 
 
 def test_wrong_input_is_named(silvermate) -> None:
-    family = StripFamily(silvermate, silvermate.home(x=6.0))
+    family = StripSet(silvermate, silvermate.home(x=6.0))
     with pytest.raises(ConfigurationError, match="there are no strips yet; give the start, or call plan"):
         family.step(HALL)
     with pytest.raises(ConfigurationError, match="start has shape"):
         family.step(HALL, [0.0, 1.0])
     with pytest.raises(ConfigurationError, match="goal has shape"):
-        StripFamily(silvermate, [0.0])
+        StripSet(silvermate, [0.0])
     with pytest.raises(ParameterError, match="seed=-1"):
-        StripFamily(silvermate, silvermate.home(), seed=-1)
+        StripSet(silvermate, silvermate.home(), seed=-1)
     with pytest.raises(ConfigurationError, match="goal is in collision"):
-        StripFamily(silvermate, silvermate.home(x=3.0)).plan(HALL, silvermate.home())
+        StripSet(silvermate, silvermate.home(x=3.0)).plan(HALL, silvermate.home())
 
 
 @pytest.mark.parametrize(
@@ -209,19 +209,19 @@ def test_wrong_input_is_named(silvermate) -> None:
         ({"count": 0}, "count=0"),
         ({"patience": 1.5}, "patience=1.5"),
         ({"margin": 1.0}, "margin=1.0 must be below 1"),
-        ({"stem": float("nan")}, "stem=nan"),
+        ({"divergence_distance": float("nan")}, "divergence_distance=nan"),
         ({"timeout": 0.0}, "timeout=0.0"),
         ({"plan_every": -1}, "plan_every=-1"),
     ],
 )
 def test_parameters_are_checked(options, message) -> None:
     with pytest.raises(ParameterError, match=message):
-        FamilyParams(**options)
+        StripSetParams(**options)
 
 
 def test_without_deciding_the_current_strip_stays(silvermate) -> None:
     """Whoever follows it cannot leave it where it is: a broken one stays the current one, and says so."""
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2, plan_every=0))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=2, plan_every=0))
     first = family.plan(HALL, silvermate.home())
     closed = HALL.with_obstacle(Box((1.0, 1.2, 1.4), at=(3.0, 0.8, 0.7), name="block"))
     report = family.step(closed, decide=False)
@@ -232,7 +232,7 @@ def test_without_deciding_the_current_strip_stays(silvermate) -> None:
 
 def test_a_strip_that_was_given_up_is_left(silvermate) -> None:
     """Nothing in the scene speaks against it; whoever follows it knows why."""
-    family = StripFamily(silvermate, silvermate.home(x=6.0), family=FamilyParams(count=2, plan_every=0))
+    family = StripSet(silvermate, silvermate.home(x=6.0), params=StripSetParams(count=2, plan_every=0))
     first = family.plan(HALL, silvermate.home())
     assert first.best is not None
     here = silvermate.home(x=0.4)

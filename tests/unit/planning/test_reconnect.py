@@ -7,7 +7,7 @@ import pytest
 
 from elastic_strips.deform import Deformer
 from elastic_strips.planning import plan_report
-from elastic_strips.planning.rejoin import parting_angle, rejoined
+from elastic_strips.planning.homotopy.strip_set import divergence_angle, reconnect
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Strip
 
@@ -24,7 +24,7 @@ def test_what_the_robot_has_passed_goes(name, aside, turn, request) -> None:
     chart = report.strip.chart[5].copy()
     chart[1] += aside
     chart[2] += turn
-    new = rejoined(deformer, report, chart).strip
+    new = reconnect(deformer, report, chart).strip
     np.testing.assert_allclose(robot.space.difference(new.chart[:1], chart[None]), 0.0, atol=1e-12)
     assert np.abs(np.diff(new.chart[:, 2])).max() < 1.0  # no turn is wound up
     np.testing.assert_array_equal(new.q[-1], report.strip.q[-1])
@@ -42,7 +42,7 @@ def test_at_the_goal_two_nodes_are_left(jackal_box) -> None:
     planned = plan_report(jackal_box, SCENE, jackal_box.home(), jackal_box.home(x=4.0))
     deformer = Deformer(jackal_box)
     report = deformer.step(planned.strip, SCENE)
-    new = rejoined(deformer, report, report.strip.chart[-1] - [0.01, 0.0, 0.0]).strip
+    new = reconnect(deformer, report, report.strip.chart[-1] - [0.01, 0.0, 0.0]).strip
     assert len(new) == 2
 
 
@@ -54,10 +54,10 @@ def test_directions_part(silvermate, gantry) -> None:
         return Strip.from_chart(silvermate, chart)
 
     east, north, west = strip((0, 0), (2, 0)), strip((0, 0), (0, 2)), strip((0, 0), (-0.3, 0))
-    assert parting_angle(east, east, 0.6) == 0.0
-    assert parting_angle(east, north, 0.6) == pytest.approx(np.pi / 2)
-    assert parting_angle(east, west, 0.6) == pytest.approx(np.pi)
+    assert divergence_angle(east, east, 0.6) == 0.0
+    assert divergence_angle(east, north, 0.6) == pytest.approx(np.pi / 2)
+    assert divergence_angle(east, west, 0.6) == pytest.approx(np.pi)
     bend = strip((0, 0), (0.3, 0), (0.3, 5.0))
-    assert parting_angle(east, bend, 0.6) == pytest.approx(np.arctan2(0.3, 0.3))
+    assert divergence_angle(east, bend, 0.6) == pytest.approx(np.arctan2(0.3, 0.3))
     q = gantry.home(bend=-1.0), gantry.home(bend=1.0)
-    assert parting_angle(Strip(gantry, np.stack(q)), Strip(gantry, np.stack(q[::-1])), 0.6) == 0.0
+    assert divergence_angle(Strip(gantry, np.stack(q)), Strip(gantry, np.stack(q[::-1])), 0.6) == 0.0

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from ray_caster import box_segments, scan
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import LaserScan, RangeRing, SceneEstimatorParams, VoxelMap, rays_of
+from elastic_strips.perception import LaserScan, OccupancyGrid, RangeRing, SceneEstimatorParams, rays_of
 from elastic_strips.scene import Voxels
 
 WALL = [(2.0, -3.0, 2.0, 3.0)]
 
 
 def filled_map(scans, params=None):
-    grid = VoxelMap(params or SceneEstimatorParams())
+    grid = OccupancyGrid(params or SceneEstimatorParams())
     for reading in scans:
         grid.add_scan(rays_of(reading, (0, 0, 0)))
     return grid
@@ -89,7 +89,7 @@ def test_dropouts_say_nothing_and_nothing_frees_up_to_the_range():
 def test_unseen_space_has_a_policy(policy):
     params = SceneEstimatorParams(unseen=policy, unseen_radius=2.5, robot_radius=0.4)
     grid = filled_map([scan((0, 0, 0), segments=[(1.0, -0.5, 1.0, 0.5)])], params)
-    grid.stand(0.0, 0.0)
+    grid.clear_footprint(0.0, 0.0)
     obstacles = grid.obstacles()
     hidden = np.array([[x, y] for x in (1.3, 1.8, 2.4) for y in (-0.3, 0.0, 0.3)])
     hidden = hidden[np.hypot(*hidden.T) < 2.45]
@@ -106,15 +106,15 @@ def test_unseen_space_has_a_policy(policy):
 def test_blocked_cells_are_freed_once_they_are_seen_and_follow_the_base():
     params = SceneEstimatorParams(unseen="blocked", unseen_radius=1.5, settle_delay=0.0)
     grid = filled_map([scan((0, 0, 0), fov=1.0)], params)
-    grid.stand(0.0, 0.0)
+    grid.clear_footprint(0.0, 0.0)
     rear = at_height(np.array([[-1.0, 0.0]]))
     assert covered(grid.obstacles(), rear).all()
     grid.add_scan(rays_of(scan((0, 0, math.pi), 0.1, fov=1.0), (0, 0, math.pi)))
-    grid.stand(0.0, 0.0)
+    grid.clear_footprint(0.0, 0.0)
     assert not covered(grid.obstacles(), rear).any()
     side = at_height(np.array([[0.0, -1.2]]))
     assert covered(grid.obstacles(), side).all()
-    grid.stand(2.0, 0.0)
+    grid.clear_footprint(2.0, 0.0)
     assert not covered(grid.obstacles(), side).any()
 
 
@@ -135,7 +135,7 @@ def test_unchanged_tiles_keep_their_obstacles():
 def test_noise_makes_few_new_obstacles():
     """A scan in ten seconds of scans at 10 Hz makes few of a room's tiles anew."""
     rng, room = np.random.default_rng(0), box_segments(0, 0, 8, 6)
-    grid, rebuilt = VoxelMap(SceneEstimatorParams()), []
+    grid, rebuilt = OccupancyGrid(SceneEstimatorParams()), []
     for k in range(60):
         pose = rng.normal(0, (0.01, 0.01, 0.004))
         grid.add_scan(rays_of(scan((0, 0, 0), 0.1 * k, segments=room, noise=0.01, rng=rng), pose))
@@ -150,10 +150,10 @@ def test_the_padded_ends_of_all_rays_are_in_the_obstacles(x, y, yaw, seed):
     rng = np.random.default_rng(seed)
     world = {"segments": box_segments(0, 0, 9, 9), "circles": [(*rng.uniform(-3, 3, 2), 0.2)]}
     rays = rays_of(scan((x, y, yaw), rays=121, noise=0.01, rng=rng, **world), (x, y, yaw))
-    grid = VoxelMap(SceneEstimatorParams())
+    grid = OccupancyGrid(SceneEstimatorParams())
     grid.add_scan(rays)
     hits = rays.hits
-    ends = rays.origin + rays.ranges[hits, None] * rays.way[hits]
+    ends = rays.origin + rays.ranges[hits, None] * rays.direction[hits]
     obstacles = grid.obstacles()
     for corner in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
         assert covered(obstacles, at_height(ends + 0.99 * grid.params.padding * np.array(corner))).all()
@@ -165,7 +165,7 @@ def test_rings_mark_near_arcs_and_free_only_what_they_say():
     for k, yaw in enumerate((0.0, 1.5, -1.5)):
         T[k, :2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
     ring = RangeRing("sonars", "sonar", 0.0, T, np.array([0.6, np.inf, 2.5]), 0.26, 0.1, 4.0)
-    grid = VoxelMap(SceneEstimatorParams(), "near")
+    grid = OccupancyGrid(SceneEstimatorParams(), "near")
     grid.add_ring(ring, (0, 0, 0))
     arc = 0.2 + 0.6 * np.cos(np.linspace(-0.26, 0.26, 9)), 0.6 * np.sin(np.linspace(-0.26, 0.26, 9))
     assert grid.occupied(np.column_stack(arc)).all()

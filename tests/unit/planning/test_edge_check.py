@@ -33,7 +33,7 @@ def test_a_finer_path_checks_more(silvermate) -> None:
             silvermate, scene, silvermate.home(), silvermate.home(x=4.0), seed=1, margin=0.03, timeout=60.0,
             fineness=fineness,
         )  # fmt: skip
-        assert found.chart is not None
+        assert found.rows is not None
         checks.append(found.checks)
-        assert np.isfinite(found.chart).all()
+        assert np.isfinite(found.rows).all()
     assert checks[1] > 1.5 * checks[0]

@@ -1,4 +1,4 @@
-"""Homotopy: on which sides of the obstacles a way of the base goes, and ways over a grid of every class.
+"""Homotopy classes: on which sides of the obstacles a path of the base goes, and paths over a grid of each class.
 
 A ray goes from a point of each obstacle upwards (towards +y) to infinity. The rays that a path crosses, in order and
 with the sense of the crossing, spell a word; a crossing and the next one back cancel. Two paths with the same ends have
@@ -15,24 +15,24 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
 
-from ..errors import ParameterError
-from ..robot import RobotModel
-from ..scene import Scene
-from ..summary import Summary
-from .grid_path import FLOOR, MOST_CELLS, cell_cost, cell_graph, footprint, grid_frame, owner_map, smooth_way
+from ...errors import ParameterError
+from ...robot import PlanarFootprint, RobotModel
+from ...scene import Scene
+from ...summary import Summary
+from ..grid_path import FLOOR, MOST_CELLS, cell_cost, cell_graph, grid_frame, owner_map, smooth_path
 
-BaseClass = tuple[tuple[str, int], ...]
-"""The crossings of a path: which component's ray, and +1 towards −x (the component on the left), −1 towards +x."""
+HomotopyClass = tuple[tuple[str, int], ...]
+"""The crossings of a path: which cluster's ray, and +1 towards −x (the cluster on the left), −1 towards +x."""
 
 _EIGHT = np.ones((3, 3), dtype=int)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Component:
+class ObstacleCluster:
     """Obstacles that the base cannot pass between.
 
     Attributes:
-        name: of the component, after its obstacles; unique among the components of a map.
+        name: of the cluster, after its obstacles; unique among the clusters of a map.
         obstacles: names of the obstacles.
         at: (2,) a point [m] well inside it.
         area: that the base's centre cannot enter [m²].
@@ -45,18 +45,18 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ComponentMap(Summary):
-    """The components of a scene on a grid.
+class ClusterMap(Summary):
+    """The clusters of a scene on a grid.
 
     Attributes:
-        components: the components.
-        labels: (rows, columns) 1 + index of the component that closes a cell to the base's centre, 0 where open.
+        clusters: the clusters.
+        labels: (rows, columns) 1 + index of the cluster that closes a cell to the base's centre, 0 where open.
         clear: (rows, columns) distance to the nearest obstacle, seen from above [m].
         low: (2,) middle of the first cell [m]; resolution: edge of a cell [m].
         inner: radius of the disc that the base at least needs [m].
     """
 
-    components: tuple[Component, ...]
+    clusters: tuple[ObstacleCluster, ...]
     labels: Indices
     clear: Array
     low: Array
@@ -64,14 +64,14 @@ class ComponentMap(Summary):
     inner: float
 
 
-def base_components(
+def obstacle_clusters(
     robot: RobotModel, scene: Scene, points: npt.ArrayLike, *, resolution: float = 0.05, widen: float = 3.0
-) -> tuple[Component, ...]:
-    """Obstacles about ``points``, merged where the base cannot pass between them; see :func:`component_map`."""
-    return component_map(robot, scene, points, resolution=resolution, widen=widen).components
+) -> tuple[ObstacleCluster, ...]:
+    """Obstacles about ``points``, merged where the base cannot pass between them; see :func:`cluster_map`."""
+    return cluster_map(robot, scene, points, resolution=resolution, widen=widen).clusters
 
 
-def component_map(
+def cluster_map(
     robot: RobotModel,
     scene: Scene,
     points: npt.ArrayLike,
@@ -80,8 +80,8 @@ def component_map(
     widen: float = 3.0,
     box: tuple[Array, Array] | None = None,
     over: Callable[[], bool] = lambda: False,
-) -> ComponentMap:
-    """The components of a scene about ``points``, on a grid.
+) -> ClusterMap:
+    """The clusters of a scene about ``points``, on a grid.
 
     What is above the robot in its home posture, or on the floor below 2 cm, does not count: the robot passes under or
     over it. Nor does what is farther away than ``widen``.
@@ -93,7 +93,7 @@ def component_map(
         resolution: edge of a cell [m]; larger where the grid would be too large.
         widen: how far beyond the points the grid reaches [m].
         box: low and high corner (2,) of the grid [m], instead of ``widen``; it holds the points.
-        over: says whether the time is over; then there are no components.
+        over: says whether the time is over; then there are no clusters.
 
     Raises:
         ParameterError: a fixed base, points of another shape or not finite, or a length that is not positive.
@@ -108,20 +108,21 @@ def component_map(
             raise ParameterError(f"{name}={value!r} must be > 0 m")
     low, high = (xy.min(axis=0) - widen, xy.max(axis=0) + widen) if box is None else box
     low, shape, resolution = grid_frame(low, high, resolution, MOST_CELLS)
-    body = footprint(robot, robot.home_q)
-    owner = owner_map(scene, low, shape, resolution, body.height, over=over)
+    footprint = PlanarFootprint.of(robot, robot.home_q)
+    inner, height = footprint.inner, footprint.height
+    owner = owner_map(scene, low, shape, resolution, height, over=over)
     taken = owner >= 0
     if over() or not taken.any():
-        return ComponentMap((), np.zeros(taken.shape, dtype=np.intp), np.full(taken.shape, np.inf), low, resolution,
-                            body.inner)  # fmt: skip
+        return ClusterMap((), np.zeros(taken.shape, dtype=np.intp), np.full(taken.shape, np.inf), low, resolution,
+                            inner)  # fmt: skip
     clear = np.asarray(distance_transform_edt(~taken, sampling=resolution))
-    closed = clear < body.inner
+    closed = clear < inner
     labels = np.zeros(closed.shape, dtype=np.intp)
     count = int(np.asarray(label(closed, structure=_EIGHT, output=labels)))
     depth = np.asarray(distance_transform_edt(closed)) * taken  # the middle of an obstacle, not of a gap that is closed
     middles = maximum_position(depth, labels, np.arange(1, count + 1))
     areas = np.bincount(labels.ravel(), minlength=count + 1)[1:] * resolution**2
-    found: list[Component] = []
+    found: list[ObstacleCluster] = []
     used: dict[str, int] = {}
     for k, cell in enumerate(middles, start=1):
         if over():
@@ -135,35 +136,35 @@ def component_map(
             name = f"{name}#{used[name]}"
         shift = 1e-7 * k  # no two rays lie on each other
         at = low + resolution * np.asarray(cell, dtype=float) + np.array([shift, 0.0])
-        found.append(Component(name, names, at, float(areas[k - 1])))
-    return ComponentMap(tuple(found), labels, clear, low, resolution, body.inner)
+        found.append(ObstacleCluster(name, names, at, float(areas[k - 1])))
+    return ClusterMap(tuple(found), labels, clear, low, resolution, inner)
 
 
-def obstacle_points(robot: RobotModel, scene: Scene) -> tuple[Component, ...]:
-    """Each obstacle that counts as a component of its own, at its middle: to say where it is, not for classes."""
-    table, height = scene.table, footprint(robot, robot.home_q).height
+def single_obstacles(robot: RobotModel, scene: Scene) -> tuple[ObstacleCluster, ...]:
+    """Each obstacle that counts as a cluster of its own, at its middle: to say where it is, not for classes."""
+    table, height = scene.table, PlanarFootprint.of(robot, robot.home_q).height
     found = []
     for k, name in enumerate(scene.names):
         rows = slice(int(table.offsets[k]), int(table.offsets[k + 1]))
         low, high = table.center[rows] - table.half_extents[rows], table.center[rows] + table.half_extents[rows]
         if len(low) and low[:, 2].min() < height and high[:, 2].max() > FLOOR:
             corner, other = low.min(axis=0)[:2], high.max(axis=0)[:2]
-            found.append(Component(name, (name,), 0.5 * (corner + other), float(np.prod(other - corner))))
+            found.append(ObstacleCluster(name, (name,), 0.5 * (corner + other), float(np.prod(other - corner))))
     return tuple(found)
 
 
-def base_class(path_xy: npt.ArrayLike, components: Sequence[Component]) -> BaseClass:
+def homotopy_class(path_xy: npt.ArrayLike, clusters: Sequence[ObstacleCluster]) -> HomotopyClass:
     """The class of a path (K, 2) of the base [m]: the reduced word of its crossings.
 
-    Compare it only with classes of paths that have the same ends, among the same components.
+    Compare it only with classes of paths that have the same ends, among the same clusters.
 
     Raises:
         ParameterError: a path of another shape, not finite, or of fewer than two points.
     """
     path = _points(path_xy, least=2)
-    if not components:
+    if not clusters:
         return ()
-    at = np.array([c.at for c in components])
+    at = np.array([c.at for c in clusters])
     beyond = path[:, :1] >= at[:, 0]  # (K, C)
     step, which = np.nonzero(beyond[:-1] != beyond[1:])
     a, b = path[step], path[step + 1]
@@ -172,8 +173,8 @@ def base_class(path_xy: npt.ArrayLike, components: Sequence[Component]) -> BaseC
     step, which, share = step[above], which[above], share[above]
     word: list[tuple[str, int]] = []
     for k in np.lexsort((share, step)).tolist():
-        component = int(which[k])
-        name, sense = components[component].name, -1 if beyond[step[k] + 1, component] else 1
+        cluster = int(which[k])
+        name, sense = clusters[cluster].name, -1 if beyond[step[k] + 1, cluster] else 1
         if word and word[-1] == (name, -sense):
             word.pop()
         else:
@@ -181,22 +182,24 @@ def base_class(path_xy: npt.ArrayLike, components: Sequence[Component]) -> BaseC
     return tuple(word)
 
 
-def parted_by(one: npt.ArrayLike, other: npt.ArrayLike, components: Sequence[Component]) -> dict[str, str]:
+def separating_obstacles(
+    one: npt.ArrayLike, other: npt.ArrayLike, clusters: Sequence[ObstacleCluster]
+) -> dict[str, str]:
     """Components between two paths with the same ends, the largest first, with the side on which ``one`` passes.
 
     Returns:
-        component → ``"left"`` or ``"right"``, seen along the way; the other path passes on the other side. A component
+        cluster → ``"left"`` or ``"right"``, seen along the path; the other path passes on the other side. A cluster
         that the paths together surround more than once, or in both senses, is there by its total.
     """
     a, b = _points(one, least=2), _points(other, least=2)
     loop = np.vstack((a, b[::-1], a[:1]))
     sides = {}
-    for component in sorted(components, key=lambda c: -c.area):
-        offset = loop - component.at
+    for cluster in sorted(clusters, key=lambda c: -c.area):
+        offset = loop - cluster.at
         angle = np.arctan2(offset[:, 1], offset[:, 0])
         turns = np.rint(np.sum(np.remainder(np.diff(angle) + np.pi, 2 * np.pi) - np.pi) / (2 * np.pi))
         if turns:
-            sides[component.name] = "right" if turns > 0 else "left"
+            sides[cluster.name] = "right" if turns > 0 else "left"
     return sides
 
 
@@ -208,57 +211,57 @@ def _points(values: npt.ArrayLike, *, least: int) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Way:
-    """A way of the base from start to goal.
+class HomotopyPath:
+    """A path of the base from start to goal, of one class.
 
     Attributes:
         points: (K, 2) waypoints [m]; cost: the grid's, in metres of open floor.
-        base_class: its class among the components of the map.
+        homotopy_class: its class among the clusters of the map.
     """
 
     points: Array
     cost: float
-    base_class: BaseClass
+    homotopy_class: HomotopyClass
 
 
-def distinct_ways(
+def homotopy_paths(
     robot: RobotModel,
     scene: Scene,
     start: Array,
     goal: Array,
     *,
     count: int,
-    field: ComponentMap | None = None,
+    clusters: ClusterMap | None = None,
     comfort: float = 0.35,
-) -> tuple[Way, ...]:
-    """At most ``count`` ways of different classes, the cheapest of each class found, cheapest first.
+) -> tuple[HomotopyPath, ...]:
+    """At most ``count`` paths of different classes, the cheapest of each class found, cheapest first.
 
-    One search from the start and one from the goal give the cheapest way to any cell and on from any cell; with the
-    crossings summed up along both trees, it is known which ways those are. So every way is found that is a cheapest way
-    to some cell and a cheapest way on from there or from one of its neighbours.
+    One search from the start and one from the goal give the cheapest path to any cell and on from any cell; with the
+    crossings summed up along both trees, their classes are known. So every path is found that is a cheapest one to some
+    cell and a cheapest one on from there or from one of its neighbours.
 
     Args:
         robot: the robot; its base must move.
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
         count: so many at most.
-        field: the components of the scene, about start and goal; found where None.
+        clusters: of the scene, about start and goal; found where None.
         comfort: as in :func:`grid_path`.
     """
     from scipy.sparse.csgraph import dijkstra  # late: slow to import
 
-    ends = robot.space.to_chart(np.stack((start, goal)))[:, :2]
-    field = component_map(robot, scene, ends) if field is None else field
-    resolution = field.resolution
-    shape = np.array(field.clear.shape)
-    cells = np.clip(np.rint((ends - field.low) / resolution).astype(int), 0, shape - 1)
-    cost = cell_cost(field.clear, field.inner, comfort, cells, resolution)
+    endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
+    clusters = cluster_map(robot, scene, endpoints) if clusters is None else clusters
+    resolution = clusters.resolution
+    shape = np.array(clusters.clear.shape)
+    cells = np.clip(np.rint((endpoints - clusters.low) / resolution).astype(int), 0, shape - 1)
+    cost = cell_cost(clusters.clear, clusters.inner, comfort, cells, resolution)
     graph = cell_graph(cost)
     first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
     come, before = dijkstra(graph, directed=False, indices=[first, last], return_predecessors=True)
     if not np.isfinite(come[0, last]):
         return ()
-    heights = _heights(field)
+    heights = _heights(clusters)
     sums = [_summed(tree, heights) for tree in before]
     edges = graph.tocoo()
     one, two, own = (np.asarray(k, dtype=np.intp) for k in (*edges.coords, np.arange(cost.size)))
@@ -270,23 +273,23 @@ def distinct_ways(
     total = come[0, there] + step + come[1, onward]
     order = np.argsort(total, kind="stable")
     _, best = np.unique((reached - sums[1][onward])[order], return_index=True)
-    found: list[Way] = []
+    found: list[HomotopyPath] = []
     for k in order[np.sort(best)[:count]].tolist():
         route = _joined(int(there[k]), int(onward[k]), before[0], before[1])
-        points = field.low + resolution * np.column_stack(np.unravel_index(route, cost.shape)).astype(float)
-        points[0], points[-1] = ends
-        word = base_class(points, field.components)
-        found.append(Way(smooth_way(points, resolution), float(total[k]) * resolution, word))
+        points = clusters.low + resolution * np.column_stack(np.unravel_index(route, cost.shape)).astype(float)
+        points[0], points[-1] = endpoints
+        word = homotopy_class(points, clusters.clusters)
+        found.append(HomotopyPath(smooth_path(points, resolution), float(total[k]) * resolution, word))
     return tuple(found)
 
 
-def _heights(field: ComponentMap) -> Indices:
-    """Sums (rows, columns + 1) of random numbers, one for each component, over those below a point of a grid line."""
-    rows, columns = field.labels.shape
+def _heights(clusters: ClusterMap) -> Indices:
+    """Sums (rows, columns + 1) of random numbers, one for each cluster, over those below a point of a grid line."""
+    rows, columns = clusters.labels.shape
     heights = np.zeros((rows, columns + 1), dtype=np.int64)
-    draws = np.random.default_rng(0).integers(1, 2**48, len(field.components))
-    for component, draw in zip(field.components, draws, strict=True):
-        i, j = np.rint((component.at - field.low) / field.resolution).astype(int)
+    draws = np.random.default_rng(0).integers(1, 2**48, len(clusters.clusters))
+    for cluster, draw in zip(clusters.clusters, draws, strict=True):
+        i, j = np.rint((cluster.at - clusters.low) / clusters.resolution).astype(int)
         heights[i, j + 1 :] += draw
     return heights
 
@@ -306,7 +309,7 @@ def _crossings(a: Indices, b: Indices, heights: Indices) -> Indices:
 
 
 def _summed(before: Indices, heights: Indices) -> Indices:
-    """(cells,) for each cell the signed sum of the numbers of the rays that the tree's way to it crosses.
+    """(cells,) for each cell the signed sum of the numbers of the rays that the tree's path to it crosses.
 
     Equal sums mean equal numbers of crossings of each ray, but for a chance that does not matter.
     """
@@ -320,7 +323,7 @@ def _summed(before: Indices, heights: Indices) -> Indices:
 
 
 def _joined(there: int, onward: int, from_start: Indices, from_goal: Indices) -> list[int]:
-    """Cells of the cheapest way to one cell and on from another; what it would go there and back is left out."""
+    """Cells of the cheapest path to one cell and on from another; what it would go there and back is left out."""
     back = [there]
     while from_start[back[-1]] >= 0:
         back.append(int(from_start[back[-1]]))

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.planning import Component, base_class, base_components, parted_by
+from elastic_strips.planning import ObstacleCluster, homotopy_class, obstacle_clusters, separating_obstacles
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 
 AT = {"a": (1.0, 0.3), "b": (2.0, -0.4), "c": (2.0, 0.9), "d": (3.1, 0.1)}
-POINTS = tuple(Component(name, (name,), np.array(at) + 1e-7 * k, 0.3) for k, (name, at) in enumerate(AT.items()))
+POINTS = tuple(ObstacleCluster(name, (name,), np.array(at) + 1e-7 * k, 0.3) for k, (name, at) in enumerate(AT.items()))
 ENDS = np.array([[-0.5, 0.0], [4.5, 0.0]])
 CLEAR = 0.12
 """Radius [m] about each point that the paths of these tests keep out of."""
@@ -55,11 +55,11 @@ def test_a_deformation_keeps_the_class(seed: int, names: str) -> None:
     """A path that is shaken without passing over a point stays in its class; the other classes are others."""
     path = over(names)
     shaken = wiggled(path, np.random.default_rng(seed), steps=150)
-    word = base_class(path, POINTS)
-    assert base_class(shaken, POINTS) == word
+    word = homotopy_class(path, POINTS)
+    assert homotopy_class(shaken, POINTS) == word
     assert {name for name, _ in word} == set(names)
     for other in ("", "a", "ab", "b", "bc", "abcd", "bd"):
-        assert (base_class(over(other), POINTS) == word) == (other == names)
+        assert (homotopy_class(over(other), POINTS) == word) == (other == names)
 
 
 def test_the_shaken_paths_were_really_shaken() -> None:
@@ -72,13 +72,13 @@ def test_there_and_back_cancels_and_loops_count() -> None:
     """A detour above a point and back is no class of its own; a loop around it is, each turn of it."""
     point = POINTS[:1]
     below = np.array([[0.0, 0.0], [2.0, 0.0]])
-    assert base_class(below, point) == ()
-    assert base_class([[0, 0], [0.5, 1], [2, 1], [0.5, 1], [0.5, 0], [2, 0]], point) == ()
+    assert homotopy_class(below, point) == ()
+    assert homotopy_class([[0, 0], [0.5, 1], [2, 1], [0.5, 1], [0.5, 0], [2, 0]], point) == ()
     loop = [[0, 0], [2, 0], [2, 1], [0.5, 1], [0.5, 0]]
-    assert base_class([*loop, [2, 0]], point) == (("a", 1),)
-    assert base_class([*loop, *loop[1:], [2, 0]], point) == (("a", 1), ("a", 1))
-    assert base_class([[2, 1], [0, 1]], point) == (("a", 1),)
-    assert base_class([[0, 1], [2, 1]], point) == (("a", -1),)
+    assert homotopy_class([*loop, [2, 0]], point) == (("a", 1),)
+    assert homotopy_class([*loop, *loop[1:], [2, 0]], point) == (("a", 1), ("a", 1))
+    assert homotopy_class([[2, 1], [0, 1]], point) == (("a", 1),)
+    assert homotopy_class([[0, 1], [2, 1]], point) == (("a", -1),)
 
 
 def test_the_order_of_crossings_counts() -> None:
@@ -86,25 +86,25 @@ def test_the_order_of_crossings_counts() -> None:
     a, b = POINTS[0], POINTS[3]
     x, y = ("a", -1), ("d", -1)
     one = [[0, 0], [0, 2], [1.5, 2], [1.5, -1], [0.5, -1], [0.5, -2], [4, -2]]
-    assert base_class(one, (a, b)) == (x,)
+    assert homotopy_class(one, (a, b)) == (x,)
     both = [[0, 2], [4, 2]]
-    assert base_class(both, (a, b)) == (x, y)
-    assert base_class(both[::-1], (a, b)) == (("d", 1), ("a", 1))
+    assert homotopy_class(both, (a, b)) == (x, y)
+    assert homotopy_class(both[::-1], (a, b)) == (("d", 1), ("a", 1))
 
 
 def test_points_on_one_line_are_told_apart() -> None:
     """b and c stand on one line along y: above both, between them, and below both."""
-    words = [base_class([[1.5, y], [2.5, y]], POINTS) for y in (2.0, 0.3, -1.0)]
+    words = [homotopy_class([[1.5, y], [2.5, y]], POINTS) for y in (2.0, 0.3, -1.0)]
     assert [{name for name, _ in word} for word in words] == [{"b", "c"}, {"b"}, set()]
 
 
 def test_sides_are_told_as_seen_along_the_way() -> None:
     above, below = over("a"), over("")
-    assert parted_by(above, below, POINTS) == {"a": "left"}
-    assert parted_by(below, above, POINTS) == {"a": "right"}
-    assert parted_by(above[::-1], below[::-1], POINTS) == {"a": "right"}
-    assert parted_by(above, above, POINTS) == {}
-    assert set(parted_by(over("abcd"), below, POINTS)) == set("abcd")
+    assert separating_obstacles(above, below, POINTS) == {"a": "left"}
+    assert separating_obstacles(below, above, POINTS) == {"a": "right"}
+    assert separating_obstacles(above[::-1], below[::-1], POINTS) == {"a": "right"}
+    assert separating_obstacles(above, above, POINTS) == {}
+    assert set(separating_obstacles(over("abcd"), below, POINTS)) == set("abcd")
 
 
 def test_what_the_base_cannot_pass_between_is_one(silvermate) -> None:
@@ -112,11 +112,11 @@ def test_what_the_base_cannot_pass_between_is_one(silvermate) -> None:
     base = 2 * 0.27
     for gap, names in ((base - 0.08, {"one+two"}), (base + 0.12, {"one", "two"})):
         boxes = [Box((0.4, 0.4, 1.0), at=(2.0, s * (0.2 + gap / 2), 0.5), name=n) for s, n in ((1, "one"), (-1, "two"))]
-        components = base_components(silvermate, Scene(boxes), [[0.0, 0.0], [4.0, 0.0]])
-        assert {c.name for c in components} == names, gap
-    assert components[0].obstacles in (("one",), ("two",))
-    assert all(c.area > 0.16 for c in components)
-    for c in components:  # the point is inside the obstacle
+        clusters = obstacle_clusters(silvermate, Scene(boxes), [[0.0, 0.0], [4.0, 0.0]])
+        assert {c.name for c in clusters} == names, gap
+    assert clusters[0].obstacles in (("one",), ("two",))
+    assert all(c.area > 0.16 for c in clusters)
+    for c in clusters:  # the point is inside the obstacle
         assert np.abs(c.at - Scene(boxes).obstacle(c.name).pose[:2, 3]).max() <= 0.2
 
 
@@ -130,21 +130,21 @@ def test_what_is_above_or_under_the_robot_does_not_count(silvermate) -> None:
         (Cylinder(0.1, 1.0, at=(12.0, 0.0, 0.5), name="far away"), 0),
     ]
     for thing, count in things:
-        assert len(base_components(silvermate, Scene([thing]), ends)) == count, thing.name
+        assert len(obstacle_clusters(silvermate, Scene([thing]), ends)) == count, thing.name
 
 
 def test_pieces_of_one_obstacle_that_are_apart_have_names_of_their_own(silvermate) -> None:
     cells = np.array([[1.0, 0.0, 0.5], [3.0, 0.0, 0.5]])
-    components = base_components(silvermate, Scene([Voxels(cells, 0.1, name="cloud")]), [[0.0, 0.0], [4.0, 0.0]])
-    assert [c.name for c in components] == ["cloud", "cloud#2"]
+    clusters = obstacle_clusters(silvermate, Scene([Voxels(cells, 0.1, name="cloud")]), [[0.0, 0.0], [4.0, 0.0]])
+    assert [c.name for c in clusters] == ["cloud", "cloud#2"]
 
 
 def test_wrong_input_is_named(silvermate, gantry) -> None:
     with pytest.raises(ParameterError, match=r"\(K, 2\).*got shape \(1, 2\)"):
-        base_class([[0.0, 0.0]], POINTS)
+        homotopy_class([[0.0, 0.0]], POINTS)
     with pytest.raises(ParameterError, match="finite"):
-        base_class([[0.0, 0.0], [np.nan, 0.0]], POINTS)
+        homotopy_class([[0.0, 0.0], [np.nan, 0.0]], POINTS)
     with pytest.raises(ParameterError, match="fixed"):
-        base_components(gantry, Scene([]), [[0.0, 0.0]])
+        obstacle_clusters(gantry, Scene([]), [[0.0, 0.0]])
     with pytest.raises(ParameterError, match=r"resolution=0\.0"):
-        base_components(silvermate, Scene([]), [[0.0, 0.0]], resolution=0.0)
+        obstacle_clusters(silvermate, Scene([]), [[0.0, 0.0]], resolution=0.0)

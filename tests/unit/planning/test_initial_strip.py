@@ -7,7 +7,8 @@ import pytest
 
 from elastic_strips.deform import Deformer
 from elastic_strips.planning import grid_path, plan_report, straight_line
-from elastic_strips.planning.relaxation import path_strip, relax_path, relax_while_clearer, way_rows
+from elastic_strips.planning.initial_strip import STUCK_TICKS, path_rows, path_strip, relax_path
+from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Strip
 
@@ -39,7 +40,7 @@ def test_rows_are_tucked_only_where_that_changes_something(silvermate, jackal_bo
     way = np.array([[0.0, 0.0], [3.0, 0.0]])
     for robot, joints, count in ((silvermate, {}, 1), (silvermate, REACH, 2), (jackal_box, {}, 1)):
         ends = robot.home(), robot.home(x=3.0, joints=joints)
-        names = [what for _, what in way_rows(robot, *ends, way, 0.13)]
+        names = [what for _, what in path_rows(PlanningProblem(robot, Scene([]), *ends), way)]
         assert names == ["", " with the arm tucked"][:count]
 
 
@@ -49,25 +50,25 @@ def test_what_gets_no_clearer_is_given_up(silvermate) -> None:
     rows = straight_line(silvermate, silvermate.home(), silvermate.home(x=6.0), spacing=0.13)
     strip = Strip.from_chart(silvermate, rows)
     seen = []
-    report = relax_while_clearer(Deformer(silvermate), strip, scene, watch=seen.append)
+    report = relax_path(Deformer(silvermate), strip, scene, stuck=STUCK_TICKS, watch=seen.append)
     assert not report.usable
     assert report.ticks == len(seen) < 25
     assert "block" in report.reason
     assert report.reason.endswith(f"(after {report.ticks} ticks)")
-    at_once = relax_while_clearer(Deformer(silvermate), strip, scene, over=lambda: True)
+    at_once = relax_path(Deformer(silvermate), strip, scene, stuck=STUCK_TICKS, over=lambda: True)
     assert at_once.ticks == 1
-    assert relax_while_clearer(Deformer(silvermate), strip, scene, max_ticks=3).ticks == 3
+    assert relax_path(Deformer(silvermate), strip, scene, stuck=STUCK_TICKS, max_ticks=3).ticks == 3
 
 
 @pytest.mark.parametrize("y", [0.9, -0.8])
 def test_what_can_be_relaxed_comes_out_as_with_patience(silvermate, y) -> None:
     scene = Scene([Box((0.4, 0.4, 1.4), at=(3.0, 0.0, 0.7)), Box((0.4, 0.4, 1.4), at=(1.5, y, 0.7))])
     start, goal = silvermate.home(), silvermate.home(x=5.0)
-    way = grid_path(silvermate, scene, start, goal).way
+    way = grid_path(silvermate, scene, start, goal).points
     assert way is not None
-    rows, _ = next(iter(way_rows(silvermate, start, goal, way, 0.13)))
+    rows, _ = next(path_rows(PlanningProblem(silvermate, scene, start, goal), way))
     strip = path_strip(silvermate, rows, np.stack((start, goal)))
-    one, two = (relax(Deformer(silvermate), strip, scene) for relax in (relax_path, relax_while_clearer))
+    one, two = (relax_path(Deformer(silvermate), strip, scene, stuck=stuck) for stuck in (None, STUCK_TICKS))
     assert one.usable
     np.testing.assert_array_equal(one.strip.q, two.strip.q)
     assert one.ticks == two.ticks
