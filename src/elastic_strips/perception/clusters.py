@@ -169,13 +169,13 @@ def fit_shape(cluster: Cluster, params: SceneEstimatorParams) -> ClusterShape:
         return circle
     if off <= tolerance or len(points) < 3:
         return _box(points, math.atan2(chord[1], chord[0]), cluster, params, STRAIGHT)
-    pieces = split_points(points, tolerance)
+    pieces = _split_points(points, tolerance)
     a, b = max(pieces, key=lambda p: float(np.hypot(*(points[p[1]] - points[p[0]]))))
     along = points[b] - points[a]
     return _box(points, math.atan2(along[1], along[0]), cluster, params, OTHER)
 
 
-def split_points(points: Array, tolerance: float) -> list[tuple[int, int]]:
+def _split_points(points: Array, tolerance: float) -> list[tuple[int, int]]:
     """Pieces (first, last) of a chain of points (n, 2) that are straight to ``tolerance`` [m]: split, then merge.
 
     Neighbouring pieces share a point, so that no surface is left out between them.
@@ -211,7 +211,7 @@ def cluster_obstacles(cluster: Cluster, params: SceneEstimatorParams, name: str)
     bulging = cluster.extent <= params.max_mover_size and _bulges(cluster)
     if shape.kind in (ROUND, STRAIGHT) or bulging:
         return (_solid(shape, params, name),)
-    points, pieces = cluster.points, split_points(cluster.points, 3.0 * params.range_noise)
+    points, pieces = cluster.points, _split_points(cluster.points, 3.0 * params.range_noise)
     solids = []
     for k, (a, b) in enumerate(pieces):
         part = Cluster(points[a : b + 1], cluster.origin, cluster.hidden, cluster.hidden)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
+
+from elastic_strips.arrays import ArrayLike
 
 from ..errors import ParameterError
 from ..scene import Obstacle, Scene
@@ -94,7 +95,7 @@ class SceneEstimator:
         """Sensor → time of its newest reading [s]; a sensor that has died is one whose time stands still."""
         return dict(self._newest)
 
-    def update(self, reading: Reading, base_pose: Any) -> EstimatorReport:
+    def update(self, reading: Reading, base_pose: ArrayLike) -> EstimatorReport:
         """Take a reading in.
 
         Args:
@@ -165,7 +166,7 @@ class SceneEstimator:
             self._scene = Scene([*self._static, *tracked], time=self._time)
         return self._scene
 
-    def _scan(self, scan: LaserScan, base_pose: Any) -> dict[str, int]:
+    def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> dict[str, int]:
         rays = rays_of(scan, base_pose)
         clusters = clusters_of(rays, self.params)
         sighting = self.tracker.update(rays, clusters, scan.sensor)
@@ -181,14 +182,14 @@ class SceneEstimator:
             "lost": sighting.lost,
         }
 
-    def _ring(self, ring: RangeRing, base_pose: Any) -> dict[str, int]:
+    def _ring(self, ring: RangeRing, base_pose: ArrayLike) -> dict[str, int]:
         T = pose_matrix(base_pose) @ ring.T_base_sensor
         ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
         self.near.add_ring(ring, base_pose, self.tracker.of_movers(ends))
         return {}
 
 
-def scan_scene(scan: LaserScan, base_pose: Any, params: SceneEstimatorParams | None = None) -> Scene:
+def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:
     """The scene that a single scan shows, without a history: nothing moves.
 
     Every cluster becomes upright solids that hold what was seen, padded: a cylinder where it is round, a thin box where

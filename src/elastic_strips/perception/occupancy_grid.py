@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, ArrayLike, Mask
 
 from ..errors import SceneError
 from ..scene import Obstacle, Voxels
@@ -72,7 +71,7 @@ class OccupancyGrid:
         ends = rays.origin + r[hit, None] * rays.direction[hit]
         self._integrate(rays.origin, rays.direction, np.minimum(reach, p.carve_range), rays.range_min, ends)
 
-    def add_ring(self, ring: RangeRing, base_pose: Any, ignored: Mask | None = None) -> None:
+    def add_ring(self, ring: RangeRing, base_pose: ArrayLike, ignored: Mask | None = None) -> None:
         """Take a round of cone sensors in: something is somewhere on an arc, and nothing nearer is in the cone.
 
         Ranges beyond ``sonar_range`` free their cones up to there and hit nothing. That a sonar hears nothing frees

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..errors import ParameterError, nearest_name
 from ..validation import check_numbers
 
-UNSEEN = ("free", "blocked")
+_UNSEEN = ("free", "blocked")
 _MAY_BE_ZERO = (
     "recent_motion_time", "motion_onset_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range",
     "settle_delay",
@@ -106,8 +106,8 @@ class SceneEstimatorParams:
     sonar_range: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.unseen not in UNSEEN:
-            raise ParameterError(f"SceneEstimatorParams.unseen={self.unseen!r}{nearest_name(self.unseen, UNSEEN)}")
+        if self.unseen not in _UNSEEN:
+            raise ParameterError(f"SceneEstimatorParams.unseen={self.unseen!r}{nearest_name(self.unseen, _UNSEEN)}")
         check_numbers(self, zero=_MAY_BE_ZERO)
         self._check_pairs()
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, ArrayLike, Mask
 
 from ..errors import ParameterError
 from ..summary import Summary
@@ -179,10 +178,10 @@ class ScanRays:
         return through, hidden
 
 
-def pose_matrix(base_pose: Any) -> Array:
+def pose_matrix(base_pose: ArrayLike) -> Array:
     """T_world_base (4, 4) of a base's pose (x [m], y [m], yaw [rad]) on the floor."""
     try:
-        x, y, yaw = (float(v) for v in base_pose)
+        x, y, yaw = (float(v) for v in np.asarray(base_pose, dtype=float).tolist())
     except (TypeError, ValueError):
         raise ParameterError(f"base_pose={base_pose!r} must be three numbers: x [m], y [m], yaw [rad]") from None
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
@@ -191,7 +190,7 @@ def pose_matrix(base_pose: Any) -> Array:
     return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def rays_of(scan: LaserScan, base_pose: Any) -> ScanRays:
+def rays_of(scan: LaserScan, base_pose: ArrayLike) -> ScanRays:
     """Lay a scan out in the world.
 
     Args:

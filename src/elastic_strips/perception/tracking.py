@@ -59,10 +59,6 @@ class TrackedObstacle:
     seen: float
     age: float
 
-    def within(self, position_error: float, velocity_error: float, *, sigmas: float = 3.0) -> bool:
-        """Whether ``sigmas`` standard deviations are no more than what a planner assumes [m, m/s]."""
-        return sigmas * self.position_sigma <= position_error and sigmas * self.velocity_sigma <= velocity_error
-
 
 class Track:
     """Workspace: the state of one thing.
@@ -280,15 +276,11 @@ class Tracker:
         p = self.params
         return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
 
-    def predict(self, time: float) -> None:
-        """Take all tracks to ``time`` [s]."""
-        for track in self._tracks:
-            track.predict(time, self.params)
-
     def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Sighting:
         """Take a scan in: assign its clusters, judge what was not seen, begin new tracks."""
         params = self.params
-        self.predict(rays.time)
+        for track in self._tracks:
+            track.predict(rays.time, params)
         small = [c for c in clusters if len(c.points) >= params.min_points and c.extent <= params.max_mover_size]
         shapes = [fit_shape(c, params) for c in small]
         pairs = self._assign(small, shapes)

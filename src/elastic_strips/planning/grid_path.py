@@ -29,6 +29,8 @@ _STEEP = 12.0  # cost of a cell at the narrowest clearance against one in the op
 _SMOOTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
 MOST_CELLS = 400_000
 """Largest grid; searching it takes about a second."""
+COMFORT = 0.35
+"""Clearance [m] beyond the inner disc from which on more of it is worth nothing."""
 _COARSEST = 0.5  # [m] a larger cell says nothing about where a robot passes
 _MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
 
@@ -57,7 +59,6 @@ def grid_path(
     goal: Array,
     *,
     resolution: float = 0.05,
-    comfort: float = 0.35,
     widen: float = 3.0,
     box: tuple[Array, Array] | None = None,
     inner: float | None = None,
@@ -74,7 +75,6 @@ def grid_path(
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
         resolution: edge of a cell [m]; where there would be more than ``most_cells`` of them, they are larger.
-        comfort: clearance [m] beyond the inner disc from which on more of it is worth nothing.
         widen: how far beyond start and goal the grid reaches [m].
         box: low and high corner (2,) of the grid [m], instead of ``widen``.
         inner: radius [m] of the disc that has to fit, instead of the robot's.
@@ -86,7 +86,7 @@ def grid_path(
     """
     if not robot.space.planar:
         raise ParameterError(f"grid_path: the base of {robot.name!r} is fixed; diff_drive or omni is needed")
-    for name, value in (("resolution", resolution), ("comfort", comfort), ("widen", widen)):
+    for name, value in (("resolution", resolution), ("widen", widen)):
         if not value > 0.0:
             raise ParameterError(f"grid_path: {name}={value!r} must be > 0 m")
     began = perf_counter()
@@ -106,7 +106,7 @@ def grid_path(
         outside = (middle < low_in[axis]) | (middle > high_in[axis])
         np.moveaxis(clear, axis, 0)[outside] = 0.0
     inner = footprint.inner if inner is None else inner
-    path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=comfort)
+    path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=COMFORT)
     spent = perf_counter() - began
     if path is None:
         (x, y), (u, w) = low, low + resolution * (shape - 1)

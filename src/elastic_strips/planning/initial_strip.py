@@ -224,6 +224,7 @@ _TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture ar
 STUCK_TICKS = 6
 """Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
 _GAIN = 1e-3  # [m] by which it must get clearer to count
+_EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
 
 
 def relax_line(
@@ -280,11 +281,19 @@ def at_most(make: Callable[[float], Array], spacing: float, most: int | None) ->
     return rows if most is None or len(rows) <= most else rows[keep]
 
 
-def path_strip(robot: RobotModel, rows: Array, endpoints: Array) -> Strip:
-    """A planner's rows (N, nv) as a strip between start and goal (2, nq); drivable for a differential drive."""
-    if robot.base_kind is BaseKind.DIFF_DRIVE:
-        rows, _ = project_rolling(robot.space, rows)
-    return Strip.from_chart(robot, rows, ends=endpoints)
+def line_strip(problem: PlanningProblem) -> Strip:
+    """The straight line as a strip."""
+    rows = straight_line(
+        problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes
+    )
+    return Strip.from_chart(problem.robot, rows, ends=problem.endpoints)
+
+
+def path_strip(problem: PlanningProblem, rows: Array) -> Strip:
+    """A planner's rows (N, nv) as a strip between start and goal; drivable for a differential drive."""
+    if problem.robot.base_kind is BaseKind.DIFF_DRIVE:
+        rows, _ = project_rolling(problem.robot.space, rows)
+    return Strip.from_chart(problem.robot, rows, ends=problem.endpoints)
 
 
 def relax_path(
@@ -293,7 +302,6 @@ def relax_path(
     scene: Scene,
     *,
     max_ticks: int = 30,
-    extra_ticks: int = 4,
     stuck: int | None = None,
     over: Callable[[], bool] = lambda: False,
     watch: Callable[[DeformReport], object] | None = None,
@@ -320,19 +328,18 @@ def relax_path(
         hopeless = rest or ticks >= max_ticks or (stuck is not None and since >= stuck) or over()
         if report.usable or hopeless:
             ended = settled_report(report, ticks, timings, seconds, asked, turn)
-            return _cleared(deformer, ended, scene, extra_ticks, over, watch) if report.usable else ended
+            return _cleared(deformer, ended, scene, over, watch) if report.usable else ended
 
 
 def _cleared(
     deformer: Deformer,
     report: DeformReport,
     scene: Scene,
-    ticks: int,
     over: Callable[[], bool],
     watch: Callable[[DeformReport], object] | None,
 ) -> DeformReport:
     """A few ticks more where a certified strip is still very near an obstacle."""
-    for _ in range(ticks):
+    for _ in range(_EXTRA_TICKS):
         if not report.usable or report.node_clearance >= deformer.params.near or over():
             break
         further = deformer.step(report.strip, scene)

@@ -112,6 +112,7 @@ class Validity:
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
 _OMPL = threading.Lock()
 """OMPL draws all its seeds from one generator of the process: one search at a time, or seeds mean nothing."""
+_TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
 _BASE_STEP = 0.07  # spacing of validity checks [m]
 _JOINT_STEP = 0.2  # and in joint space [rad]; the certificate, not the planner, vouches for what lies between
 
@@ -144,7 +145,6 @@ def ompl_path(
     seed: int,
     margin: float,
     timeout: float,
-    turning_radius: float = 0.3,
     spacing: float = 0.12,
     widen: float = 2.0,
     box: tuple[Array, Array] | None = None,
@@ -166,7 +166,6 @@ def ompl_path(
         seed: of OMPL's random numbers.
         margin: distance to keep to obstacles [m].
         timeout: longest search [s].
-        turning_radius: of the Reeds–Shepp curves [m].
         spacing: distance between waypoints [m].
         widen: how far beyond start and goal the base may go [m].
         box: low and high corner (2,) of where the base may go [m], instead of ``widen``.
@@ -197,9 +196,7 @@ def ompl_path(
         left = timeout if deadline is None else min(timeout, deadline.left)
         rows = None
         if left > 0.0:
-            rows = _search(
-                robot, valid, endpoints, low, high, seed, left, turning_radius, spacing, fineness, most, deadline
-            )
+            rows = _search(robot, valid, endpoints, low, high, seed, left, spacing, fineness, most, deadline)
     finally:
         _OMPL.release()
     if rows is None:
@@ -209,7 +206,7 @@ def ompl_path(
 
 def _search(
     robot: RobotModel, valid: Validity, endpoints: Array, low: Array, high: Array, seed: int, timeout: float,
-    turning_radius: float, spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
+    spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
 ) -> Array | None:  # fmt: skip
     """Rows of a path, or None; for one thread at a time."""
     from ompl import base as ob
@@ -219,7 +216,7 @@ def _search(
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed % 2**31 + 1)
     planar = robot.space.planar
-    states = _state_space(robot, ob, low, high, turning_radius)
+    states = _state_space(robot, ob, low, high)
     setup = og.SimpleSetup(states)
     info = setup.getSpaceInformation()
     reader = _Reader(robot)
@@ -256,13 +253,13 @@ def _search(
     return rows
 
 
-def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array, turning_radius: float) -> Any:
+def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array) -> Any:
     space = robot.space
     nj = space.nv - space.base_nv
     compound = ob.CompoundStateSpace()
     if space.planar:
         drive = robot.base_kind is BaseKind.DIFF_DRIVE
-        base = ob.ReedsSheppStateSpace(turning_radius) if drive else ob.SE2StateSpace()
+        base = ob.ReedsSheppStateSpace(_TURNING_RADIUS) if drive else ob.SE2StateSpace()
         bounds = ob.RealVectorBounds(2)
         for i in range(2):
             bounds.setLow(i, float(low[i]))

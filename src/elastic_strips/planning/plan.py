@@ -30,11 +30,11 @@ from .initial_strip import (
     LINE_TICKS,
     STUCK_TICKS,
     at_most,
+    line_strip,
     path_rows,
     path_strip,
     relax_line,
     relax_path,
-    straight_line,
     waypoint_rows,
 )  # fmt: skip
 from .ompl_planner import certify_path, ompl_path
@@ -219,11 +219,7 @@ class _Search:
     def straight(self, ticks: int) -> PlanReport | None:
         """The straight line, which gets a few ticks."""
         mark = perf_counter()
-        problem = self.problem
-        rows = straight_line(
-            self.robot, problem.start, problem.goal, spacing=problem.spacing, most=self.params.max_nodes
-        )
-        initial = Strip.from_chart(self.robot, rows, ends=problem.endpoints)
+        initial = line_strip(self.problem)
         self.initial = initial  # shown where nothing is certified
         report = relax_line(self.deformer, initial, self.scene, ticks, self.watch, over=self.deadline.over)
         self.ticks += report.ticks if ticks else 0
@@ -341,7 +337,7 @@ class _Search:
         self, rows: Array, method: str, what: str, stuck: int | None, over: Callable[[], bool] | None = None
     ) -> PlanReport | None:
         mark = perf_counter()
-        strip = path_strip(self.robot, rows, self.problem.endpoints)
+        strip = path_strip(self.problem, rows)
         report = relax_path(
             self.deformer, strip, self.scene, stuck=stuck, over=over or self.deadline.over, watch=self.watch
         )

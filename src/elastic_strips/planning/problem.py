@@ -29,7 +29,7 @@ _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
 _SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
-Box2 = tuple[Array, Array]
+_Box = tuple[Array, Array]
 """Low and high corner (2,) of an upright box [m]."""
 
 
@@ -245,7 +245,7 @@ class Region:
             raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
         return None
 
-    def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> Box2:
+    def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> _Box:
         footprints = [PlanarFootprint.of(robot, q) for q in (start, goal, robot.home_q)]
         outer, height = max(f.outer for f in footprints), max(f.height for f in footprints)
         table = scene.table
@@ -257,7 +257,7 @@ class Region:
         )
         return np.min(corners, axis=0), np.max(corners, axis=0)
 
-    def box(self, widen: float) -> Box2:
+    def box(self, widen: float) -> _Box:
         """The box that reaches ``widen`` [m] beyond start and goal, no further than anything is; or the bounds."""
         low, high = self.cover
         if self.given is None:
@@ -265,7 +265,7 @@ class Region:
             high = np.minimum(high, self.endpoints.max(axis=0) + widen)
         return low, high
 
-    def boxes(self, widen: float) -> Iterator[Box2]:
+    def boxes(self, widen: float) -> Iterator[_Box]:
         """Boxes that reach ``widen`` [m] beyond start and goal, then twice as far, until one is all there is."""
         while True:
             low, high = self.box(widen)
@@ -283,7 +283,7 @@ class Region:
         return float(max((low - path).max(), (path - high).max(), 0.0))
 
 
-def _checked_bounds(bounds: npt.ArrayLike, endpoints: Array) -> Box2:
+def _checked_bounds(bounds: npt.ArrayLike, endpoints: Array) -> _Box:
     try:
         corners = np.array(bounds, dtype=float)
     except (TypeError, ValueError):

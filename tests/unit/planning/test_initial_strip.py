@@ -66,8 +66,9 @@ def test_what_can_be_relaxed_comes_out_as_with_patience(silvermate, y) -> None:
     start, goal = silvermate.home(), silvermate.home(x=5.0)
     way = grid_path(silvermate, scene, start, goal).points
     assert way is not None
-    rows, _ = next(path_rows(PlanningProblem(silvermate, scene, start, goal), way))
-    strip = path_strip(silvermate, rows, np.stack((start, goal)))
+    problem = PlanningProblem(silvermate, scene, start, goal)
+    rows, _ = next(path_rows(problem, way))
+    strip = path_strip(problem, rows)
     one, two = (relax_path(Deformer(silvermate), strip, scene, stuck=stuck) for stuck in (None, STUCK_TICKS))
     assert one.usable
     np.testing.assert_array_equal(one.strip.q, two.strip.q)

@@ -12,7 +12,7 @@ from elastic_strips.arrays import Array
 from ...deform import DeformParams, DeformReport
 from ...strip import Strip
 from ...summary import Summary
-from ..initial_strip import LINE_TICKS, STUCK_TICKS, path_rows, path_strip, relax_line, relax_path, straight_line
+from ..initial_strip import LINE_TICKS, STUCK_TICKS, line_strip, path_rows, path_strip, relax_line, relax_path
 from ..ompl_planner import ompl_path
 from ..problem import PlanningProblem
 from .classes import ClusterMap, HomotopyClass, cluster_map, homotopy_class, homotopy_paths
@@ -138,10 +138,7 @@ class AlternativesSearch:
     def _relax_line(self) -> None:
         """The straight line, which is given up early, unless its class is there already."""
         problem = self._problem
-        rows = straight_line(
-            problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes
-        )
-        strip = Strip.from_chart(problem.robot, rows, ends=problem.endpoints)
+        strip = line_strip(problem)
         if self._class(strip) in self._without:
             return
         mark = perf_counter()
@@ -193,7 +190,7 @@ class AlternativesSearch:
     def _relax(self, rows: Array, method: str, what: str) -> bool:
         """Relax rows (N, nv); whether that gave a certified strip."""
         problem, mark = self._problem, perf_counter()
-        strip = path_strip(problem.robot, rows, problem.endpoints)
+        strip = path_strip(problem, rows)
         report = relax_path(
             problem.deformer, strip, problem.scene, stuck=STUCK_TICKS, over=problem.deadline.over, watch=self._watch
         )

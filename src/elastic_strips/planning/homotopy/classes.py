@@ -19,7 +19,7 @@ from ...errors import ParameterError
 from ...robot import PlanarFootprint, RobotModel
 from ...scene import Scene
 from ...summary import Summary
-from ..grid_path import FLOOR, MOST_CELLS, cell_cost, cell_graph, grid_frame, owner_map, smooth_path
+from ..grid_path import COMFORT, FLOOR, MOST_CELLS, cell_cost, cell_graph, grid_frame, owner_map, smooth_path
 
 HomotopyClass = tuple[tuple[str, int], ...]
 """The crossings of a path: which cluster's ray, and +1 towards −x (the cluster on the left), −1 towards +x."""
@@ -232,7 +232,6 @@ def homotopy_paths(
     *,
     count: int,
     clusters: ClusterMap | None = None,
-    comfort: float = 0.35,
 ) -> tuple[HomotopyPath, ...]:
     """At most ``count`` paths of different classes, the cheapest of each class found, cheapest first.
 
@@ -246,7 +245,6 @@ def homotopy_paths(
         start, goal: configurations (nq,).
         count: so many at most.
         clusters: of the scene, about start and goal; found where None.
-        comfort: as in :func:`grid_path`.
     """
     from scipy.sparse.csgraph import dijkstra  # late: slow to import
 
@@ -255,7 +253,7 @@ def homotopy_paths(
     resolution = clusters.resolution
     shape = np.array(clusters.clear.shape)
     cells = np.clip(np.rint((endpoints - clusters.low) / resolution).astype(int), 0, shape - 1)
-    cost = cell_cost(clusters.clear, clusters.inner, comfort, cells, resolution)
+    cost = cell_cost(clusters.clear, clusters.inner, COMFORT, cells, resolution)
     graph = cell_graph(cost)
     first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
     come, before = dijkstra(graph, directed=False, indices=[first, last], return_predecessors=True)

@@ -236,10 +236,10 @@ class StripSet:
 
     def _reconnect(self, start: Array) -> None:
         """Let the strips begin where the robot is."""
-        chart = self.robot.space.to_chart(start)
+        here = self.robot.space.to_chart(start)
         for member in self._members:
-            if np.abs(self.robot.space.difference(member.report.strip.chart[:1], chart[None])).max() > 1e-9:
-                member.report = reconnect(member.deformer, member.report, chart)
+            if np.abs(self.robot.space.difference(member.report.strip.chart[:1], here[None])).max() > 1e-9:
+                member.report = reconnect(member.deformer, member.report, here)
 
     def _decide(self, scene: Scene, others: list[_Member], fresh: list[_Member], events: list[str]) -> None:
         """Change over at once from a broken strip to a certified one; to a better one after some ticks."""
@@ -404,16 +404,16 @@ def divergence_angle(one: Strip, other: Strip, ahead: float) -> float:
     return abs(float(np.arctan2(cross, directions[0] @ directions[1])))
 
 
-def reconnect(deformer: Deformer, report: DeformReport, chart: Array) -> DeformReport:
-    """A report whose strip begins at the chart row (nv,) and goes on from the nearest point.
+def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> DeformReport:
+    """A report whose strip begins at coordinates (nv,) and goes on from the nearest point.
 
     What is certified is unknown until the next tick, for the first segment is new; the report stays the old one but for
     its strip.
     """
     strip = report.strip
-    segment = _nearest(strip, chart)
+    segment = _nearest(strip, coordinates)
     rest = strip.chart[segment + 1 :]
-    first = chart.copy()
+    first = coordinates.copy()
     if strip.robot.space.planar:
         first[2] += 2.0 * np.pi * np.rint((rest[0, 2] - first[2]) / (2.0 * np.pi))
     skip = int(len(rest) > 1 and np.linalg.norm(_weighed(strip, first[None], rest[:1])) < _NEAR)
@@ -429,11 +429,11 @@ def reconnect(deformer: Deformer, report: DeformReport, chart: Array) -> DeformR
     return replace(report, strip=deformer.carry(strip, rows, known))
 
 
-def _nearest(strip: Strip, chart: Array) -> int:
-    """The segment nearest a chart row; chords instead of arcs."""
+def _nearest(strip: Strip, coordinates: Array) -> int:
+    """The segment nearest to coordinates; chords instead of arcs."""
     nodes = strip.chart
     along = _weighed(strip, nodes[:-1], nodes[1:])
-    to = _weighed(strip, nodes[:-1], np.broadcast_to(chart, nodes[:-1].shape))
+    to = _weighed(strip, nodes[:-1], np.broadcast_to(coordinates, nodes[:-1].shape))
     square = np.maximum((along * along).sum(axis=1), 1e-18)
     share = np.clip((along * to).sum(axis=1) / square, 0.0, 1.0)
     return int(np.argmin(np.linalg.norm(to - share[:, None] * along, axis=1)))
