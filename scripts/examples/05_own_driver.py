@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.execution import Command, Controller, Measurement
+from elastic_strips.control import Command, Controller, Measurement
 
 PERIOD = 0.01  # [s] of the control loop, DriveParams.control_dt
 

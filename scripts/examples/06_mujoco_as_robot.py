@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.execution import Controller, MotionLimits
+from elastic_strips.control import Controller
 from elastic_strips.sim.mujoco_plant import MujocoPlant
+from elastic_strips.trajectory import MotionLimits
 
 robot = es.load_robot("silvermate")
 limits = MotionLimits.for_robot(robot)

@@ -118,7 +118,7 @@ _ROOMS = {
     "strip": ("Strip",),
     "tunnel": ("Certificate", "strip_clearance"),
     "viewer": ("Viewer",),
-    **{room: () for room in ("bench", "control", "execution", "methods", "perception", "sim", "study")},
+    **{room: () for room in ("bench", "control", "methods", "perception", "sim", "study", "trajectory")},
 }  # fmt: skip
 __getattr__ = late_names(__name__, _ROOMS)  # who wants the version need not wait for Pinocchio
 

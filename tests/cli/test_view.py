@@ -11,7 +11,7 @@ from command_line import interrupted
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.cli import main
-from elastic_strips.execution import Record
+from elastic_strips.control import Record
 from elastic_strips.io import read_record, write_record
 from elastic_strips.robot import RobotModel
 from elastic_strips.viewer import Viewer, replay, viewer

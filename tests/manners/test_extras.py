@@ -11,8 +11,8 @@ import pytest
 import elastic_strips as es
 from elastic_strips.cli import main
 from elastic_strips.errors import InputError, MissingExtraError
-from elastic_strips.execution import RetimingError
 from elastic_strips.sim import PerceptionError
+from elastic_strips.trajectory import RetimingError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -43,9 +43,9 @@ def _embree(robot: es.RobotModel) -> object:
 
 
 def _tree(robot: es.RobotModel) -> object:
-    from elastic_strips.control import SequencingLayer
+    from elastic_strips.control.tasks import SequencingLayer
 
-    sys.modules.pop("elastic_strips.control.tree", None)
+    sys.modules.pop("elastic_strips.control.tasks.tree", None)
     return SequencingLayer(["drive"])
 
 

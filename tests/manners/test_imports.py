@@ -47,14 +47,14 @@ def test_planning_loads_nothing_that_it_does_not_use():
     """The names of the ten-line program, asked for; loading a robot is another matter: its meshes have to be read."""
     names = loaded("import elastic_strips as es; es.plan, es.Deformer, es.Scene, es.read_scene, es.run_scenario")
     unused = {"matplotlib", "mujoco", "meshcat", "tornado", "ompl", "toppra", "py_trees", "rich"}
-    unused |= {f"elastic_strips.{room}" for room in ("execution", "perception", "control", "viewer", "sim")}
+    unused |= {f"elastic_strips.{room}" for room in ("trajectory", "perception", "control", "viewer", "sim")}
     assert not names & unused
 
 
 def test_what_runs_on_a_robot_loads_nothing_that_simulates():
-    rooms = ("control", "execution", "perception", "planning", "deform", "methods", "io", "viewer")
+    rooms = ("control", "control.tasks", "trajectory", "perception", "planning", "deform", "methods", "io", "viewer")
     names = loaded("\n".join(f"import elastic_strips.{room}" for room in rooms))
-    assert "elastic_strips.execution" in names
+    assert "elastic_strips.trajectory" in names
     assert not {name for name in names if name.startswith(("elastic_strips.sim", "elastic_strips.scenarios"))}
     assert "mujoco" not in names
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import elastic_strips as es
-from elastic_strips.execution import MotionLimits
 from elastic_strips.planning import plan_alternatives
 from elastic_strips.scenarios import drive_scenario
+from elastic_strips.trajectory import MotionLimits
 
 LONGEST = 300
 EVIL = "<script>alert(1)</script>&\"'"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_strips import get_scenario
-from elastic_strips.execution.params import ObstacleAssumptions
+from elastic_strips.control.params import ObstacleAssumptions
 from elastic_strips.io import read_record, write_record
 from elastic_strips.scenarios import DriveOutcome, drive_scenario, moving_corridor
 from elastic_strips.scenarios.corridor import HALF_WIDTH, LENGTH

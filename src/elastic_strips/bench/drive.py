@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..control import Controller, RunState
 from ..errors import ElasticStripsError
-from ..execution import Controller, RunState
 from ..robot import load_robot
 from ..scenarios import STRIP, drive_scenario, get_scenario
 from ..sim import FAULTS, Fault, Simulation

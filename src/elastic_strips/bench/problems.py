@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ..control import DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
 from ..deform import DeformParams
 from ..errors import ElasticStripsError
-from ..execution import DriveParams, EvasionParams, MotionLimits, ObstacleAssumptions, Tolerance
 from ..io import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from ..planning import plan_report
 from ..robot import RobotModel, load_robot
 from ..sim import judge, simulation
+from ..trajectory import MotionLimits
 from .measure import machine, percentiles
 from .pool import cached, spread
 

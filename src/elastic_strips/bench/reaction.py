@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..control import Controller, DriveParams
 from ..errors import ElasticStripsError
-from ..execution import Controller, DriveParams
 from ..robot import RobotModel
 from ..scenarios import get_scenario, make_simulation
 from ..scene import Cylinder, Scene, World

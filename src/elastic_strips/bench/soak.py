@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..control import Controller, DriveParams
 from ..deform import DeformParams
-from ..execution import Controller, DriveParams
 from ..robot import RobotModel
 from ..scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from ..sim import Simulation, simulation

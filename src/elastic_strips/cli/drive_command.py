@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ..execution import Controller, RunState
+from ..control import Controller, RunState
 from ..io import check_record_file, write_json, write_record
 from ..scenarios import (
     DRIVE_METHODS,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..control import Record
 from ..errors import InputError, RobotError
-from ..execution import Record
 from ..input_file import read_input_text
 from ..io import read_record, record_robot
 from ..planning import straight_line

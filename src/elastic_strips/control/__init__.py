@@ -1,32 +1,41 @@
-"""Control: the paper's hybrid control in three layers, and bases steered by other methods, step by step."""
+"""Control: what runs on a robot: strips become motions in time, certified, supervised, tracked and recorded."""
 
 from __future__ import annotations
 
-from .base_controller import BaseController
-from .hybrid import Director, HybridControl, deliberate
-from .sequencing import Facts, Order, SequencingLayer
-from .task_watch import TaskEvent, TaskState, TaskWatch
-from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, Reached, ReachHand, Step, Task
+from .controller import Controller, Tick
+from .estimation import Estimator, EstimatorParams
+from .measurement import Measurement
+from .onward import Proposal
+from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
+from .pilot import Pilot
+from .prediction import predict
+from .record import DriveResult, Event, Record, Recorder, RecordError, RunState, TickStatistics
+from .supervisor import Supervisor
+from .tracking import Command, TrackingController, TrackingGains
 
 __all__ = [
-    "BaseController",
-    "Deliberation",
-    "DeliberativeLayer",
-    "Director",
-    "DriveAndReach",
-    "DriveTo",
-    "Facts",
-    "HybridControl",
-    "Order",
-    "Part",
-    "Reach",
-    "ReachHand",
-    "Reached",
-    "SequencingLayer",
-    "Step",
-    "Task",
-    "TaskEvent",
-    "TaskState",
-    "TaskWatch",
-    "deliberate",
+    "Command",
+    "Controller",
+    "DRIVE_STRIP",
+    "DriveParams",
+    "DriveResult",
+    "Estimator",
+    "EstimatorParams",
+    "EvasionParams",
+    "Event",
+    "Measurement",
+    "ObstacleAssumptions",
+    "Pilot",
+    "Proposal",
+    "Record",
+    "RecordError",
+    "Recorder",
+    "RunState",
+    "Supervisor",
+    "Tick",
+    "TickStatistics",
+    "Tolerance",
+    "TrackingController",
+    "TrackingGains",
+    "predict",
 ]

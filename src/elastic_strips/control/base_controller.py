@@ -1,4 +1,4 @@
-"""Control room, base controller: a base steered by one of the methods that the paper names, on readings alone."""
+"""Base controller: a base steered by one of the methods that the paper names, on readings alone."""
 
 from __future__ import annotations
 
@@ -9,23 +9,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigurationError, RobotError
-from ..execution import (
-    Command,
-    DriveParams,
-    Event,
-    Measurement,
-    MotionLimits,
-    RunState,
-    Tick,
-    TickStatistics,
-    Tolerance,
-)
-from ..execution.estimation import Estimator
 from ..methods import BaseCommand, BaseLimits, make_base_method
 from ..perception import Reading
 from ..robot import BaseKind, RobotModel
+from ..trajectory import MotionLimits
 from ..validation import check_type
+from .controller import Tick
+from .estimation import Estimator
+from .measurement import Measurement
+from .params import DriveParams, Tolerance
 from .pose_history import PoseHistory
+from .record import Event, RunState, TickStatistics
+from .tracking import Command
 
 PATIENCE = 15.0
 """A method that has been blocked for so long [s] is given up."""
@@ -33,7 +28,7 @@ _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
 
 class BaseController:
-    """Workspace: the counterpart of :class:`~elastic_strips.execution.Controller` for base methods.
+    """Workspace: the counterpart of :class:`~elastic_strips.control.Controller` for base methods.
 
     The method gets readings, each with the pose that it was taken at; it knows no map. The arm stays as it is. It ends
     at the goal, at a contact, or after the method has been blocked for long.

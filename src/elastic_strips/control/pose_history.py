@@ -1,4 +1,4 @@
-"""Control room, pose history: where a base believed to be, so that a late reading finds the pose it was taken at."""
+"""Pose history: where a base believed to be, so that a late reading finds the pose it was taken at."""
 
 from __future__ import annotations
 

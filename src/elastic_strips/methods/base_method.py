@@ -12,8 +12,8 @@ from typing import Literal, Protocol, runtime_checkable
 from elastic_strips.arrays import Array
 
 from ..errors import ParameterError
-from ..execution.limits import MotionLimits
 from ..perception import Reading
+from ..trajectory.limits import MotionLimits
 from ..validation import check_numbers
 
 Status = Literal["moving", "arrived", "blocked"]

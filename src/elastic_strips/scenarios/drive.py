@@ -10,11 +10,11 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control import BaseController
+from ..control import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams
+from ..control.base_controller import BaseController
+from ..control.replanning import SwitchingReplanner
 from ..deform import DeformParams
 from ..errors import RobotError, ScenarioError
-from ..execution import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams, MotionLimits
-from ..execution.replanning import SwitchingReplanner
 from ..methods import BASE_METHODS
 from ..planning import FamilyParams
 from ..robot import RobotModel
@@ -39,6 +39,7 @@ from ..sim import (
 from ..sim.sensors import SensorConfig, SensorSuite
 from ..sim.tracking_bound import Displacement
 from ..summary import Summary
+from ..trajectory import MotionLimits
 from ..validation import check_choice, check_count, check_type
 from .scenario import Scenario
 from .sight import unseen_contacts

@@ -8,7 +8,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..execution import Record
+from ..control import Record
 from ..perception import LaserScan, rays_of
 from ..robot import RobotModel
 from ..scene import Scene, World

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from ..control import BaseController
-from ..execution import MotionLimits
+from ..control.base_controller import BaseController
 from ..perception import Reading
 from ..robot import RobotModel
 from ..scene import Scene, World
+from ..trajectory import MotionLimits
 from ..validation import check_able, check_count
 from .pedestrians import Bystanders
 from .plant import KinematicPlant, Plant

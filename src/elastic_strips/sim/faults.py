@@ -12,13 +12,13 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..control.controller import Propose
+from ..control.measurement import Measurement
+from ..control.onward import Proposal
+from ..control.tracking import Command
 from ..errors import ParameterError, nearest_name
-from ..execution.controller import Propose
-from ..execution.measurement import Measurement
-from ..execution.onward import Proposal
-from ..execution.tracking import Command
-from ..execution.trajectory import Trajectory
 from ..scene import Scene
+from ..trajectory.trajectory import Trajectory
 from ..validation import check_type, shown
 from .perception import Perceiver, PerceptionError
 from .plant import Plant

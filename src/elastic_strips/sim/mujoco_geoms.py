@@ -10,10 +10,10 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..errors import ParameterError
-from ..execution.limits import MotionLimits
 from ..robot import LinkGeometry, RobotModel
 from ..robot.geometry import support_points
 from ..scene import Obstacle
+from ..trajectory.limits import MotionLimits
 
 FLOOR, ROLLING, LINK, OBSTACLE = range(4)
 """Kinds of geoms: the floor; wheels and casters; the robot's other links; obstacles."""

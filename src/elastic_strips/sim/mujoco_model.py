@@ -15,10 +15,10 @@ from lxml import etree
 from elastic_strips.arrays import Array
 
 from ..errors import ParameterError, RobotError, missing_extra
-from ..execution.limits import MotionLimits
 from ..robot import BaseKind, RobotModel
 from ..robot.urdf import read_xml
 from ..scene import Obstacle
+from ..trajectory.limits import MotionLimits
 from .mujoco_geoms import FLOOR, OBSTACLE, WITH_FLOOR, add_obstacle, add_robot
 from .plant import PlantParams
 

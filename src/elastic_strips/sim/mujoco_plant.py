@@ -10,13 +10,13 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..control.measurement import Measurement
+from ..control.tracking import Command
 from ..errors import ParameterError
-from ..execution.limits import MotionLimits
-from ..execution.measurement import Measurement
-from ..execution.tracking import Command
 from ..robot import RobotModel
 from ..scene import Scene
 from ..scene.world import World
+from ..trajectory.limits import MotionLimits
 from .mujoco_geoms import FLOOR, LINK, OBSTACLE, ROLLING
 from .mujoco_model import MujocoModel, build_model, import_mujoco
 from .odometry import Sensors

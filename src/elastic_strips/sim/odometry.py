@@ -11,8 +11,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..control.measurement import Measurement
 from ..errors import ParameterError
-from ..execution.measurement import Measurement
 
 _SLACK = 1e-9  # [s] times that differ by less are the same
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..control.evasion import Silhouette, beyond_box
 from ..errors import ParameterError
-from ..execution.evasion import Silhouette, beyond_box
 from ..robot import RobotModel
 from ..scene import Obstacle, World, Yielding
 from ..validation import check_numbers

@@ -9,8 +9,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..control.params import ObstacleAssumptions
 from ..errors import ElasticStripsError, ParameterError
-from ..execution.params import ObstacleAssumptions
 from ..scene import Scene, Twist, Unknown, World
 
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..control.measurement import Measurement
+from ..control.tracking import Command
 from ..errors import ParameterError
-from ..execution.limits import MotionLimits
-from ..execution.measurement import Measurement
-from ..execution.planar import Pose, compose, exp
-from ..execution.tracking import Command
 from ..robot import RobotModel
+from ..trajectory.limits import MotionLimits
+from ..trajectory.planar import Pose, compose, exp
 from .odometry import SensorParams, Sensors, standard_normals
 
 _STICTION = 5e-4  # [m/s, rad/s] below it, a motor that is told to stand stands

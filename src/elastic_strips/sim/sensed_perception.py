@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
+from ..control.evasion import Silhouette
+from ..control.params import ObstacleAssumptions
 from ..control.pose_history import PoseHistory
-from ..execution.evasion import Silhouette
-from ..execution.params import ObstacleAssumptions
 from ..perception import SceneEstimator, SceneEstimatorParams
 from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..execution.limits import MotionLimits
-from ..execution.params import DriveParams
+from ..control.params import DriveParams
+from ..trajectory.limits import MotionLimits
 from .perception import PerceptionParams
 
 WALKING_SPEED = 1.6

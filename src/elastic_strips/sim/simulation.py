@@ -15,16 +15,16 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
+from ..control.controller import KEPT_EVENTS, Controller, Tick
+from ..control.measurement import Measurement
+from ..control.params import DriveParams, Tolerance
+from ..control.record import DriveResult, Event, Recorder, RunState, TickStatistics
+from ..control.tracking import Command
 from ..errors import RobotError
-from ..execution.controller import KEPT_EVENTS, Controller, Tick
-from ..execution.limits import MotionLimits
-from ..execution.measurement import Measurement
-from ..execution.params import DriveParams, Tolerance
-from ..execution.record import DriveResult, Event, Recorder, RunState, TickStatistics
-from ..execution.tracking import Command
-from ..execution.trajectory import ReferenceState
 from ..robot import RobotModel
 from ..scene import Scene, World
+from ..trajectory.limits import MotionLimits
+from ..trajectory.trajectory import ReferenceState
 from ..validation import check_able, check_count, check_number, check_type
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Bystanders

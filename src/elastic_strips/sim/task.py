@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy.typing as npt
 
-from ..control import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
+from ..control import DriveParams, DriveResult
+from ..control.tasks import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
 from ..deform import AxisTask
 from ..errors import ConfigurationError
-from ..execution import DriveParams, DriveResult
 from ..robot import RobotModel
 from ..scene import Scene, World
 from ..summary import Summary

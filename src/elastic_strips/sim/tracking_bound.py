@@ -9,13 +9,13 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from ..control.estimation import Estimator
+from ..control.tracking import TrackingController, TrackingGains
 from ..errors import ParameterError
-from ..execution.estimation import Estimator
-from ..execution.limits import MotionLimits
-from ..execution.tracking import TrackingController, TrackingGains
-from ..execution.trajectory import Trajectory
 from ..proximity.bounds import BodySet
 from ..robot import Kinematics, RobotModel
+from ..trajectory.limits import MotionLimits
+from ..trajectory.trajectory import Trajectory
 from .plant import KinematicPlant, Plant, PlantParams
 
 DEFAULT_TRACKING_ERROR = 0.02

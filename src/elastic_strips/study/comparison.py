@@ -11,9 +11,9 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..bench.pool import cached, spread
+from ..control import RunState
 from ..control.base_controller import PATIENCE
 from ..errors import ElasticStripsError, ParameterError, nearest_name
-from ..execution import RunState
 from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
 from ..scenarios import STRIP, drive_scenario, get_scenario

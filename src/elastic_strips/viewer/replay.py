@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_strips.control.record import Record
 from elastic_strips.errors import InputError
-from elastic_strips.execution.record import Record
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Obstacle, Scene
 from elastic_strips.viewer import commands, geometry, meshes, playback

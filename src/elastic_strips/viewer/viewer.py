@@ -11,8 +11,8 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
+from elastic_strips.control.record import Record as RunRecord
 from elastic_strips.errors import InputError, RobotError, SceneError
-from elastic_strips.execution.record import Record as RunRecord
 from elastic_strips.io.files import check_writable, write_whole
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from brute_force import link_distances
 
-from elastic_strips.control import DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, ReachHand
+from elastic_strips.control.tasks import DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, ReachHand
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.scene import Box, Scene
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from elastic_strips.control import Facts, Order, SequencingLayer
+from elastic_strips.control.tasks import Facts, Order, SequencingLayer
 from elastic_strips.errors import MissingExtraError, ParameterError
 
 
@@ -66,6 +66,6 @@ def test_the_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "py_trees", None)
     for name in [m for m in sys.modules if m.startswith("py_trees.")]:
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "elastic_strips.control.tree", raising=False)
+    monkeypatch.delitem(sys.modules, "elastic_strips.control.tasks.tree", raising=False)
     with pytest.raises(MissingExtraError, match=r"elastic-strips\[control\]"):
         SequencingLayer(["drive"])

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elastic_strips.control import TaskState, TaskWatch
+from elastic_strips.control.tasks import TaskState, TaskWatch
 from elastic_strips.deform import AxisTask, Deformer, kept_as_at
 from elastic_strips.deform.task import TaskForce
 from elastic_strips.errors import ParameterError

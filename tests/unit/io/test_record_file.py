@@ -15,8 +15,8 @@ import pytest
 from brute_force import make_scene, scene_pieces
 from synthetic_run import moving_world, straight_run
 
+from elastic_strips.control.record import Record, Recorder, RecordError
 from elastic_strips.errors import InputError, MissingExtraError
-from elastic_strips.execution.record import Record, Recorder, RecordError
 from elastic_strips.io import record_file
 from elastic_strips.io.record_file import (
     FORMAT_VERSION,

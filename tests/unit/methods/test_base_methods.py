@@ -10,11 +10,11 @@ import pytest
 from flat_world import World, door, drive, moved, patience, placed, ring, scan
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.methods import BASE_METHODS, BaseLimits, BaseMethod, GoalParams, make_base_method
 from elastic_strips.methods.certainty_grid import SensedPoints, planar_rays
 from elastic_strips.methods.helm import Helm
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
+from elastic_strips.trajectory.limits import MotionLimits
 
 LIMITS = BaseLimits()
 NAMES = list(BASE_METHODS)

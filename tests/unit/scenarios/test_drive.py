@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from elastic_strips.control import BaseController
+from elastic_strips.control.base_controller import BaseController
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation

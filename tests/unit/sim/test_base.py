@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from elastic_strips.control import RunState
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.execution import RunState
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
 from elastic_strips.sim import base_simulation, judge

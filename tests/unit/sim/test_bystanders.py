@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
+from elastic_strips.control.tracking import Command
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution import MotionLimits
-from elastic_strips.execution.tracking import Command
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World, Yielding
 from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, judge, simulation
 from elastic_strips.sim.pedestrians import Bystanders, Courtesy
+from elastic_strips.trajectory import MotionLimits
 
 DT = 0.01
 LIMIT = 0.48

@@ -10,13 +10,13 @@ import pytest
 from brute_force import configuration, distance, link_poses, make_scene, random_chart, scene_pieces
 from synthetic_run import moving_world, straight_run
 
+from elastic_strips.control.record import Recorder, RecordError
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.record import Recorder, RecordError
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Points, Scene, Sphere, Twist, Voxels, World
 from elastic_strips.sim.judge import Tolerance, judge
 from elastic_strips.sim.sweep import Course, Sweep
+from elastic_strips.trajectory.limits import MotionLimits
 
 
 def at(robot, time, chart, t):

@@ -8,11 +8,9 @@ from motions import smooth_motion
 
 pytest.importorskip("mujoco", reason="mujoco (extra sim) is not installed")
 
+from elastic_strips.control.estimation import Estimator
+from elastic_strips.control.tracking import Command, TrackingController
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.estimation import Estimator
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.retiming import retime
-from elastic_strips.execution.tracking import Command, TrackingController
 from elastic_strips.planning import plan
 from elastic_strips.scenarios.corridor import corridor_scene
 from elastic_strips.scene import (
@@ -35,6 +33,8 @@ from elastic_strips.sim.odometry import SensorParams
 from elastic_strips.sim.plant import PlantParams
 from elastic_strips.sim.tracking_bound import follow, tracking_errors
 from elastic_strips.strip import Strip
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.retiming import retime
 from elastic_strips.tunnel import strip_clearance
 
 EXACT = PlantParams(jitter=0.0, sensors=SensorParams.ideal())

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elastic_strips.control.tracking import Command
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.tracking import Command
 from elastic_strips.sim.odometry import SensorParams
 from elastic_strips.sim.plant import KinematicPlant, PlantParams, speed_loop, stopping_time
+from elastic_strips.trajectory.limits import MotionLimits
 
 IDEAL = PlantParams.ideal()
 LAGGED = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, sensors=SensorParams.ideal())

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
-from elastic_strips.execution import DriveParams, MotionLimits, RunState
+from elastic_strips.control import DriveParams, RunState
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, Unknown, World
 from elastic_strips.sim import FAULTS, Fault, PerceptionError, PerceptionParams, judge, simulation
 from elastic_strips.sim.judge import REST_SPEED
 from elastic_strips.sim.tracking_bound import Displacement
 from elastic_strips.strip import Strip
+from elastic_strips.trajectory import MotionLimits
 
 CLUTTER = [
     Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate"),

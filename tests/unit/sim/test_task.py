@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.control import DriveTo, Order, ReachHand
-from elastic_strips.execution import DriveParams
+from elastic_strips.control import DriveParams
+from elastic_strips.control.tasks import DriveTo, Order, ReachHand
 from elastic_strips.scene import Box, Scene, Unknown, World
 from elastic_strips.sim import TaskSimulation, judge
 

@@ -9,11 +9,9 @@ import pinocchio as pin
 import pytest
 from motions import smooth_motion
 
+from elastic_strips.control.estimation import Estimator
+from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.estimation import Estimator
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.retiming import retime
-from elastic_strips.execution.tracking import TrackingController, TrackingGains
 from elastic_strips.planning import plan
 from elastic_strips.robot.geometry import support_points
 from elastic_strips.scenarios.corridor import corridor_scene
@@ -25,6 +23,8 @@ from elastic_strips.sim.tracking_bound import (
     measure_tracking,
     tracking_errors,
 )
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.retiming import retime
 
 
 def limits_of(robot) -> MotionLimits:

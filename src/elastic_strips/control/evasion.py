@@ -1,0 +1,657 @@
+"""Evasion: which short motion of the base gets the robot out of the way of what comes.
+
+A few hundred manoeuvres are rolled out some seconds ahead and compared by what they risk and by how far they get
+towards the goal. That is a choice, no proof: the motion that begins the best one, and ends at rest, is driven only with
+a certificate, like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices, Mask
+
+from ..proximity import BodySet, Forecast
+from ..robot import Kinematics, RobotModel
+from ..robot.geometry import support_points
+from ..robot.space import wrap_angle
+from ..scene import Scene
+from ..trajectory.limits import MotionLimits
+from ..trajectory.path import integrate_travel
+from ..trajectory.timed_certificate import TrajectoryCertifier
+from ..trajectory.trajectory import ReferenceState, Trajectory
+from .onward import Proposal, fastest_drive
+from .params import EvasionParams
+from .prediction import ArrivalTimes
+
+
+class Silhouette:
+    """Workspace: the robot's bodies as upright boxes in the base's frame, for one posture of its joints.
+
+    Attributes:
+        middle, half: (K, 2) centres and half sizes of the boxes seen from above [m].
+        low, high: (K,) their lowest and highest points [m].
+    """
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._bodies = BodySet.links(robot)
+        self._points = [support_points(g) for g in self._bodies.geometries]
+        self._kin = Kinematics(robot.tree, 1)
+        self._base = robot.space.base_nv
+        self._posture: Array | None = None
+        self._placed: list[Array] = []
+        self.middle = self.half = np.zeros((0, 2))
+        self.low = self.high = np.zeros(0)
+
+    def update(self, chart: Array) -> None:
+        """Take the joints of a chart row (nv,)."""
+        row = np.array(chart, dtype=float)
+        row[: self._base] = 0.0
+        if self._posture is not None and np.array_equal(row, self._posture):
+            return
+        self._kin.update(row[None])
+        count = len(self._bodies)
+        index = np.arange(count, dtype=np.intp)
+        turn, move = self._bodies.placements(self._kin, np.zeros(count, dtype=np.intp), index)
+        boxes = np.empty((count, 2, 3))
+        self._placed = [points @ turn[g].T + move[g] for g, (points, _) in enumerate(self._points)]
+        for g, (_, radius) in enumerate(self._points):
+            boxes[g] = self._placed[g].min(axis=0) - radius, self._placed[g].max(axis=0) + radius
+        inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2) & (boxes[:, None, 1] <= boxes[None, :, 1]).all(2)
+        inside &= ~np.eye(count, dtype=bool)
+        boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
+        self.middle, self.half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
+        self.low, self.high = boxes[:, 0, 2], boxes[:, 1, 2]
+        self._posture = row
+
+    @property
+    def reach(self) -> float:
+        """Radius [m] about the base's origin that holds the robot, seen from above."""
+        return self.reach_between(-np.inf, np.inf)
+
+    def reach_between(self, low: float, high: float) -> float:
+        """That of the bodies between two heights [m]."""
+        at = (self.low <= high) & (self.high >= low)
+        return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
+
+    def disc_below(self, height: float) -> float:
+        """Radius [m] of the largest disc about the base that a body which reaches below ``height`` [m] covers."""
+        angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+        ways = np.stack((np.cos(angles), np.sin(angles)))
+        best = 0.0
+        for placed, (_, radius) in zip(self._placed, self._points, strict=True):
+            if placed[:, 2].min() - radius < height:
+                best = max(best, float((placed[:, :2] @ ways).max(axis=0).min()) + radius)
+        return best
+
+
+def beyond_box(x: Array, y: Array, a: Array | float, b: Array | float) -> Array:
+    """Signed distances [m] of points from boxes of half sizes a, b about the origin."""
+    x, y = np.abs(x) - a, np.abs(y) - b
+    outside = np.sqrt(np.square(np.maximum(x, 0.0)) + np.square(np.maximum(y, 0.0)))
+    return outside + np.minimum(np.maximum(x, y), 0.0)
+
+
+FAR = 3.0
+"""Separations are not told beyond this [m]."""
+_FASTEST = 3.0  # [m/s] what is faster is noticed late
+_LOW = 0.02  # [m] what lies lower is driven over
+
+
+class Outlook:
+    """What is around the robot, seen from above, and where constant velocities take it.
+
+    Args:
+        silhouette: of the robot.
+        scene: sensed.
+        forecast: its moving obstacles, with the bounds of the errors.
+        centre: (2,) where the robot is [m].
+        reach: how far from there it matters where things stand [m].
+        horizon: how long it matters where things move [s].
+        most: so many moving pieces at most, those first that come nearest soonest.
+    """
+
+    def __init__(
+        self, silhouette: Silhouette, scene: Scene, forecast: Forecast, centre: Array, *, reach: float, horizon: float,
+        most: int = 12,
+    ) -> None:  # fmt: skip
+        self.body = silhouette
+        moving = dict(zip(forecast.obstacles.tolist(), range(len(forecast)), strict=True))
+        discs, boxes = [], []
+        for k, obstacle in enumerate(scene):
+            pose, mover = obstacle.pose, moving.get(k)
+            if (
+                float(np.hypot(*(pose[:2, 3] - centre))) - obstacle.reach
+                > reach + (mover is not None) * _FASTEST * horizon
+            ):
+                continue
+            for part in obstacle.parts:
+                middle = pose[:3, :3] @ part.center + pose[:3, 3]
+                tall = float(np.abs(pose[2, :3]) @ part.half_extents)
+                flat = min(float(np.hypot(*part.half_extents[:2])), part.radius)
+                if type(part.geometry).__name__ in ("Cylinder", "Sphere", "Capsule", "Cone"):
+                    flat = float(part.half_extents[:2].max())
+                if abs(pose[2, 2]) < 0.999:  # it lies or leans
+                    flat = part.radius
+                low, high = middle[2] - tall, middle[2] + tall
+                if high < _LOW or low > silhouette.high.max():
+                    continue
+                if mover is not None:
+                    v = forecast.velocity[mover]
+                    discs.append((*middle[:2], *v[:2], flat, low, high, mover))
+                elif float(np.hypot(*(middle[:2] - centre))) - flat < reach:
+                    yaw = np.arctan2(pose[1, 0], pose[0, 0])
+                    boxes.append((*middle[:2], *part.half_extents[:2], low, high, yaw))
+        found = np.array(discs).reshape(-1, 8)
+        t = np.linspace(0.0, horizon, 7)[:, None]
+        apart = np.hypot(found[:, 0] + found[:, 2] * t - centre[0], found[:, 1] + found[:, 3] * t - centre[1])
+        soon = (apart - found[:, 4] - reach * t / horizon).min(axis=0)
+        order = np.argsort(soon, kind="stable")[:most]
+        self._discs = found[order[soon[order] < silhouette.reach]]
+        self._boxes = np.array(boxes).reshape(-1, 7)
+        at = self._discs[:, 7].astype(int)
+        self._error = np.stack([forecast.offset[at], forecast.speed[at], 0.5 * forecast.acceleration[at]])
+        self._size = self._discs[:, 4] + [silhouette.reach_between(*z) for z in self._discs[:, 5:7]]
+
+    @property
+    def movers(self) -> int:
+        """How many moving pieces matter."""
+        return len(self._discs)
+
+    def near(self, pose: Array, time: Array, lead: float) -> Array:
+        """About the separations (N, T) [m] from what moves, at poses (N, T, 3) and times (T,) [s] after the snapshot.
+
+        What moves counts as where it is and will be within the next ``lead`` [s]: a robot that is in front of it has
+        to go on, and cannot be certified to stop. The robot is a disc that holds all of it that the piece could touch.
+        """
+        x, y, vx, vy = self._discs[:, :4].T
+        t = time[:, None]
+        dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
+        ahead = np.clip(-(dx * vx + dy * vy) / np.maximum(vx * vx + vy * vy, 1e-6), 0.0, lead)
+        dx += vx * ahead
+        dy += vy * ahead
+        return (np.sqrt(dx * dx + dy * dy) - self._size).min(axis=-1, initial=FAR)
+
+    def possible(self, pose: Array, time: Array) -> Array:
+        """Separations (N, T) [m] from all places where what moves can be then, as for a certificate."""
+        result = np.full(pose.shape[:2], FAR)
+        if not len(self._discs):
+            return result
+        cos, sin = np.cos(pose[..., 2])[..., None], np.sin(pose[..., 2])[..., None]
+        x, y, vx, vy, radius, low, high = self._discs[:, :7].T
+        t = time[:, None]
+        size = radius + self._error[0] + (self._error[1] + self._error[2] * t) * t
+        dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
+        ahead, aside = cos * dx + sin * dy, cos * dy - sin * dx
+        body = self.body
+        for k in range(len(body.low)):
+            at = (low <= body.high[k]) & (high >= body.low[k])
+            if at.any():
+                d = beyond_box(ahead[..., at] - body.middle[k, 0], aside[..., at] - body.middle[k, 1], *body.half[k])
+                np.minimum(result, (d - size[:, at]).min(axis=-1), out=result)
+        return result
+
+    def from_standing(self, pose: Array) -> Array:
+        """Separations (N, T) [m] from what stands; the robot's boxes are covered by discs, so it is a little less."""
+        result = np.full(pose.shape[:2], FAR)
+        body = self.body
+        cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+        for k in range(len(body.low)):
+            at = np.flatnonzero((self._boxes[:, 4] <= body.high[k]) & (self._boxes[:, 5] >= body.low[k]))
+            if not len(at):
+                continue
+            count = np.ceil(body.half[k] / max(float(body.half[k].min()), 0.12)).astype(int)
+            part = body.half[k] / count
+            radius = float(np.hypot(*part))
+            for i, j in np.ndindex(*count.tolist()):
+                u, w = body.middle[k] - body.half[k] + part * (2 * np.array([i, j]) + 1)
+                px, py = pose[..., 0] + cos * u - sin * w, pose[..., 1] + sin * u + cos * w
+                c, s = np.cos(self._boxes[at, 6]), np.sin(self._boxes[at, 6])
+                dx, dy = px[..., None] - self._boxes[at, 0], py[..., None] - self._boxes[at, 1]
+                d = beyond_box(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
+                np.minimum(result, d.min(axis=-1) - radius, out=result)
+        return result
+
+
+_REACH = 0.95
+"""Part of the largest speeds that manoeuvres go to."""
+_DRIVES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # parts of the largest speed
+_TURNS = (-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0)  # [rad/s]
+_ONWARD = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.2), (1.0, -1.2))
+_CHANGES = (0.4, 1.0)  # times [s] at which the first target gives way to the second
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Targets:
+    """Two-stage manoeuvres: speeds to go to as fast as the motors allow, one after the other.
+
+    Attributes:
+        first, second: (N, k) speeds of the drive coordinates [m/s or rad/s].
+        change: (N,) time from the beginning [s] at which the second takes over.
+        kind: (N,) which of the different first targets each has.
+    """
+
+    first: Array
+    second: Array
+    change: Array
+    kind: Indices
+
+    def __len__(self) -> int:
+        return len(self.change)
+
+    def take(self, which: Mask) -> Targets:
+        """Those of a mask (N,)."""
+        return Targets(self.first[which], self.second[which], self.change[which], self.kind[which])
+
+    @property
+    def different(self) -> Array:
+        """(D, k) the different first targets, in the order of their kinds."""
+        return self.first[np.unique(self.kind, return_index=True)[1]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rollouts:
+    """Where the base gets in each of N manoeuvres at T times.
+
+    Attributes:
+        time: (T,) since the beginning [s], the first of them a step after it.
+        pose: (N, T, 3) x, y [m], yaw [rad].
+    """
+
+    time: Array
+    pose: Array
+
+
+def lattice(limits: MotionLimits) -> Targets:
+    """Targets over all speeds that the base can reach, rest among them; each with several ways to go on."""
+    top = _REACH * limits.drive_speed
+    if limits.drive_dim == 2:
+        v, w = np.meshgrid(np.array(_DRIVES) * top.min(), np.array(_TURNS), indexing="ij")
+        first = _within(limits.to_drive(np.stack([v.ravel(), 0.0 * v.ravel(), w.ravel()], axis=1)), top)
+        onward = np.array([[v * top.min(), 0.0, w] for v, w in _ONWARD])
+        second = _within(limits.to_drive(onward), top)
+    else:
+        angle = 2.0 * np.pi * np.arange(16) / 16
+        around = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]) * top
+        first = np.vstack([around, 0.4 * around, np.zeros((1, 3))])
+        second = np.vstack([around[::4], np.zeros((1, 3))])
+    first = np.unique(first.round(9), axis=0)
+    kinds = np.arange(len(first))
+    n, m = len(first), len(second)
+    changes = np.concatenate([np.full(n, np.inf), np.repeat(_CHANGES, n * m)])
+    several = [np.repeat(first, m, axis=0), np.tile(second, (n, 1)), np.repeat(kinds, m)]
+    times = len(_CHANGES)
+    return Targets(
+        np.vstack([first, *[several[0]] * times]),
+        np.vstack([first, *[several[1]] * times]),
+        changes,
+        np.concatenate([kinds, *[several[2]] * times]).astype(np.intp),
+    )
+
+
+def roll_out(
+    limits: MotionLimits, start: ReferenceState, targets: Targets, *, part: float, horizon: float, dt: float
+) -> Rollouts:
+    """Follow all targets for a while; the base goes on arcs from time to time.
+
+    Args:
+        limits: of the motors.
+        start: where and how fast the robot is.
+        targets: N of them.
+        part: of the acceleration limits.
+        horizon: how long [s]; dt: step [s].
+    """
+    time = dt * np.arange(1.0, round(horizon / dt) + 1.0)
+    step = part * limits.drive_acceleration * dt
+    speed = np.empty((len(time) + 1, *targets.first.shape))
+    speed[0] = limits.to_drive(start.v[:3])
+    for i, t in enumerate(time):
+        goal = np.where((t - 0.5 * dt < targets.change)[:, None], targets.first, targets.second)
+        speed[i + 1] = speed[i] + np.clip(goal - speed[i], -step, step)
+    return Rollouts(time, _poses(limits, start, speed, dt))
+
+
+def roll_to_rest(
+    limits: MotionLimits, start: ReferenceState, target: Array, hold: Array, *, part: float, dt: float
+) -> tuple[Rollouts, Array]:
+    """Motions as :func:`motion_to` makes them, to targets (N, k), each held for a time (N,) [s] before it brakes.
+
+    Returns them and the times (N,) [s] at which they are at rest.
+    """
+    change = part * limits.drive_acceleration
+    longest = float(hold.max()) + float((limits.drive_speed / change).max()) + dt
+    time = dt * np.arange(1.0, round(longest / dt) + 1.0)
+    speed = np.empty((len(time) + 1, *target.shape))
+    speed[0] = limits.to_drive(start.v[:3])
+    fall = np.zeros_like(target)
+    braking = np.zeros(len(target), dtype=bool)
+    rest = np.zeros(len(target))
+    for i, t in enumerate(time):
+        now = speed[i]
+        begin = ~braking & (t > hold + 0.5 * dt)
+        if begin.any():
+            duration = np.maximum((np.abs(now[begin]) / change).max(axis=1), 1e-9)
+            fall[begin] = now[begin] / duration[:, None] * dt
+            rest[begin] = time[i] - dt + duration
+            braking |= begin
+        going = now + np.clip(target - now, -change * dt, change * dt)
+        slower = np.sign(now) * np.maximum(np.abs(now) - np.abs(fall), 0.0)
+        speed[i + 1] = np.where(braking[:, None], slower, going)
+    return Rollouts(time, _poses(limits, start, speed, dt)), rest
+
+
+def _poses(limits: MotionLimits, start: ReferenceState, speed: Array, dt: float) -> Array:
+    """Poses (N, T, 3) for speeds (T + 1, N, k) of the drive coordinates."""
+    twist = limits.to_twist(0.5 * (speed[1:] + speed[:-1])) * dt
+    yaw = start.chart[2] + np.cumsum(twist[..., 2], axis=0)
+    middle = yaw - 0.5 * twist[..., 2]
+    cos, sin = np.cos(middle), np.sin(middle)
+    pose = np.empty((speed.shape[1], len(speed) - 1, 3))
+    pose[..., 0] = (start.chart[0] + np.cumsum(cos * twist[..., 0] - sin * twist[..., 1], axis=0)).T
+    pose[..., 1] = (start.chart[1] + np.cumsum(sin * twist[..., 0] + cos * twist[..., 1], axis=0)).T
+    pose[..., 2] = yaw.T
+    return pose
+
+
+def motion_to(
+    robot: RobotModel,
+    limits: MotionLimits,
+    start: ReferenceState,
+    target: Array,
+    *,
+    part: float,
+    duration: float,
+    dt: float,
+) -> Trajectory | None:
+    """A motion that goes to a target speed for a short while and then brakes to rest; the joints only brake.
+
+    Velocities are linear and travels quadratic between samples, so that no limit is exceeded anywhere. Braking keeps
+    the proportion of the speeds: the base stays on its arc. None where a joint would leave its range.
+
+    Args:
+        robot, limits: whose.
+        start: state that it goes on from; ``start.time`` is its first sample's.
+        target: (k,) speeds of the drive coordinates.
+        part: of the acceleration limits.
+        duration: until it begins to brake [s]; dt: distance of the samples [s].
+    """
+    k = limits.drive_dim
+    change = limits.acceleration.copy()
+    change[:k] *= part
+    goal = np.concatenate([target, np.zeros(len(change) - k)])
+    rows = [limits.to_coordinates(start.v)]
+    for _ in range(max(round(duration / dt), 1)):
+        rows.append(rows[-1] + np.clip(goal - rows[-1], -change * dt, change * dt))
+    steps = max(int(np.ceil(float((np.abs(rows[-1]) / change).max()) / dt - 1e-9)), 1)
+    rows += [rows[-1] * (1.0 - j / steps) for j in range(1, steps + 1)]
+    v = np.array(rows)
+    y = np.vstack([np.zeros(v.shape[1]), np.cumsum(0.5 * dt * (v[1:] + v[:-1]), axis=0)])
+    a = np.vstack([np.diff(v, axis=0) / dt, np.zeros(v.shape[1])])
+    chart = integrate_travel(robot, limits, start.chart, y)
+    space, base = robot.space, robot.space.base_nv
+    low, high = np.minimum(space.lower, start.chart) - 1e-6, np.maximum(space.upper, start.chart) + 1e-6
+    if ((chart < low) | (chart > high))[:, base:].any():
+        return None
+    return Trajectory(
+        robot,
+        limits,
+        start.time + dt * np.arange(len(v), dtype=float),
+        chart,
+        limits.to_tangent(v),
+        limits.to_tangent(a),
+    )
+
+
+def _within(drive: Array, top: Array) -> Array:
+    """Speeds (N, k) scaled back to their limits (k,), in proportion: the curvature stays."""
+    return np.asarray(drive / np.maximum((np.abs(drive) / top).max(axis=1), 1.0)[:, None], dtype=float)
+
+
+_TOUCHING = 40.0
+"""Cost per second of what would touch."""
+_DETOUR = 1.5
+"""Cost of a metre beside the strip, in metres along it."""
+_TURN = 0.3
+"""Cost of a heading that is off [s/rad]."""
+_LONGER = (0.0, 0.2, 0.5, 0.9)
+"""How much longer than necessary a manoeuvre may be followed [s], to end where nothing comes."""
+_GAIN = 0.1
+"""What another way has to gain [s] before a robot that is threatened, or moves, takes it."""
+_PACE = 0.75
+"""Part of the largest speed and acceleration that the strip is followed with, as it is foreseen."""
+_STEADY = 0.15
+"""What the manoeuvre that was chosen last is ahead of the others by [s]: it goes on unless another is better."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """What a way to go on is expected to come to.
+
+    Attributes:
+        risk: of touching something or coming near it; 0 where nothing comes near [s].
+        cost: risk, and the time that is left to the goal [s].
+    """
+
+    risk: float
+    cost: float
+
+
+class Evasion:
+    """Workspace: compares manoeuvres among the moving obstacles of a snapshot.
+
+    Args:
+        robot: whose base moves; a fixed one has no manoeuvres.
+        limits: of its motors.
+        params: of the comparison.
+        dt: distance of the samples of motions [s].
+        hold: how long [s] a motion follows its manoeuvre at least before it brakes.
+        clearance: distance [m] that certificates ask for.
+    """
+
+    def __init__(
+        self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float,
+        clearance: float,
+    ) -> None:  # fmt: skip
+        self.robot, self.limits, self.params = robot, limits, params
+        self.dt, self.clearance = dt, clearance
+        self._silhouette = Silhouette(robot)
+        self._holds = hold + np.array(_LONGER)
+        self._lattice: Targets | None = lattice(limits) if limits.drive_dim else None
+        self._time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
+        self._last: Array | None = None
+        self._outlook: Outlook | None = None
+        self._way = np.zeros((0, 2))
+        self._rest = np.zeros(0)
+        self._delay = 0.0
+
+    def improved(
+        self,
+        proposal: Proposal,
+        start: ReferenceState,
+        held: Trajectory,
+        scene: Scene,
+        possible: Forecast,
+        certifier: TrajectoryCertifier,
+        arrival: ArrivalTimes,
+    ) -> Proposal:
+        """The proposal, or a certified motion off the strip where something comes or that is better than to wait.
+
+        Args:
+            proposal: along the strip.
+            start: where and when the next motion begins; held: the motion that is executed.
+            scene: sensed; possible: where its moving obstacles can be.
+            certifier: of motions.
+            arrival: times at the strip's nodes.
+        """
+        if not self.look(scene, possible, start, proposal.report.strip.chart):
+            return proposal
+        if proposal.accepted:
+            rows = self._followed(proposal, start, arrival)
+        else:
+            motion = proposal.motion if proposal.emergency and proposal.motion is not None else held
+            rows = np.array([motion.at(start.time + t).chart for t in self.time])
+        plain = self.prospect(rows)
+        threatened = plain.risk > self.params.calm
+        broken = proposal.report.certificate.broken
+        by_standing = broken is not None and broken.obstacle in scene and scene.obstacle(broken.obstacle).motion is None
+        if not threatened and (proposal.accepted or by_standing):
+            self._last = None
+            return proposal
+        gain = _GAIN if threatened or start.v.any() else self.params.gain
+        for motion, _ in self.options(start, plain.cost - gain):
+            certificate = certifier.certify(motion, scene, possible)
+            if certificate.certified:
+                return replace(
+                    proposal, motion=motion, certificate=certificate, accepted=True, kept=False, at_goal=False,
+                    reason="", evasive=True, emergency=False,
+                )  # fmt: skip
+        return proposal
+
+    def _followed(self, proposal: Proposal, start: ReferenceState, arrival: ArrivalTimes) -> Array:
+        """(T, nv) about where the robot is at :attr:`time` after the start if it follows the strip while that holds.
+
+        Where the strip is broken the robot would have to stop: there it waits for what comes.
+        """
+        strip, speed, times = proposal.report.strip.chart, proposal.speed, self.time
+        top = _PACE * float(self.limits.drive_speed.max(initial=1.0))
+        change = _PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
+        now = min(fastest_drive(self.limits, start.v) / top, speed)
+        ramp = np.minimum(times, (speed - now) / change)
+        passed = now * times + change * ramp * (times - 0.5 * ramp)
+        reached = arrival(strip)
+        broken = np.flatnonzero(~proposal.report.certificate.segments)
+        if len(broken):
+            passed = np.minimum(passed, reached[min(int(broken[0]), len(reached) - 1)])
+        i = np.clip(np.searchsorted(reached, passed, side="right") - 1, 0, len(strip) - 2)
+        s = np.clip((passed - reached[i]) / np.maximum(reached[i + 1] - reached[i], 1e-9), 0.0, 1.0)
+        return self.robot.space.interpolate(strip[i], strip[i + 1], s)
+
+    def look(self, scene: Scene, possible: Forecast, start: ReferenceState, strip: Array) -> bool:
+        """Look around; whether anything that moves may come near within the horizon.
+
+        Args:
+            scene: sensed.
+            possible: its moving obstacles, with the bounds of the errors.
+            start: where the next motion begins, and when.
+            strip: (M, nv) the way to the goal from there.
+        """
+        self._outlook = None
+        if self._lattice is None or not len(possible):
+            return False
+        self._silhouette.update(start.chart)
+        horizon = self.params.horizon
+        reach = self._silhouette.reach + self.params.near + float(self.limits.drive_speed[:2].max()) * horizon
+        outlook = Outlook(self._silhouette, scene, possible, start.chart[:2], reach=reach, horizon=horizon)
+        if not outlook.movers:
+            self._last = None
+            return False
+        self._outlook, self._delay = outlook, start.time - scene.time
+        self._way = strip[:, :2]
+        step = np.hypot(*np.diff(self._way, axis=0).T)
+        self._rest = np.append(np.cumsum(step[::-1])[::-1], 0.0)
+        return True
+
+    @property
+    def time(self) -> Array:
+        """(T,) times [s] after the start at which prospects look at the robot."""
+        return self._time
+
+    def prospect(self, rows: Array) -> Prospect:
+        """What chart rows (T, nv) at :attr:`time` after the start come to."""
+        pose = rows[None, :, :3]
+        risk = self._risk(pose)
+        return Prospect(float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0]))
+
+    def options(self, start: ReferenceState, better: float) -> Iterator[tuple[Trajectory, Prospect]]:
+        """Motions that begin manoeuvres whose cost is below ``better``, the best first.
+
+        Each follows its manoeuvre for a while, and then brakes to rest where nothing can be by then, as it seems.
+        """
+        assert self._outlook is not None
+        assert self._lattice is not None
+        params, targets, last = self.params, self._lattice, self._last
+        part, step = params.acceleration, params.step
+        kinds = targets.different
+        room = self._room(start, kinds)
+        hold = room.argmax(axis=1)  # the shortest one that will do; the next tick plans anew
+        targets = targets.take(np.take(room.any(axis=1), targets.kind))
+        if not len(targets):
+            return
+        rollouts = roll_out(self.limits, start, targets, part=part, horizon=params.horizon, dt=step)
+        risk = self._risk(rollouts.pose)
+        cost = risk + self._to_go(rollouts.pose[:, -1])
+        if last is not None:  # what was begun goes on unless another is better
+            same = (np.abs(targets.first - last) < 1e-9).all(axis=1)
+            cost[same] -= _STEADY
+        best = np.argsort(cost, kind="stable")[: params.shortlist]
+        best = best[cost[best] < better]
+        aside = self._standing_risk(rollouts.pose[best])
+        risk[best] += aside
+        cost[best] += aside
+        best = best[np.argsort(cost[best], kind="stable")]
+        tried: set[int] = set()
+        for i in best[cost[best] < better].tolist():
+            kind = int(targets.kind[i])
+            if kind in tried:
+                continue
+            if len(tried) >= params.tries:
+                break
+            tried.add(kind)
+            motion = motion_to(
+                self.robot,
+                self.limits,
+                start,
+                kinds[kind],
+                part=part,
+                duration=float(self._holds[hold[kind]]),
+                dt=self.dt,
+            )
+            if motion is not None:
+                self._last = kinds[kind]
+                yield motion, Prospect(float(risk[i]), float(cost[i]))
+        self._last = None
+
+    def _room(self, start: ReferenceState, kinds: Array) -> Mask:
+        """(D, H) whether motions to targets (D, k), held for the times to choose from, seem to end well."""
+        assert self._outlook is not None
+        count = len(self._holds)
+        hold = np.tile(self._holds, len(kinds))
+        motions, rest = roll_to_rest(
+            self.limits, start, np.repeat(kinds, count, axis=0), hold, part=self.params.acceleration, dt=0.1
+        )
+        apart = self._outlook.possible(motions.pose, self._delay + motions.time) - self.clearance
+        over = motions.time > rest[:, None] + 0.25
+        return ((apart > 0.0) | over).all(axis=1).reshape(-1, count)
+
+    def _risk(self, pose: Array) -> Array:
+        """(N,) cost [s] of coming near what moves: what is further off in time is less sure, and counts less."""
+        assert self._outlook is not None
+        params, t = self.params, self._time
+        apart = self._outlook.near(pose, self._delay + t, params.lead) - self.clearance
+        near = np.clip(1.0 - apart / (params.near + params.spread * t), 0.0, 1.5)
+        weight = params.step * np.exp(-t / params.fade)
+        return (params.care * near * near + _TOUCHING * (apart < 0.0)) @ weight
+
+    def _standing_risk(self, pose: Array) -> Array:
+        """(N,) cost [s] of touching what stands."""
+        assert self._outlook is not None
+        apart = self._outlook.from_standing(pose[:, 1::2])
+        weight = 2.0 * self.params.step * np.exp(-self._time[1::2] / self.params.fade)
+        return (_TOUCHING * (apart < self.clearance)) @ weight
+
+    def _to_go(self, pose: Array) -> Array:
+        """(N,) time [s] to the goal along the strip, from poses (N, 3): back to it, along it, and turning."""
+        top = 0.8 * float(self.limits.drive_speed[:2].min())
+        offset = self._way[None] - pose[:, None, :2]
+        length = _DETOUR * np.sqrt(np.square(offset).sum(axis=2)) + self._rest
+        node = length.argmin(axis=1)
+        ahead = np.searchsorted(-self._rest, -np.maximum(self._rest[node] - 1.0, 0.0))
+        ahead = np.minimum(ahead, len(self._rest) - 1)
+        to = offset[np.arange(len(pose)), ahead]
+        turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
+        turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is a way too
+        turn = turn * np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is none left
+        return length[np.arange(len(pose)), node] / top + (_TURN * turn if self.limits.drive_dim == 2 else 0.0)

@@ -1,0 +1,199 @@
+"""Hybrid control: the paper's three layers at work on one task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy.typing as npt
+
+from ...deform import AxisTask
+from ...errors import ConfigurationError, ParameterError, RobotError
+from ...planning import PlanReport
+from ...robot import RobotModel
+from ...scene import Scene
+from ...strip import Strip
+from ...validation import check_able, check_count, check_type, shown
+from ..controller import Controller
+from ..measurement import Measurement
+from ..onward import Proposal
+from ..params import DriveParams
+from ..record import RunState
+from ..replanning import Replanner, standing
+from ..tracking import Command
+from .sequencing import Facts, Order, SequencingLayer
+from .task_watch import TaskWatch
+from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, ReachHand, Task
+
+
+class Director(Replanner):
+    """Workspace: a replanner that finds out what is wrong with a strip, and waits to be asked for another.
+
+    Attributes:
+        trouble: why the strip cannot be followed; empty where it can.
+        attempts: paths asked for since the last goal.
+    """
+
+    def __init__(self, *args: object, **options: object) -> None:
+        super().__init__(*args, **options)  # type: ignore[arg-type]
+        self.trouble, self.attempts = "", 0
+        self._asked = False
+
+    def plan(
+        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
+    ) -> PlanReport:
+        """The first path of a step; see :meth:`Replanner.plan`."""
+        report = super().plan(scene, start, goal, path=path)
+        self.attempts, self._asked = 0, False
+        self.trouble = "" if report.certified else report.reason
+        return report
+
+    def ask(self) -> None:
+        """Another path is wanted."""
+        self._asked = True
+
+    def watch(self, t: float, proposal: Proposal, scene: Scene, *, at_rest: bool) -> str:
+        """Look at a tick's strip; returns why another one is planned, once that has been asked for, or ""."""
+        found = super().watch(t, proposal, scene, at_rest=at_rest)
+        self.pending = False
+        if found:
+            self.trouble = found
+        elif proposal.accepted or proposal.kept:
+            self.trouble = ""
+        if not self._asked:
+            return ""
+        self._asked, self.pending, self.due = False, True, t + self.params.replan_time
+        return self.trouble
+
+    def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
+        """Another path; see :meth:`Replanner.plan_anew`."""
+        strip, reason = super().plan_anew(scene, start, goal)
+        self.attempts += 1
+        self.trouble = "" if strip is not None else reason
+        return strip, reason
+
+
+def deliberate(
+    robot: RobotModel,
+    start: npt.ArrayLike,
+    task: Task,
+    scene: Scene,
+    *,
+    params: DriveParams | None = None,
+    seed: int = 0,
+) -> Deliberation:
+    """Divide a task into steps; where it cannot be done there are none, and the reason says why.
+
+    Args:
+        robot: the robot.
+        start: configuration (nq,).
+        task: what to do.
+        scene: what is known of the obstacles.
+        params: of the drive: goals keep a little more than its clearance.
+        seed: of all that is sampled.
+    """
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("params", params, DriveParams, none=True)
+    check_count("seed", seed)
+    if not isinstance(task, (DriveTo, ReachHand, DriveAndReach)):
+        raise ParameterError(f"task must be a DriveTo, a ReachHand or a DriveAndReach, not {shown(task)}")
+    layer = DeliberativeLayer(robot, seed=seed, margin=(params or DriveParams()).clearance + 0.01)
+    return layer.divide(task, start, standing(scene))
+
+
+class HybridControl(Controller):
+    """Workspace: sequencing and reactive layer for the steps of a task; it takes steps as every :class:`Controller`.
+
+    The deliberative layer divides the task (:func:`deliberate`); the sequencing layer has its steps done one after the
+    other; the reactive layer, the controller with its strip and its supervisor, moves the robot. Each knows the next by
+    a few calls only: steps and paths come down, facts and troubles go up.
+
+    Args:
+        robot: the robot.
+        start: configuration (nq,).
+        deliberation: what the deliberative layer made of the task; at least one step.
+        scene: what is known before the robot sets out; nothing where None.
+        keep: what the strip is to keep to meanwhile; suspended where that cannot be, and resumed.
+        params: of the drive.
+        seed: of the planner.
+        look: called after every planning tick, with this control.
+        **options: of the :class:`Controller`.
+
+    Attributes:
+        director: plans paths when the sequencing layer asks.
+        sequencing: the layer.
+        keeping: watches what is to be kept to, or None.
+        orders: (time [s], order, reason) of the sequencing layer, wherever they changed.
+
+    Raises:
+        MissingExtraError: py_trees (extra ``control``) is not installed.
+        ConfigurationError: there is no step, or start is not sound, or in collision.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        start: npt.ArrayLike,
+        deliberation: Deliberation,
+        scene: Scene | None = None,
+        *,
+        keep: AxisTask | None = None,
+        params: DriveParams | None = None,
+        seed: int = 0,
+        look: Callable[[HybridControl], object] | None = None,
+        **options: Any,
+    ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("keep", keep, AxisTask, none=True)
+        check_type("params", params, DriveParams, none=True)
+        check_able("look", look)
+        if not deliberation.steps:
+            raise ConfigurationError(f"the task has no steps: {deliberation.reason}")
+        params = replace(params or DriveParams(), task=keep)
+        self.deliberation, self.look = deliberation, look
+        self.sequencing = SequencingLayer([str(s) for s in deliberation.steps], max_scene_age=params.max_scene_age)
+        self.director = Director(robot, params, seed=seed, grid=robot.space.planar)
+        goals = [s.q for s in deliberation.steps]
+        super().__init__(robot, start, goals, scene, params=params, replanner=self.director, seed=seed, **options)
+        force = self.pilot.deformer.task
+        self.keeping = None if force is None else TaskWatch(force)
+        self.orders: list[tuple[float, Order, str]] = []
+        self._report: object = None
+
+    def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
+        """One control period, and after a planning tick the layers above have their turn: :meth:`Controller.step`."""
+        command = super().step(t, measurement, scene, trouble=trouble)
+        if self.tick is not None and self.tick.time == t:
+            self._watch()
+        return command
+
+    def decide(self) -> Order:
+        """What the sequencing layer makes of the facts."""
+        reached = len(self.deliberation.steps) - 1 - len(self.goals)
+        reached += self.state is RunState.REACHED
+        facts = Facts(
+            scene_age=self.time - self.scene.time,
+            localized=self.estimator.lost_for <= 0.1,
+            trouble=self.director.trouble,
+            planning=self.director.pending,
+            attempts=self.director.attempts,
+            reached=reached,
+        )
+        order = self.sequencing.tick(facts)
+        if not self.orders or self.orders[-1][1:] != (order, self.sequencing.reason):
+            self.orders.append((self.time, order, self.sequencing.reason))
+        return order
+
+    def _watch(self) -> None:
+        proposal = self.proposal
+        if self.keeping is not None and proposal is not None and proposal.report is not self._report:
+            self._report = proposal.report
+            self.keeping.update(self.time, proposal.report)
+        order = self.decide()
+        if order is Order.ASK:
+            self.director.ask()
+        elif order is Order.GIVE_UP:
+            self.stop()
+        if self.look is not None:
+            self.look(self)
