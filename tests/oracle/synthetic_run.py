@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from elastic_strips.control.record import Record, Recorder, RunState
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.record import Record, Recorder
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Capsule, Cylinder, Keyframes, Obstacle, Scene, Sphere, Twist, World
 

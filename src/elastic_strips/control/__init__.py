@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from .controller import Controller, Tick
 from .estimation import Estimator, EstimatorParams
-from .measurement import Measurement
-from .onward import Proposal
+from .interfaces import Command, Event, Measurement, RunState
+from .local_planner import Pilot
 from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
-from .pilot import Pilot
 from .prediction import predict
-from .record import DriveResult, Event, Record, Recorder, RecordError, RunState, TickStatistics
+from .record import DriveResult, Record, Recorder, RecordError, TickStatistics
+from .strip_timer import Proposal
 from .supervisor import Supervisor
-from .tracking import Command, TrackingController, TrackingGains
+from .tracking import TrackingController, TrackingGains
 
 __all__ = [
     "Command",

@@ -15,12 +15,10 @@ from ..robot import BaseKind, RobotModel
 from ..trajectory import MotionLimits
 from ..validation import check_type
 from .controller import Tick
-from .estimation import Estimator
-from .measurement import Measurement
+from .estimation import Estimator, PoseHistory
+from .interfaces import Command, Event, Measurement, RunState
 from .params import DriveParams, Tolerance
-from .pose_history import PoseHistory
-from .record import Event, RunState, TickStatistics
-from .tracking import Command
+from .record import TickStatistics
 
 PATIENCE = 15.0
 """A method that has been blocked for so long [s] is given up."""

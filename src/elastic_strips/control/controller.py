@@ -26,14 +26,14 @@ from ..trajectory.limits import MotionLimits
 from ..trajectory.trajectory import ReferenceState, Trajectory
 from ..validation import check_able, check_count, check_number, check_type
 from .estimation import Estimator
-from .measurement import Measurement
-from .onward import Proposal
+from .interfaces import Command, Event, Measurement, RunState
+from .local_planner import Pilot
 from .params import DriveParams, Tolerance
-from .pilot import Pilot
-from .record import Event, RunState, TickStatistics
+from .record import TickStatistics
 from .replanning import Replanner
+from .strip_timer import Proposal
 from .supervisor import Supervisor, standstill
-from .tracking import Command, TrackingController, TrackingGains
+from .tracking import TrackingController, TrackingGains
 
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500

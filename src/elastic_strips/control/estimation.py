@@ -13,8 +13,42 @@ from elastic_strips.arrays import Array
 from ..errors import ParameterError
 from ..robot import RobotModel
 from ..trajectory.limits import MotionLimits
-from ..trajectory.planar import Pose, compose, exp, inverse, log
-from .measurement import Measurement
+from .interfaces import Measurement
+
+Pose = tuple[float, float, float]
+"""x, y [m], yaw [rad], or a twist v_x, v_y, ω in the body's frame that takes unit time."""
+
+
+def exp(twist: Pose) -> Pose:
+    """The pose reached along a twist in unit time."""
+    vx, vy, turn = twist
+    if abs(turn) < 1e-4:
+        s, k = 1.0 - turn * turn / 6.0, 0.5 * turn
+    else:
+        s, k = math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn
+    return s * vx - k * vy, k * vx + s * vy, turn
+
+
+def log(pose: Pose) -> Pose:
+    """The twist that leads to a pose in unit time, by the shorter turn."""
+    x, y, turn = pose
+    turn = math.atan2(math.sin(turn), math.cos(turn))
+    half = 0.5 * turn
+    alpha = 1.0 - turn * turn / 12.0 if abs(turn) < 1e-4 else half / math.tan(half)
+    return alpha * x + half * y, alpha * y - half * x, turn
+
+
+def compose(a: Pose, b: Pose) -> Pose:
+    """The pose ``b`` in the frame of the pose ``a``."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], a[2] + b[2]
+
+
+def inverse(a: Pose) -> Pose:
+    """The pose of the world in the frame of ``a``."""
+    cos, sin = math.cos(a[2]), math.sin(a[2])
+    return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], -a[2]
+
 
 _KEEP = 64  # odometry poses kept for fixes that come late
 _SLACK = 1e-9  # [s]
@@ -210,3 +244,29 @@ class Estimator:
         P[range(3), range(3)] += p.drift**2 * dt
         P[range(3, 3 + k), range(3, 3 + k)] += p.slip**2 * (1.0 - keep * keep)
         self._P = P
+
+
+_KEPT = 200
+
+
+class PoseHistory:
+    """Workspace: the last estimates of a base's pose."""
+
+    def __init__(self) -> None:
+        self._entries: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
+
+    def add(self, t: float, estimate: Array) -> None:
+        """The base believes at ``t`` [s] to be at the x, y [m], yaw [rad] with which a chart row (nv,) begins."""
+        self._entries.append((t, np.array(estimate[:3])))
+
+    def at(self, t: float) -> Array:
+        """(3,) the pose of the estimate that is nearest in time."""
+        return min(self._entries, key=lambda entry: abs(entry[0] - t))[1]
+
+    def velocity(self, over: int) -> Array:
+        """(2,) speed [m/s] and yaw rate [rad/s] over the last so many estimates."""
+        (t0, a), (t1, b) = self._entries[max(-over, -len(self._entries))], self._entries[-1]
+        if t1 <= t0:
+            return np.zeros(2)
+        forward = np.array([np.cos(b[2]), np.sin(b[2])]) @ (b[:2] - a[:2])
+        return np.array([forward, np.remainder(b[2] - a[2] + np.pi, 2.0 * np.pi) - np.pi]) / (t1 - t0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from enum import IntEnum
 from itertools import pairwise
 from typing import Any
 
@@ -19,6 +18,7 @@ from ..robot import BaseKind, RobotModel
 from ..scene import Scene, World
 from ..scene.yielding import copied
 from ..summary import Summary
+from .interfaces import Event, RunState
 
 DRIVE_NAMES = {
     BaseKind.DIFF_DRIVE: ("left", "right"),
@@ -30,20 +30,6 @@ DRIVE_NAMES = {
 
 class RecordError(InputError):
     """A record cannot be made, written or read; the message says what is wrong with it."""
-
-
-class RunState(IntEnum):
-    """What the robot is doing; a record keeps the names beside the codes.
-
-    ``MOVING``: it follows its reference. ``SLOWING``: it brakes. ``STOPPED``: it stands and waits. ``REACHED``: it is
-    at the goal. ``FAILED``: the run ended elsewhere.
-    """
-
-    MOVING = 0
-    SLOWING = 1
-    STOPPED = 2
-    REACHED = 3
-    FAILED = 4
 
 
 STATES = tuple(state.name.lower() for state in RunState)
@@ -120,15 +106,6 @@ class PlanningRows(Summary):
     def row_at(self, time: float) -> int:
         """The last tick at or before ``time`` [s]; −1 before the first."""
         return int(np.searchsorted(self.time, time, side="right")) - 1
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that happened once: time [s], kind (one word) and what there is to say about it."""
-
-    time: float
-    kind: str
-    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

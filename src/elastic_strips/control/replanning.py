@@ -14,8 +14,8 @@ from ..planning import FamilyParams, PlanReport, StripFamily, plan_report
 from ..robot import RobotModel
 from ..scene import Box, Obstacle, Scene
 from ..strip import Strip
-from .onward import Proposal
 from .params import DriveParams
+from .strip_timer import Proposal
 
 _STANDING = 0.05
 """An obstacle that is slower than this [m/s] counts as standing for a planner."""

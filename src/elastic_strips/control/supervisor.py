@@ -12,7 +12,7 @@ from ..robot import RobotModel
 from ..trajectory.limits import MotionLimits
 from ..trajectory.trajectory import ReferenceState, Trajectory
 from ..tunnel import Certificate
-from .record import Event, RunState
+from .interfaces import Event, RunState
 
 _log = logging.getLogger(__name__)
 _NOTHING_NEWER = "no newer motion came"

@@ -13,27 +13,9 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..trajectory.limits import MotionLimits
 from ..trajectory.trajectory import ReferenceState
+from .interfaces import Command
 
 _REST = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Command:
-    """Speeds that the motors are told to turn with.
-
-    Attributes:
-        drive: (k,) drive coordinates: rims left, right [m/s] of a differential drive; x, y, yaw in the body's frame
-            [m/s, rad/s] of an omnidirectional base; empty for a fixed one.
-        joints: (n,) joint rates [rad/s or m/s].
-    """
-
-    drive: Array
-    joints: Array
-
-    @staticmethod
-    def rest(limits: MotionLimits) -> Command:
-        """All motors stand."""
-        return Command(np.zeros(len(limits.drive_speed)), np.zeros(len(limits.joint_speed)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,7 +22,8 @@ import numpy.typing as npt
 
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Array
-from elastic_strips.control.record import DRIVE_NAMES, ControlRows, Event, PlanningRows, Record, RecordError, frozen
+from elastic_strips.control.interfaces import Event
+from elastic_strips.control.record import DRIVE_NAMES, ControlRows, PlanningRows, Record, RecordError, frozen
 from elastic_strips.errors import InputError, RobotError, missing_extra
 from elastic_strips.input_file import open_input
 from elastic_strips.io.files import check_writable, write_whole

@@ -13,9 +13,8 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from ..control.controller import Propose
-from ..control.measurement import Measurement
-from ..control.onward import Proposal
-from ..control.tracking import Command
+from ..control.interfaces import Command, Measurement
+from ..control.strip_timer import Proposal
 from ..errors import ParameterError, nearest_name
 from ..scene import Scene
 from ..trajectory.trajectory import Trajectory

@@ -10,8 +10,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control.measurement import Measurement
-from ..control.tracking import Command
+from ..control.interfaces import Command, Measurement
 from ..errors import ParameterError
 from ..robot import RobotModel
 from ..scene import Scene

@@ -13,7 +13,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control.evasion import Silhouette, beyond_box
+from ..control.lookahead import Silhouette, beyond_box
 from ..errors import ParameterError
 from ..robot import RobotModel
 from ..scene import Obstacle, World, Yielding

@@ -10,12 +10,11 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control.measurement import Measurement
-from ..control.tracking import Command
+from ..control.estimation import Pose, compose, exp
+from ..control.interfaces import Command, Measurement
 from ..errors import ParameterError
 from ..robot import RobotModel
 from ..trajectory.limits import MotionLimits
-from ..trajectory.planar import Pose, compose, exp
 from .odometry import SensorParams, Sensors, standard_normals
 
 _STICTION = 5e-4  # [m/s, rad/s] below it, a motor that is told to stand stands

@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from ..control.evasion import Silhouette
+from ..control.estimation import PoseHistory
+from ..control.lookahead import Silhouette
 from ..control.params import ObstacleAssumptions
-from ..control.pose_history import PoseHistory
 from ..perception import SceneEstimator, SceneEstimatorParams
 from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel

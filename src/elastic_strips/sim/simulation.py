@@ -16,10 +16,9 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 
 from ..control.controller import KEPT_EVENTS, Controller, Tick
-from ..control.measurement import Measurement
+from ..control.interfaces import Command, Event, Measurement, RunState
 from ..control.params import DriveParams, Tolerance
-from ..control.record import DriveResult, Event, Recorder, RunState, TickStatistics
-from ..control.tracking import Command
+from ..control.record import DriveResult, Recorder, TickStatistics
 from ..errors import RobotError
 from ..robot import RobotModel
 from ..scene import Scene, World

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from .braking import brake
 from .limits import MotionLimits
 from .path import DrivePath, RetimingError
-from .retiming import Retimer, retime
-from .timed_certificate import TrajectoryCertifier
-from .trajectory import ReferenceState, Trajectory
+from .retiming import Retimer, brake, retime
+from .trajectory import ReferenceState, Trajectory, TrajectoryCertifier
 
 __all__ = [
     "DrivePath",

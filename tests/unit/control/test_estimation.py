@@ -10,8 +10,7 @@ import pytest
 from motions import smooth_motion
 
 from elastic_strips.control.estimation import Estimator, EstimatorParams
-from elastic_strips.control.measurement import Measurement
-from elastic_strips.control.tracking import Command
+from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.sim.odometry import SensorParams
 from elastic_strips.sim.plant import KinematicPlant, PlantParams

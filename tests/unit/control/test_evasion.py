@@ -9,7 +9,8 @@ import pytest
 from drivable import limits_of, most_used
 
 from elastic_strips.control import Controller, DriveParams, predict
-from elastic_strips.control.evasion import Evasion, Outlook, Silhouette, lattice, motion_to, roll_to_rest
+from elastic_strips.control.evasion import Evasion, lattice, motion_to, roll_to_rest
+from elastic_strips.control.lookahead import Outlook, Silhouette
 from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
 from elastic_strips.control.progress import reattached
 from elastic_strips.planning import straight_line

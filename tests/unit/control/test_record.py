@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from synthetic_run import moving_world, straight_run
 
-from elastic_strips.control.record import STATES, Recorder, RecordError, RunState
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.record import STATES, Recorder, RecordError
 from elastic_strips.errors import InputError
 from elastic_strips.robot import BaseKind
 from elastic_strips.scene import Scene, World

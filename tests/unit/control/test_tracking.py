@@ -9,7 +9,8 @@ import pytest
 from motions import smooth_motion, trajectory_of
 
 from elastic_strips.control.estimation import Estimator
-from elastic_strips.control.tracking import Command, TrackingController, TrackingGains
+from elastic_strips.control.interfaces import Command
+from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.errors import ParameterError
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
 from elastic_strips.sim.tracking_bound import follow

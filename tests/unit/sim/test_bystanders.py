@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
-from elastic_strips.control.tracking import Command
+from elastic_strips.control.interfaces import Command
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World, Yielding
 from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, judge, simulation

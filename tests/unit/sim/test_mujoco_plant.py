@@ -9,7 +9,8 @@ from motions import smooth_motion
 pytest.importorskip("mujoco", reason="mujoco (extra sim) is not installed")
 
 from elastic_strips.control.estimation import Estimator
-from elastic_strips.control.tracking import Command, TrackingController
+from elastic_strips.control.interfaces import Command
+from elastic_strips.control.tracking import TrackingController
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import plan
 from elastic_strips.scenarios.corridor import corridor_scene

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastic_strips.control.tracking import Command
+from elastic_strips.control.interfaces import Command
 from elastic_strips.errors import ParameterError
 from elastic_strips.sim.odometry import SensorParams
 from elastic_strips.sim.plant import KinematicPlant, PlantParams, speed_loop, stopping_time

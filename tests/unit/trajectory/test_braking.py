@@ -7,8 +7,7 @@ import pytest
 from drivable import arcs, limits_of, most_used
 
 from elastic_strips.control.supervisor import standstill
-from elastic_strips.trajectory.braking import brake
-from elastic_strips.trajectory.retiming import Retimer
+from elastic_strips.trajectory.retiming import Retimer, brake
 from elastic_strips.trajectory.trajectory import Trajectory
 
 

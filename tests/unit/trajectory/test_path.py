@@ -7,8 +7,8 @@ import pytest
 from brute_force import random_configurations
 from drivable import arcs, distance_from_strip, limits_of, motor_travel
 
-from elastic_strips.control import path as following
 from elastic_strips.robot import RobotModel
+from elastic_strips.trajectory import path as following
 from elastic_strips.trajectory.path import RetimingError, integrate_travel, metric, polyline, smooth_path
 
 

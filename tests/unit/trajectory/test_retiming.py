@@ -10,12 +10,12 @@ from drivable import arcs, distance_from_strip, limits_of, most_used, motor_trav
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastic_strips.control import retiming
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
 from elastic_strips.relax import project_rolling
 from elastic_strips.robot import RobotModel
 from elastic_strips.strip import Strip
+from elastic_strips.trajectory import retiming
 from elastic_strips.trajectory.limits import MotionLimits
 from elastic_strips.trajectory.path import RetimingError
 from elastic_strips.trajectory.retiming import Retimer, retime

@@ -9,7 +9,7 @@ import toppra.algorithm
 import toppra.constraint
 from drivable import arcs, limits_of, most_used
 
-from elastic_strips.control import speed_profile
+from elastic_strips.trajectory import speed_profile
 from elastic_strips.trajectory.path import metric, polyline, smooth_path
 from elastic_strips.trajectory.retiming import Retimer
 from elastic_strips.trajectory.speed_profile import Profile, broken_limit, fastest

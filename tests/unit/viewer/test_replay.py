@@ -13,7 +13,8 @@ import pytest
 import umsgpack
 from synthetic_run import moving_world, straight_run
 
-from elastic_strips.control.record import Recorder, RecordError, RunState
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.record import Recorder, RecordError
 from elastic_strips.errors import InputError
 from elastic_strips.io.record_file import read_record, record_robot, write_record
 from elastic_strips.scene import Capsule, Scene, Twist, World

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from .hybrid import Director, HybridControl, deliberate
+from .hybrid import Director, HybridControl, TaskEvent, TaskState, TaskWatch, deliberate
 from .sequencing import Facts, Order, SequencingLayer
-from .task_watch import TaskEvent, TaskState, TaskWatch
 from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, Reached, ReachHand, Step, Task
 
 __all__ = [

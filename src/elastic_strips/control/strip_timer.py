@@ -16,8 +16,7 @@ from ..scene import Scene
 from ..trajectory.limits import MotionLimits
 from ..trajectory.path import RetimingError
 from ..trajectory.retiming import Retimer
-from ..trajectory.timed_certificate import TrajectoryCertifier
-from ..trajectory.trajectory import ReferenceState, Trajectory
+from ..trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertifier
 from ..tunnel import Certificate
 from .params import DriveParams
 from .progress import remaining

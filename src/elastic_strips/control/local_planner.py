@@ -18,10 +18,10 @@ from ..trajectory.limits import MotionLimits
 from ..trajectory.trajectory import ReferenceState, Trajectory
 from ..tunnel import Certificate
 from .evasion import Evasion
-from .onward import Onward, Proposal
 from .params import DriveParams
 from .prediction import ArrivalTimes, as_expected, predict, usual_pace
 from .progress import reattached, remaining
+from .strip_timer import Onward, Proposal
 
 
 class Pilot:
