@@ -9,5 +9,5 @@ walker = es.Cylinder(0.25, 1.7, at=(2.0, -2.5, 0.85), name="walker", motion=es.T
 driven = simulation(robot, es.Scene([crate, walker]), robot.home(), robot.home(x=4.0), seed=1)
 result = driven.run()
 verdict = judge(result.record, robot)
-print(f"{result.state.name.lower()} after {verdict.time_s:.1f} s, {len(verdict.collisions)} collisions")
+print(f"{result.state.label} after {verdict.time_s:.1f} s, {len(verdict.collisions)} collisions")
 print(f"never nearer than {verdict.min_clearance_m:.3f} m; stops: {len(result.stops)}")

@@ -38,5 +38,5 @@ with Controller(robot, robot.home(), robot.home(x=3.0), es.Scene([crate])) as co
         driver.send(controller.step(t, measurement, scene))
         t += PERIOD
         measurement = driver.measure(t)
-    print(f"{controller.state.name.lower()} after {t:.1f} s: {controller.reason}")
+    print(f"{controller.state.label} after {t:.1f} s: {controller.reason}")
     print("the robot believes to be at", np.round(controller.estimate[:3], 3))

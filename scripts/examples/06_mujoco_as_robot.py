@@ -26,7 +26,7 @@ with Controller(robot, robot.home(), robot.home(x=3.0), world.at(0.0), limits=li
         command = controller.step(t, measurement, world.at(t))
         measurement = machine.step(command, controller.params.control_dt)
         t = measurement.time
-    print(f"{controller.state.name.lower()} after {t:.1f} s: {controller.reason}")
+    print(f"{controller.state.label} after {t:.1f} s: {controller.reason}")
     off = 1e3 * np.hypot(*(controller.estimate[:2] - machine.chart[:2]))
     print(f"the robot believes to be {off:.0f} mm from where it is; it touched {len(machine.contact_events)} things")
 machine.close()

@@ -80,7 +80,7 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         "fault": task.fault,
         "speed_class": scenario.speed_class,
         "movers": len(scenario.world.names_moving),
-        "state": result.state.name.lower(),
+        "state": result.state.label,
         "reached": outcome.reached,
         "collisions": len(verdict.collisions),
         "collisions_seen": outcome.seen_collisions,

@@ -84,11 +84,11 @@ def _once(robot: RobotModel, seed: int, depth: float) -> dict[str, Any]:
     seen: dict[str, Any] = {}
 
     def watch(driven: Simulation[Controller]) -> None:
-        proposal = driven.controller.proposal
+        result = driven.controller.result
         if driven.time < appears or "ticks" in seen:
             return
         seen.setdefault("at", driven.time)
-        if proposal is None or not proposal.accepted or not proposal.report.certified:
+        if result is None or not result.accepted or not result.report.certified:
             return
         ticks = round((driven.time - seen["at"]) / params.control_dt) + params.latency
         last = driven.controller.statistics.seconds[-1]

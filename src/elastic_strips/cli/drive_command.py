@@ -112,7 +112,7 @@ def drive(
     with viewer or nullcontext(), LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(driven: Simulation[Any]) -> None:
-            bar.step(f"{driven.time:.1f} s, {driven.controller.state.name.lower()}")
+            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
             if viewer is not None:
                 viewer.update(
                     _shown(driven), driven.world.at(driven.time), q=model.space.from_chart(driven.plant.chart)
@@ -154,7 +154,7 @@ def _shown(driven: Simulation[Any]) -> object:
     controller = driven.controller
     if not isinstance(controller, Controller):
         return Strip.from_chart(driven.robot, np.stack((driven.plant.chart, controller.goal)))
-    return controller.proposal.report if controller.proposal else controller.strip
+    return controller.result.report if controller.result else controller.strip
 
 
 @contextmanager
@@ -183,7 +183,7 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     elif result.state is RunState.REACHED:
         text = "not reached: the robot believes to be at the goal, but is not"
     else:
-        text = f"not reached: {result.state.name.lower()}, {reason}"
+        text = f"not reached: {result.state.label}, {reason}"
     click.echo(f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: {text}")
     ticks = result.statistics.percentiles()
     clearance = "none" if verdict.closest is None else f"{verdict.min_clearance_m:.3f} m"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from .controller import Controller, Tick
-from .estimation import Estimator, EstimatorParams
+from .estimation import EstimatorParams, StateEstimator
 from .interfaces import Command, Event, Measurement, RunState
-from .local_planner import Pilot
+from .local_planner import LocalPlanner
 from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
 from .prediction import predict
 from .record import DriveResult, Record, Recorder, RecordError, TickStatistics
-from .strip_timer import Proposal
+from .strip_timer import PlanResult
 from .supervisor import Supervisor
 from .tracking import TrackingController, TrackingGains
 
@@ -19,14 +19,14 @@ __all__ = [
     "DRIVE_STRIP",
     "DriveParams",
     "DriveResult",
-    "Estimator",
+    "StateEstimator",
     "EstimatorParams",
     "EvasionParams",
     "Event",
     "Measurement",
     "ObstacleAssumptions",
-    "Pilot",
-    "Proposal",
+    "LocalPlanner",
+    "PlanResult",
     "Record",
     "RecordError",
     "Recorder",

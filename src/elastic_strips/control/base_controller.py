@@ -14,18 +14,17 @@ from ..perception import Reading
 from ..robot import BaseKind, RobotModel
 from ..trajectory import MotionLimits
 from ..validation import check_type
-from .controller import Tick
-from .estimation import Estimator, PoseHistory
+from .controller import ControlLoop, Tick
+from .estimation import PoseBuffer
 from .interfaces import Command, Event, Measurement, RunState
 from .params import DriveParams, Tolerance
-from .record import TickStatistics
 
 PATIENCE = 15.0
 """A method that has been blocked for so long [s] is given up."""
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
 
-class BaseController:
+class BaseController(ControlLoop):
     """Workspace: the counterpart of :class:`~elastic_strips.control.Controller` for base methods.
 
     The method gets readings, each with the pose that it was taken at; it knows no map. The arm stays as it is. It ends
@@ -66,32 +65,21 @@ class BaseController:
         patience: float = PATIENCE,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
-        check_type("params", params, DriveParams, none=True)
-        check_type("limits", limits, MotionLimits, none=True)
         if robot.base_kind is not BaseKind.DIFF_DRIVE:
             raise ConfigurationError(
                 f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"
             )
-        self.robot, self.params = robot, params or DriveParams()
-        self.limits = limits or MotionLimits.for_robot(robot)
-        first = robot.space.to_chart(robot.check_q(start, what="start"))
+        super().__init__(robot, start, params, limits)
         self.goal = robot.space.to_chart(robot.check_q(goal, what="goal"))
         self.steering = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
-        self.estimator = Estimator(robot, self.limits)
-        self.estimator.reset(first, 0.0)
-        self.estimate = first
         self.patience = patience
-        self.time = 0.0
         self.command = BaseCommand(0.0, 0.0, "moving")
-        self.tick: Tick | None = None
-        self.statistics = TickStatistics()
         self.state, self.reason = RunState.STOPPED, "not started"
         self.stops: list[tuple[float, str]] = []
         self.events: list[Event] = []
-        self._past = PoseHistory()
-        self._past.add(0.0, first)
-        self._contact = self._stopping = ""
-        self._steps, self._blocked = 0, 0.0
+        self._past = PoseBuffer()
+        self._past.add(0.0, self.estimate)
+        self._blocked = 0.0
 
     @property
     def method(self) -> str:
@@ -109,14 +97,6 @@ class BaseController:
         """Write down an event of now."""
         self.events.append(Event(self.time, kind, reason))
 
-    def stop(self, reason: str = "asked to stop") -> None:
-        """Brake, until :meth:`resume`."""
-        self._stopping = self._stopping or reason
-
-    def resume(self) -> None:
-        """Go on after a stop."""
-        self._stopping = ""
-
     def step(
         self, t: float, measurement: Measurement | None, readings: Sequence[Reading] | None, *, trouble: str = ""
     ) -> Command:
@@ -130,9 +110,8 @@ class BaseController:
         """
         self.time = t
         if measurement is not None:
-            self.estimate = self.estimator.update(measurement)
+            self._take_in(measurement)
             self._past.add(t, self.estimate)
-            self._contact = self._contact or measurement.contact
         for reading in readings or ():
             self.steering.update(reading, self._past.at(reading.time))
         if self._steps % self.params.plan_every == 0:
@@ -149,7 +128,7 @@ class BaseController:
         elif self._stopping and self.ended:
             self._enter(RunState.STOPPED, self._stopping)
         else:
-            self._enter(RunState.SLOWING if blocked else RunState.MOVING, command.reason)
+            self._enter(RunState.BRAKING if blocked else RunState.MOVING, command.reason)
         if self._blocked > self.patience:
             self.stop(f"blocked: {command.reason}")
         drive = self.limits.to_drive(np.array([command.v, 0.0, command.omega]))
@@ -160,12 +139,11 @@ class BaseController:
         began = perf_counter()
         self.command = self.steering.command(t, self.estimate[:3], self._past.velocity(_TWIST_OVER), self.goal[:3])
         seconds = perf_counter() - began
-        self.statistics.add(seconds, self.params.latency * self.params.control_dt)
-        self.tick = Tick(t, seconds, None, None, np.nan, self.command.status, self.command.reason)
+        self._finish_tick(Tick(t, seconds, None, None, np.nan, self.command.status, self.command.reason))
 
     def _enter(self, state: RunState, reason: str) -> None:
         if state is not self.state:
-            if state is RunState.STOPPED or state is RunState.SLOWING:
+            if state is RunState.STOPPED or state is RunState.BRAKING:
                 self.stops.append((self.time, reason))
-            self.log(state.name.lower(), reason)
+            self.log(state.label, reason)
         self.state, self.reason = state, reason

@@ -86,7 +86,7 @@ class EstimatorParams:
                 raise ParameterError(f"{f.name}={value!r} must be finite and {'> 0' if positive else '≥ 0'}")
 
 
-class Estimator:
+class StateEstimator:
     """Dead reckoning on encoders, corrected by fixes; joints straight from their encoders.
 
     Encoder travel gives the way since the last measurement as an exact arc. A fix tells of a past pose: it is compared
@@ -249,7 +249,7 @@ class Estimator:
 _KEPT = 200
 
 
-class PoseHistory:
+class PoseBuffer:
     """Workspace: the last estimates of a base's pose."""
 
     def __init__(self) -> None:

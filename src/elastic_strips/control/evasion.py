@@ -24,7 +24,7 @@ from ..trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertif
 from .lookahead import Outlook, Silhouette
 from .params import EvasionParams
 from .prediction import ArrivalTimes
-from .strip_timer import Proposal, fastest_drive
+from .strip_timer import PlanOutcome, PlanResult, fastest_drive
 
 _REACH = 0.95
 """Part of the largest speeds that manoeuvres go to."""
@@ -237,8 +237,8 @@ _STEADY = 0.15
 
 
 @dataclass(frozen=True, slots=True)
-class Prospect:
-    """What a way to go on is expected to come to.
+class RolloutCost:
+    """What a motion is expected to cost.
 
     Attributes:
         risk: of touching something or coming near it; 0 where nothing comes near [s].
@@ -249,7 +249,7 @@ class Prospect:
     cost: float
 
 
-class Evasion:
+class EvasivePlanner:
     """Workspace: compares manoeuvres among the moving obstacles of a snapshot.
 
     Args:
@@ -279,60 +279,57 @@ class Evasion:
 
     def improved(
         self,
-        proposal: Proposal,
+        result: PlanResult,
         start: ReferenceState,
-        held: Trajectory,
+        active: Trajectory,
         scene: Scene,
         possible: Forecast,
         certifier: TrajectoryCertifier,
         arrival: ArrivalTimes,
-    ) -> Proposal:
-        """The proposal, or a certified motion off the strip where something comes or that is better than to wait.
+    ) -> PlanResult:
+        """The result, or a certified motion off the strip where something comes or that is better than to wait.
 
         Args:
-            proposal: along the strip.
-            start: where and when the next motion begins; held: the motion that is executed.
+            result: along the strip.
+            start: where and when the next motion begins; active: the trajectory that is executed.
             scene: sensed; possible: where its moving obstacles can be.
             certifier: of motions.
             arrival: times at the strip's nodes.
         """
-        if not self.look(scene, possible, start, proposal.report.strip.chart):
-            return proposal
-        if proposal.accepted:
-            rows = self._followed(proposal, start, arrival)
+        if not self.look(scene, possible, start, result.report.strip.chart):
+            return result
+        if result.accepted:
+            rows = self._followed(result, start, arrival)
         else:
-            motion = proposal.motion if proposal.emergency and proposal.motion is not None else held
+            motion = result.motion if result.outcome is PlanOutcome.BRAKE and result.motion is not None else active
             rows = np.array([motion.at(start.time + t).chart for t in self.time])
-        plain = self.prospect(rows)
-        threatened = plain.risk > self.params.calm
-        broken = proposal.report.certificate.broken
+        along = self.cost(rows)
+        threatened = along.risk > self.params.risk_threshold
+        broken = result.report.certificate.broken
         by_standing = broken is not None and broken.obstacle in scene and scene.obstacle(broken.obstacle).motion is None
-        if not threatened and (proposal.accepted or by_standing):
+        if not threatened and (result.accepted or by_standing):
             self._last = None
-            return proposal
-        gain = _GAIN if threatened or start.v.any() else self.params.gain
-        for motion, _ in self.options(start, plain.cost - gain):
+            return result
+        gain = _GAIN if threatened or start.v.any() else self.params.min_gain
+        for motion, _ in self.options(start, along.cost - gain):
             certificate = certifier.certify(motion, scene, possible)
             if certificate.certified:
-                return replace(
-                    proposal, motion=motion, certificate=certificate, accepted=True, kept=False, at_goal=False,
-                    reason="", evasive=True, emergency=False,
-                )  # fmt: skip
-        return proposal
+                return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate, reason="")
+        return result
 
-    def _followed(self, proposal: Proposal, start: ReferenceState, arrival: ArrivalTimes) -> Array:
+    def _followed(self, result: PlanResult, start: ReferenceState, arrival: ArrivalTimes) -> Array:
         """(T, nv) about where the robot is at :attr:`time` after the start if it follows the strip while that holds.
 
         Where the strip is broken the robot would have to stop: there it waits for what comes.
         """
-        strip, speed, times = proposal.report.strip.chart, proposal.speed, self.time
+        strip, speed, times = result.report.strip.chart, result.speed, self.time
         top = _PACE * float(self.limits.drive_speed.max(initial=1.0))
         change = _PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
         now = min(fastest_drive(self.limits, start.v) / top, speed)
         ramp = np.minimum(times, (speed - now) / change)
         passed = now * times + change * ramp * (times - 0.5 * ramp)
         reached = arrival(strip)
-        broken = np.flatnonzero(~proposal.report.certificate.segments)
+        broken = np.flatnonzero(~result.report.certificate.segments)
         if len(broken):
             passed = np.minimum(passed, reached[min(int(broken[0]), len(reached) - 1)])
         i = np.clip(np.searchsorted(reached, passed, side="right") - 1, 0, len(strip) - 2)
@@ -353,7 +350,7 @@ class Evasion:
             return False
         self._silhouette.update(start.chart)
         horizon = self.params.horizon
-        reach = self._silhouette.reach + self.params.near + float(self.limits.drive_speed[:2].max()) * horizon
+        reach = self._silhouette.reach + self.params.radius + float(self.limits.drive_speed[:2].max()) * horizon
         outlook = Outlook(self._silhouette, scene, possible, start.chart[:2], reach=reach, horizon=horizon)
         if not outlook.movers:
             self._last = None
@@ -366,16 +363,16 @@ class Evasion:
 
     @property
     def time(self) -> Array:
-        """(T,) times [s] after the start at which prospects look at the robot."""
+        """(T,) times [s] after the start at which costs are taken."""
         return self._time
 
-    def prospect(self, rows: Array) -> Prospect:
+    def cost(self, rows: Array) -> RolloutCost:
         """What chart rows (T, nv) at :attr:`time` after the start come to."""
         pose = rows[None, :, :3]
         risk = self._risk(pose)
-        return Prospect(float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0]))
+        return RolloutCost(float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0]))
 
-    def options(self, start: ReferenceState, better: float) -> Iterator[tuple[Trajectory, Prospect]]:
+    def options(self, start: ReferenceState, better: float) -> Iterator[tuple[Trajectory, RolloutCost]]:
         """Motions that begin manoeuvres whose cost is below ``better``, the best first.
 
         Each follows its manoeuvre for a while, and then brakes to rest where nothing can be by then, as it seems.
@@ -421,7 +418,7 @@ class Evasion:
             )
             if motion is not None:
                 self._last = kinds[kind]
-                yield motion, Prospect(float(risk[i]), float(cost[i]))
+                yield motion, RolloutCost(float(risk[i]), float(cost[i]))
         self._last = None
 
     def _room(self, start: ReferenceState, kinds: Array) -> Mask:
@@ -440,16 +437,16 @@ class Evasion:
         """(N,) cost [s] of coming near what moves: what is further off in time is less sure, and counts less."""
         assert self._outlook is not None
         params, t = self.params, self._time
-        apart = self._outlook.near(pose, self._delay + t, params.lead) - self.clearance
-        near = np.clip(1.0 - apart / (params.near + params.spread * t), 0.0, 1.5)
-        weight = params.step * np.exp(-t / params.fade)
-        return (params.care * near * near + _TOUCHING * (apart < 0.0)) @ weight
+        apart = self._outlook.near(pose, self._delay + t, params.lookahead) - self.clearance
+        near = np.clip(1.0 - apart / (params.radius + params.radius_growth * t), 0.0, 1.5)
+        weight = params.step * np.exp(-t / params.discount_time)
+        return (params.proximity_weight * near * near + _TOUCHING * (apart < 0.0)) @ weight
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching what stands."""
         assert self._outlook is not None
         apart = self._outlook.from_standing(pose[:, 1::2])
-        weight = 2.0 * self.params.step * np.exp(-self._time[1::2] / self.params.fade)
+        weight = 2.0 * self.params.step * np.exp(-self._time[1::2] / self.params.discount_time)
         return (_TOUCHING * (apart < self.clearance)) @ weight
 
     def _to_go(self, pose: Array) -> Array:

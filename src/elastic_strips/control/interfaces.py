@@ -1,15 +1,17 @@
-"""Interfaces: what goes into a controller and what comes out of it, step by step."""
+"""Interfaces: what goes into a controller and what comes out of it: measurements, scenes, commands, states, events."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Protocol
 
 import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..trajectory.limits import MotionLimits
+from ..scene import Scene
+from ..trajectory import MotionLimits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,18 +61,35 @@ class Command:
         return Command(np.zeros(len(limits.drive_speed)), np.zeros(len(limits.joint_speed)))
 
 
-class RunState(IntEnum):
-    """What the robot is doing; a record keeps the names beside the codes.
+class Perception(Protocol):
+    """What tells a controller about the world: sensors with their filters, or what stands for them."""
 
-    ``MOVING``: it follows its reference. ``SLOWING``: it brakes. ``STOPPED``: it stands and waits. ``REACHED``: it is
+    def known(self) -> Scene:
+        """What is known before the robot sets out."""
+        ...
+
+    def sense(self, t: float) -> Scene:
+        """The newest scene at time ``t`` [s]; its ``time`` says how old it is."""
+        ...
+
+
+class RunState(IntEnum):
+    """What the robot is doing; a record keeps the labels beside the codes.
+
+    ``MOVING``: it follows its reference. ``BRAKING``: it brakes. ``STOPPED``: it stands and waits. ``REACHED``: it is
     at the goal. ``FAILED``: the run ended elsewhere.
     """
 
     MOVING = 0
-    SLOWING = 1
+    BRAKING = 1
     STOPPED = 2
     REACHED = 3
     FAILED = 4
+
+    @property
+    def label(self) -> str:
+        """Its word in documents and records."""
+        return "slowing" if self is RunState.BRAKING else self.name.lower()
 
 
 @dataclass(frozen=True, slots=True)

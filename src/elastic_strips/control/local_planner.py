@@ -1,11 +1,9 @@
-"""Pilot: one planning tick: the strip gives way, and what lies ahead becomes a certified motion."""
+"""Local planner: one planning tick: the strip gives way, and what lies ahead becomes a certified motion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from time import perf_counter
 
 import numpy as np
 
@@ -14,17 +12,29 @@ from ..proximity import Forecast
 from ..robot import RobotModel
 from ..scene import Scene
 from ..strip import Strip
-from ..trajectory.limits import MotionLimits
-from ..trajectory.trajectory import ReferenceState, Trajectory
+from ..trajectory import MotionLimits, ReferenceState, Trajectory
 from ..tunnel import Certificate
-from .evasion import Evasion
-from .params import DriveParams
+from .evasion import EvasivePlanner
+from .params import DriveParams, ObstacleAssumptions
 from .prediction import ArrivalTimes, as_expected, predict, usual_pace
-from .progress import reattached, remaining
-from .strip_timer import Onward, Proposal
+from .progress import reconnect, trim_passed
+from .strip_timer import PlanOutcome, PlanResult, Stopwatch, StripTimer
 
 
-class Pilot:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Proof:
+    """A motion that was certified, and what against."""
+
+    motion: Trajectory
+    scene: Scene
+    forecast: Forecast
+
+    def covers(self, motion: Trajectory, scene: Scene, assumptions: ObstacleAssumptions) -> bool:
+        """Whether it is of this very motion, and a newer scene is what it allowed for."""
+        return self.motion is motion and as_expected(scene, self.scene, self.forecast, assumptions)
+
+
+class LocalPlanner:
     """Workspace: the strip ahead of the robot, and motions along it.
 
     Args:
@@ -32,28 +42,32 @@ class Pilot:
         limits: of its motors.
         params: of the drive.
         strip: from the start to the goal.
+
+    Attributes:
+        strip: the one that is followed, from where the robot was in the last tick.
+        report: of the strip's last tick; None before the first.
+        evasion: compares manoeuvres off the strip; None where the robot only brakes and waits.
     """
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
         self.robot, self.limits, self.params = robot, limits, params
         deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
         self.deformer = Deformer(robot, deform, task=params.task)
-        self.onward = Onward(robot, limits, params, self.deformer.spacing_weight, deform.self_clearance)
-        self.certifier = self.onward.certifier
+        self.timer = StripTimer(robot, limits, params, self.deformer.spacing_weight, deform.self_clearance)
         self.arrival = ArrivalTimes(robot, usual_pace(robot, limits))
-        self.evasion: Evasion | None = None
+        self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
             hold = 2 * params.plan_every * params.control_dt
-            self.evasion = Evasion(
+            self.evasion = EvasivePlanner(
                 robot, limits, params.evasion, dt=params.sample_dt, hold=hold, clearance=params.clearance
             )
         self.strip = strip
         self.report: DeformReport | None = None
-        self._last: Proposal | None = None
-        self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # what was certified last, and against what
+        self._last: PlanResult | None = None
+        self._proof: _Proof | None = None
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
-        self._astray = False
+        self._off_strip = False
 
     def take(self, strip: Strip) -> None:
         """Go on with another strip."""
@@ -63,107 +77,100 @@ class Pilot:
     def reset(self) -> None:
         """Forget all that is kept from tick to tick, the strip aside; for after an exception."""
         self.deformer.reset()
-        self.certifier.reset()
+        self.timer.certifier.reset()
         self._last = self._proof = None
 
     def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify what is left of a motion once more, against a newer scene."""
-        return self.certifier.certify(motion, scene, predict(scene, self.params.assumptions))
+        return self.timer.certifier.certify(motion, scene, predict(scene, self.params.assumptions))
 
-    def tick(self, now: float, scene: Scene, held: Trajectory, begin: float) -> Proposal:
+    def tick(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         """Deform the strip, and plan a motion along it.
 
         Args:
             now: time [s].
             scene: sensed at ``scene.time``.
-            held: the motion that is executed.
+            active: the trajectory that is executed.
             begin: time [s] at which the new one is to take over.
         """
-        proposal = self._going_on(scene, held, begin) or self._anew(now, scene, held, begin)
-        self._names, self._last = scene.names, proposal
-        return proposal
+        result = self._unchanged(scene, active, begin) or self._plan(now, scene, active, begin)
+        self._names, self._last = scene.names, result
+        return result
 
-    def _going_on(self, scene: Scene, held: Trajectory, begin: float) -> Proposal | None:
+    def _unchanged(self, scene: Scene, active: Trajectory, begin: float) -> PlanResult | None:
         """The motion of the last tick, where its certificate still holds; or to go on waiting. None: plan anew.
 
         A motion reaches further than to the tick after next: nothing is lost, and half the ticks are cheap.
         """
         last = self._last
-        if last is None or scene.names != self._names or last.at_goal or last.evasive or self._astray:
+        if last is None or scene.names != self._names or self._off_strip:
+            return None
+        if last.outcome in (PlanOutcome.ARRIVE, PlanOutcome.EVADE):
             return None
         self._age += 1
         if self._age >= self.params.motion_every:
             return None
-        if not held.at(begin).v.any() and not last.accepted:
-            return Proposal(None, None, False, False, False, last.reason, last.report, last.speed)
-        if held is not last.motion or self._surprised(held, scene):
+        if not active.at(begin).v.any() and not last.accepted:
+            return PlanResult(PlanOutcome.NONE, None, None, last.reason, last.report, last.speed)
+        if active is not last.motion or self._surprised(active, scene):
             return None
-        return Proposal(held, last.certificate, False, True, False, "", last.report, last.speed)
+        return PlanResult(PlanOutcome.UNCHANGED, active, last.certificate, "", last.report, last.speed)
 
-    def _anew(self, now: float, scene: Scene, held: Trajectory, begin: float) -> Proposal:
+    def _plan(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         """Deform the strip, and plan a motion along it."""
-        params = self.params
-        start = held.at(begin)
-        mark = perf_counter()
-        timings: dict[str, float] = {}
+        start = active.at(begin)
+        watch = Stopwatch()
         self._age = 0
-
-        def lap(phase: str) -> None:
-            nonlocal mark
-            t = perf_counter()
-            timings[phase] = timings.get(phase, 0.0) + t - mark
-            mark = t
-
-        possible = predict(scene, params.assumptions)
-        self._give_way(now, scene, start, lap)
-        assert self.report is not None
-        proposal = self.onward.motion(
-            start, held, scene, possible, self.report, timings, lap,
-            astray=self._astray, surprised=partial(self._surprised, held, scene),
+        possible = predict(scene, self.params.assumptions)
+        report = self._deform(now, scene, start, watch)
+        result = self.timer.motion(
+            start, active, scene, possible, report, watch,
+            off_strip=self._off_strip, surprised=partial(self._surprised, active, scene),
         )  # fmt: skip
         if self.evasion is not None:
-            proposal = self.evasion.improved(proposal, start, held, scene, possible, self.certifier, self.arrival)
-            lap("evasion")
-        self._astray = proposal.evasive or (self._astray and not proposal.accepted)
-        if proposal.emergency:
+            result = self.evasion.improved(result, start, active, scene, possible, self.timer.certifier, self.arrival)
+            watch.lap("evasion")
+        self._off_strip = result.outcome is PlanOutcome.EVADE or (self._off_strip and not result.accepted)
+        if result.outcome is PlanOutcome.BRAKE:
             self._proof = None
-        elif proposal.accepted and proposal.motion is not None:
-            self._proof = proposal.motion, scene, possible
-        return proposal
+        elif result.accepted and result.motion is not None:
+            self._proof = _Proof(result.motion, scene, possible)
+        return result
 
-    def _surprised(self, held: Trajectory, scene: Scene) -> bool:
-        """Whether a scene is not what the held motion's certificate allowed for, or nobody knows what that was."""
-        if self._proof is None or self._proof[0] is not held:
-            return True
-        return not as_expected(scene, *self._proof[1:], self.params.assumptions)
+    def _surprised(self, active: Trajectory, scene: Scene) -> bool:
+        """Whether a scene is not what the certificate of a motion allowed for, or nobody knows what that was."""
+        return self._proof is None or not self._proof.covers(active, scene, self.params.assumptions)
 
-    def _give_way(self, now: float, scene: Scene, start: ReferenceState, lap: Callable[[str], None]) -> None:
+    def _deform(self, now: float, scene: Scene, start: ReferenceState, watch: Stopwatch) -> DeformReport:
         """One tick of the strip from where the robot will be; more of them where it has just lost its certificate."""
         params = self.params
         expected = predict(scene, params.assumptions, horizon=params.horizon + now - scene.time, sure=True)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
-        onward = reattached if self._astray else remaining
-        chart, source = onward(
+        ahead = reconnect if self._off_strip else trim_passed
+        chart, source = ahead(
             self.robot.space, self.strip.chart, start.chart, self.deformer.spacing_weight, moving=moving
         )
         strip = self.deformer.carry(self.strip, chart, source)
         foresight = None
         if len(expected):
             foresight = partial(self.arrival.foresight, expected, start.time - scene.time)
-        lap("strip")
+        watch.lap("strip")
         self._ticks += 1
         before, last = self.report, self._last
-        waits = last is not None and not (last.accepted or last.kept) and scene.names == self._names
+        waits = (
+            last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE) and scene.names == self._names
+        )
         if before is not None and waits and foresight is not None and self._ticks % 2:
             report = replace(before, strip=strip)  # it waits or brakes: only the motion is tried again
         else:
             report = self.deformer.step(
                 strip, scene, foresight=foresight, nodes=self._ticks % params.maintain_every == 0
             )
-        if before is not None and before.certified and not self._astray:
+        if before is not None and before.certified and not self._off_strip:
             for _ in range(params.recover_iterations):
                 if report.certified:
                     break
                 report = self.deformer.step(report.strip, scene, foresight=foresight)
         self.strip, self.report = report.strip, report
-        lap("deform")
+        watch.lap("deform")
+        return report

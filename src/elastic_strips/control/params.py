@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..deform import AxisTask, DeformParams
@@ -45,30 +45,30 @@ class EvasionParams:
     Attributes:
         horizon: how far ahead manoeuvres are rolled out [s]; step: at which steps they are looked at [s].
         acceleration: part of the drive's acceleration limits that they use.
-        near, spread: a robot counts as near to what moves below near + spread·t, t ahead [m, m/s].
-        lead: what moves counts as where it will be within this time, too [s].
-        care: cost of being next to something, per second.
-        fade: time [s] within which what is foreseen loses weight.
-        calm: risk [s] up to which the strip, or waiting, is good enough.
-        gain: what another way has to gain [s] before a robot that waits unthreatened sets off.
+        radius, radius_growth: a robot counts as near to what moves below radius + radius_growth·t, t ahead [m, m/s].
+        lookahead: what moves counts as where it will be within this time, too [s].
+        proximity_weight: cost of being next to something, per second.
+        discount_time: time [s] within which a prediction loses weight.
+        risk_threshold: risk [s] up to which the strip, or waiting, is good enough.
+        min_gain: what another path has to gain [s] before a robot that waits unthreatened sets off.
         shortlist: so many of the best are compared with what stands; tries: so many are certified at most.
     """
 
     horizon: float = 3.0
     step: float = 0.15
     acceleration: float = 0.9
-    near: float = 0.25
-    spread: float = 0.2
-    lead: float = 0.8
-    care: float = 4.0
-    fade: float = 2.0
-    calm: float = 0.2
-    gain: float = 0.6
+    radius: float = 0.25
+    radius_growth: float = 0.2
+    lookahead: float = 0.8
+    proximity_weight: float = 4.0
+    discount_time: float = 2.0
+    risk_threshold: float = 0.2
+    min_gain: float = 0.6
     shortlist: int = 60
     tries: int = 4
 
     def __post_init__(self) -> None:
-        check_numbers(self, zero=("spread", "lead", "calm", "gain"))
+        check_numbers(self, zero=("radius_growth", "lookahead", "risk_threshold", "min_gain"))
         if not self.acceleration <= 1.0:
             raise ParameterError(f"EvasionParams.acceleration={self.acceleration!r} must be at most 1")
         if not self.step <= 0.5 * self.horizon:
@@ -118,8 +118,8 @@ class DriveParams:
         replan_after: a strip that stays broken so long, at rest, is planned anew.
         replan_time: simulated duration of planning anew.
         speeds: fractions of full speed that are tried one after the other until one is certified.
-        ease_speed, ease_acceleration: parts of the motors' limits that motions are planned with; the rest is used where
-            the way changes and they would not do.
+        speed_scale, acceleration_scale: parts of the motors' limits that motions are planned with; the rest is used
+            where the path changes and they would not do.
         goal_position, goal_angle: tolerance at the goal, of the base [m], and of heading and joints [rad or m].
         time_limit: longest run.
     """
@@ -143,8 +143,8 @@ class DriveParams:
     replan_after: float = 0.8
     replan_time: float = 0.3
     speeds: tuple[float, ...] = (1.0, 0.5, 0.25)
-    ease_speed: float = 0.95
-    ease_acceleration: float = 0.75
+    speed_scale: float = 0.95
+    acceleration_scale: float = 0.75
     goal_position: float = 0.05
     goal_angle: float = 0.05
     time_limit: float = 120.0
@@ -170,6 +170,3 @@ class DriveParams:
     def tolerance(self) -> Tolerance:
         """How near counts as reached."""
         return Tolerance(position=self.goal_position, yaw=self.goal_angle, joints=self.goal_angle)
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)

@@ -18,7 +18,7 @@ _ALONG = 1.1  # [rad] headings that are off by less are joined in a bend
 _CORNER = np.cos(np.deg2rad(50.0))
 
 
-def remaining(
+def trim_passed(
     space: ConfigurationSpace, chart: Array, here: Array, weight: Array, *, moving: bool = True
 ) -> tuple[Array, Indices]:
     """The nodes of a strip that are still ahead, behind the present configuration as first node.
@@ -54,17 +54,17 @@ def remaining(
     return np.vstack([here[None], chart[ahead:]]), source
 
 
-def reattached(
+def reconnect(
     space: ConfigurationSpace, chart: Array, here: Array, weight: Array, *, moving: bool = True
 ) -> tuple[Array, Indices]:
-    """The rest of a strip that the robot has left, joined to where it is now; as :func:`remaining` where it is near.
+    """The rest of a strip that the robot has left, joined to where it is now; as :func:`trim_passed` where it is near.
 
     The robot is led back in a bend to a node further on; where it looks away from there, turning in place at both ends.
 
-    Args, returns: as those of :func:`remaining`.
+    Args, returns: as those of :func:`trim_passed`.
     """
     if not space.planar:
-        return remaining(space, chart, here, weight, moving=moving)
+        return trim_passed(space, chart, here, weight, moving=moving)
     apart = np.hypot(*(chart[:, :2] - here[:2]).T)
     passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(chart[:, :2], axis=0).T)))
     left = passed[-1] - passed

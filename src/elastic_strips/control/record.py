@@ -32,7 +32,7 @@ class RecordError(InputError):
     """A record cannot be made, written or read; the message says what is wrong with it."""
 
 
-STATES = tuple(state.name.lower() for state in RunState)
+STATES = tuple(state.label for state in RunState)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -414,7 +414,7 @@ class DriveResult(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "state": self.state.name.lower(), "reason": self.reason, "time": f"{self.record.duration:.2f} s",
+            "state": self.state.label, "reason": self.reason, "time": f"{self.record.duration:.2f} s",
             "stops": len(self.stops), "events": len(self.events), "replans": self.replans, "seconds": self.seconds,
         }  # fmt: skip
 

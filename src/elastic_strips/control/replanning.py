@@ -15,7 +15,7 @@ from ..robot import RobotModel
 from ..scene import Box, Obstacle, Scene
 from ..strip import Strip
 from .params import DriveParams
-from .strip_timer import Proposal
+from .strip_timer import PlanResult
 
 _STANDING = 0.05
 """An obstacle that is slower than this [m/s] counts as standing for a planner."""
@@ -60,15 +60,15 @@ class Replanner:
             self.robot, standing(scene), start, goal, seed=self.seed, params=self.deform, path=path, grid=self.grid
         )
 
-    def watch(self, t: float, proposal: Proposal, scene: Scene, *, at_rest: bool) -> str:
+    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
         """Look at a tick's strip; returns why it is to be planned anew, or "".
 
         A strip that what stands keeps broken is given up after a while, and the robot stops for it; so is one that
         leads nowhere while the robot stands. What moves on is waited for.
         """
-        broken = proposal.report.certificate.broken
+        broken = result.report.certificate.broken
         by_standing = broken is not None and not _moves(scene, broken.obstacle)
-        if not by_standing and (proposal.accepted or not at_rest):
+        if not by_standing and (result.accepted or not at_rest):
             self._since, self.halted = None, False
             return ""
         if self._since is None:
@@ -79,7 +79,7 @@ class Replanner:
         if not at_rest:
             return ""
         self._since, self.pending, self.due = None, True, t + self.params.replan_time
-        return f"the strip is broken: {broken}" if by_standing else proposal.reason
+        return f"the strip is broken: {broken}" if by_standing else result.reason
 
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
         """Another strip, or None, and what happened.
@@ -182,15 +182,15 @@ class SwitchingReplanner(Replanner):
             report=best.report,
         )  # fmt: skip
 
-    def watch(self, t: float, proposal: Proposal, scene: Scene, *, at_rest: bool) -> str:
+    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
         """See :meth:`Replanner.watch`; in every fifth tick the family has one of its own."""
         self._ticks += 1
         if self.family is not None and self._ticks % _EVERY == 0 and not self.pending:
             try:
-                self.family.step(slow(scene), proposal.report.strip.q[0], decide=False)
+                self.family.step(slow(scene), result.report.strip.q[0], decide=False)
             except ElasticStripsError as error:  # no reason to lose what was proposed
                 _log.warning("the other ways were not deformed: %s", error)
-        due = super().watch(t, proposal, scene, at_rest=at_rest)
+        due = super().watch(t, result, scene, at_rest=at_rest)
         if due:
             self._why = due
             if self.family is not None and len(self.family) > 1:

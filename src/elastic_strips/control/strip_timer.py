@@ -1,9 +1,11 @@
-"""Onward: the fastest certified motion along a strip, from the state that the robot will be in; what a tick came to."""
+"""Strip timer: the fastest certified motion along a strip, from the state in which the robot will be."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
+from time import perf_counter
 
 import numpy as np
 
@@ -13,55 +15,79 @@ from ..deform import DeformReport
 from ..proximity import Forecast
 from ..robot import RobotModel
 from ..scene import Scene
-from ..trajectory.limits import MotionLimits
-from ..trajectory.path import RetimingError
-from ..trajectory.retiming import Retimer
-from ..trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertifier
+from ..trajectory import MotionLimits, ReferenceState, Retimer, RetimingError, Trajectory, TrajectoryCertifier
 from ..tunnel import Certificate
 from .params import DriveParams
-from .progress import remaining
+from .progress import trim_passed
+
+_SPACING = 0.04
+"""Spacing [m] of nodes that are taken over from the active trajectory."""
+_SHARES = (0.5, 1.0)
+"""Parts of the active trajectory that are followed first, where the strip has turned away too sharply."""
+
+
+class PlanOutcome(Enum):
+    """What becomes of the active trajectory after a planning tick.
+
+    ``NONE``: no certified motion was found; the active trajectory goes on to its end. ``UNCHANGED``: it is still
+    certified, and the best there is. ``FOLLOW``: a certified motion along the strip takes its place. ``ARRIVE``: one
+    that ends at the goal. ``EVADE``: one that leaves the strip, to get out of the way of what moves. ``BRAKE``: it is
+    certified no longer, as the scene is not what its certificate allowed for; the robot brakes on its path.
+    """
+
+    NONE = "none"
+    UNCHANGED = "unchanged"
+    FOLLOW = "follow"
+    ARRIVE = "arrive"
+    EVADE = "evade"
+    BRAKE = "brake"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
+class PlanResult:
     """What a planning tick came to.
 
     Attributes:
-        motion, certificate: the certified motion, or the last one that was tried; None where there is none.
-        accepted: whether the certificate holds.
-        kept: whether the held motion is the best there is, and still certified: then ``motion`` is what is left of it.
-        at_goal: whether the motion ends at the goal.
+        outcome: what becomes of the active trajectory.
+        motion, certificate: the certified motion (``UNCHANGED``: what is left of the active trajectory; ``BRAKE``: it,
+            braked, which needs no certificate), or the last one that was tried; None where there is none.
         reason: why there is no certified motion, or "".
         report: of the strip's tick.
         speed: fraction of full speed that the motion was planned for.
         timings: seconds by phase.
-        evasive: whether the motion leaves the strip, to get out of the way of what moves.
-        emergency: whether the motion, which needs no certificate, brakes on the way of the held one: the scene is not
-            what that one's certificate allowed for, and it is no longer certified.
         late: so much later [s] than its tick it is ready.
     """
 
+    outcome: PlanOutcome
     motion: Trajectory | None
     certificate: Certificate | None
-    accepted: bool
-    kept: bool
-    at_goal: bool
     reason: str
     report: DeformReport
     speed: float
     timings: dict[str, float] = field(default_factory=dict)
-    evasive: bool = False
-    emergency: bool = False
     late: float = 0.0
 
+    @property
+    def accepted(self) -> bool:
+        """Whether there is a new certified motion."""
+        return self.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE, PlanOutcome.EVADE)
 
-_LEAD_SPACING = 0.04
-"""Spacing [m] of nodes that are taken over from the held motion."""
-_LEADS = (0.5, 1.0)
-"""Parts of the held motion that are followed first, where the strip has turned away too sharply."""
+
+class Stopwatch:
+    """Workspace: seconds by phase, in :attr:`timings`."""
+
+    def __init__(self) -> None:
+        self.timings: dict[str, float] = {}
+        self._mark = perf_counter()
+
+    def lap(self, phase: str) -> None:
+        """Add the time since the last call to a phase."""
+        now = perf_counter()
+        self.timings[phase] = self.timings.get(phase, 0.0) + now - self._mark
+        self._mark = now
 
 
-class Onward:
+class StripTimer:
     """Workspace: times strips, and certifies the motions.
 
     Args:
@@ -76,97 +102,106 @@ class Onward:
         self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array, self_clearance: float
     ) -> None:
         self.robot, self.limits, self.params, self.spacing_weight = robot, limits, params, spacing_weight
-        # planned with less than the motors can do, so that there is something left when the way changes
-        easy = limits.scaled(speed=1.0, acceleration=params.ease_acceleration)
+        # planned with less than the motors can do, so that there is something left when the path changes
+        easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
         self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
         self.certifier = TrajectoryCertifier(
             robot, clearance=params.clearance, self_clearance=self_clearance, settle_time=params.settle_time
         )
-        self._refused = 0
+        self._failures = 0
 
     def motion(
         self,
         start: ReferenceState,
-        held: Trajectory,
+        active: Trajectory,
         scene: Scene,
         possible: Forecast,
         report: DeformReport,
-        timings: dict[str, float],
-        lap: Callable[[str], None],
+        watch: Stopwatch,
         *,
-        astray: bool = False,
+        off_strip: bool = False,
         surprised: Callable[[], bool],
-    ) -> Proposal:
+    ) -> PlanResult:
         """The fastest motion along the strip of a report that is certified, or why there is none.
 
         Args:
-            start: where, when and how fast it begins: a state of ``held``.
-            held: the motion that is executed.
+            start: where, when and how fast it begins: a state of ``active``.
+            active: the trajectory that is executed.
             scene: sensed.
             possible: where its moving obstacles can be.
             report: of the strip's tick.
-            timings: seconds by phase; ``lap(phase)`` adds to them.
-            astray: whether the robot has left the strip, so that the held motion does not lead along it.
-            surprised: tells whether the scene is not what the held motion's certificate allowed for.
+            watch: takes the time of the phases.
+            off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
+            surprised: tells whether the scene is not what the certificate of the active trajectory allowed for.
         """
         chart = report.strip.chart
         speed_now = fastest_drive(self.limits, start.v)
         motion: Trajectory | None = None
         certificate: Certificate | None = None
-        reason, at_goal, speed, tried = "", False, 0.0, False
+        reason, speed, tried = "", 0.0, False
         last = np.inf
+
+        def result(outcome: PlanOutcome) -> PlanResult:
+            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.timings)
+
         speeds = self.params.speeds
-        if self._refused:  # while it waits or brakes there is time to try them in turn, the slowest first
-            speeds = (speeds[-1 - (self._refused - 1) % len(speeds)],)
-        self._refused += 1
+        if self._failures:  # while it waits or brakes there is time to try them in turn, the slowest first
+            speeds = (speeds[-1 - (self._failures - 1) % len(speeds)],)
+        self._failures += 1
         for speed in speeds:
             distance = self._distance(speed_now, speed)
             if distance >= last:
                 break  # it would not be slower: the robot has not yet gathered speed
             last = distance
-            motion, reason = self._timed(chart, start, held, distance, speed, astray)
-            lap("retiming")
+            motion, reason = self._timed(chart, start, active, distance, speed, off_strip)
+            watch.lap("retiming")
             if motion is None:
                 continue
             tried = True
             certificate = self.certifier.certify(motion, scene, possible)
-            lap("motion certificate")
+            watch.lap("motion certificate")
             if certificate.certified:
-                self._refused = 0
-                at_goal = self._ends_at(motion, chart[-1])
-                return Proposal(motion, certificate, True, False, at_goal, "", report, speed, timings)
+                self._failures, reason = 0, ""
+                return result(PlanOutcome.ARRIVE if self._ends_at(motion, chart[-1]) else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
-        if start.v.any() and ((unforeseen := surprised()) or not tried):
-            rest = held.tail(start.time)
-            verdict = self.certifier.certify(rest, scene, possible)
-            lap("motion certificate")
-            if not verdict.certified:
-                motion, certificate = rest, verdict
-                reason = f"the held motion is no longer certified: {verdict.broken}"
-                if unforeseen:  # else what it was certified with is still a proof
-                    motion = self.hard.brake(held, start.time)
-                return Proposal(
-                    motion, certificate, False, False, False, reason, report, speed, timings, emergency=unforeseen
-                )
-            if not tried:  # the robot has to stop here, and is doing so
-                return Proposal(rest, verdict, False, True, False, reason, report, speed, timings)
-        return Proposal(motion, certificate, False, False, False, reason, report, speed, timings)
+        moving = bool(start.v.any())
+        unforeseen = moving and surprised()
+        if not moving or (tried and not unforeseen):
+            return result(PlanOutcome.NONE)
+        rest = active.tail(start.time)
+        again = self.certifier.certify(rest, scene, possible)
+        watch.lap("motion certificate")
+        if again.certified:
+            if tried:
+                return result(PlanOutcome.NONE)
+            motion, certificate = rest, again
+            return result(PlanOutcome.UNCHANGED)  # the robot has to stop here, and is doing so
+        motion, certificate = rest, again
+        reason = f"the held motion is no longer certified: {again.broken}"
+        if not unforeseen:  # what it was certified with is still a proof
+            return result(PlanOutcome.NONE)
+        motion = self.brake(active, start.time)
+        return result(PlanOutcome.BRAKE)
+
+    def brake(self, active: Trajectory, t: float) -> Trajectory:
+        """The active trajectory, braked from time ``t`` [s] on as hard as the motors can."""
+        return self.hard.brake(active, t)
 
     def _timed(
-        self, chart: Array, start: ReferenceState, held: Trajectory, distance: float, speed: float, astray: bool
+        self, chart: Array, start: ReferenceState, active: Trajectory, distance: float, speed: float, off_strip: bool
     ) -> tuple[Trajectory | None, str]:
         """A motion along the nodes, with ease where that is possible; or why there is none.
 
-        Where the strip has turned away too sharply for the robot's speed, the motion first goes on as the held one.
+        Where the strip has turned away too sharply for the robot's speed, the motion first goes on as the active one.
         """
         reason = ""
-        ways = [(0.0, self.easy), (0.0, self.hard)]
-        if not astray:
-            ways += [(lead, self.hard) for lead in _LEADS]
-        for lead, retimer in ways:
-            nodes = chart if lead == 0.0 else self._led(chart, start, held, lead)
+        attempts = [(0.0, self.easy), (0.0, self.hard)]
+        if not off_strip:
+            attempts += [(share, self.hard) for share in _SHARES]
+        for share, retimer in attempts:
+            nodes = chart if share == 0.0 else self._continued(chart, start, active, share)
             try:
-                part = speed * self.params.ease_speed if retimer is self.easy else speed
+                part = speed * self.params.speed_scale if retimer is self.easy else speed
                 motion = retimer.horizon(
                     nodes, start.v, a_start=start.a, distance=distance, start_time=start.time, speed=part
                 )
@@ -177,24 +212,24 @@ class Onward:
                 break
         return None, reason
 
-    def _led(self, chart: Array, start: ReferenceState, held: Trajectory, share: float) -> Array:
-        """Nodes that follow the held motion for a share of what is left of it, and then the strip."""
+    def _continued(self, chart: Array, start: ReferenceState, active: Trajectory, share: float) -> Array:
+        """Nodes that follow the active trajectory for a share of what is left of it, and then the strip."""
         space, weight = self.robot.space, self.spacing_weight
-        ahead = held.chart[np.searchsorted(held.time, start.time, side="right") :]
+        ahead = active.chart[np.searchsorted(active.time, start.time, side="right") :]
         rows = [start.chart]
         for row in ahead[: int(np.ceil(share * len(ahead)))]:
             v = space.difference(rows[-1], row)
-            if float((v * v) @ weight) > _LEAD_SPACING**2:
+            if float((v * v) @ weight) > _SPACING**2:
                 rows.append(row)
-        onward, _ = remaining(space, chart, rows[-1], weight, moving=False)
-        return np.vstack([np.array(rows), onward[1:]])
+        rest, _ = trim_passed(space, chart, rows[-1], weight, moving=False)
+        return np.vstack([np.array(rows), rest[1:]])
 
     def _distance(self, speed_now: float, speed: float) -> float:
         """How far ahead a motion has to reach: until after the next one, at the speed it will have, and to stop."""
         params, limits = self.params, self.limits
         top = float(limits.drive_speed.max(initial=0.0)) or 1.0
         change = float(limits.drive_acceleration.min(initial=np.inf)) if limits.drive_dim else 4.0
-        change *= params.ease_acceleration
+        change *= params.acceleration_scale
         period = ((params.motion_every + 1) * params.plan_every + params.latency) * params.control_dt
         v = min(speed_now + change * period, max(speed * top, speed_now))
         return v * period + v * v / (2.0 * change) + 0.02
@@ -202,8 +237,8 @@ class Onward:
     def _ends_at(self, motion: Trajectory, goal: Array) -> bool:
         v = self.robot.space.difference(motion.chart[-1], goal)
         b = self.robot.space.base_nv
-        near = float(np.hypot(*v[:2])) if b else 0.0
-        return near <= 0.5 * self.params.goal_position and bool(
+        apart = float(np.hypot(*v[:2])) if b else 0.0
+        return apart <= 0.5 * self.params.goal_position and bool(
             np.abs(v[2 if b else 0 :]).max(initial=0.0) <= 0.5 * self.params.goal_angle
         )
 

@@ -142,7 +142,7 @@ def make_simulation(
         deform = DeformParams.for_preset("default", **values)
         params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
         if sensors is not None:
-            params = replace(params, assumptions=LASER_ASSUMPTIONS, ease_speed=LASER_EASE)
+            params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE)
     if sensors is not None:
         options["perception"] = SensedPerception(
             problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed

@@ -29,7 +29,7 @@ def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
         "method": outcome.method,
         "sensors": list(outcome.sensors),
         "seed": outcome.seed,
-        "state": result.state.name.lower(),
+        "state": result.state.label,
         "reason": result.reason,
         "reached": outcome.reached,
         "collisions": len(verdict.collisions),

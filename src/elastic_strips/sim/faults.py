@@ -12,9 +12,9 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control.controller import Propose
+from ..control.controller import PlanTick
 from ..control.interfaces import Command, Measurement
-from ..control.strip_timer import Proposal
+from ..control.strip_timer import PlanResult
 from ..errors import ParameterError, nearest_name
 from ..scene import Scene
 from ..trajectory.trajectory import Trajectory
@@ -167,13 +167,13 @@ class FaultyPlant:
         self.inner.close()
 
 
-def faulty_planning(propose: Propose, faults: FaultPlan, *, slow: float) -> Propose:
+def faulty_planning(plan_tick: PlanTick, faults: FaultPlan, *, slow: float) -> PlanTick:
     """The planning of a tick, with exceptions, or with results that are ready only ``slow`` [s] later."""
 
-    def faulty(now: float, scene: Scene, held: Trajectory, begin: float) -> Proposal:
+    def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):
             raise RuntimeError("planning exception put in on purpose")
-        proposal = propose(now, scene, held, begin)
-        return replace(proposal, late=slow) if faults.active("slow_tick", now) else proposal
+        result = plan_tick(now, scene, active, begin)
+        return replace(result, late=slow) if faults.active("slow_tick", now) else result
 
     return faulty

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
-from ..control.estimation import PoseHistory
+from ..control.estimation import PoseBuffer
 from ..control.lookahead import Silhouette
 from ..control.params import ObstacleAssumptions
 from ..perception import SceneEstimator, SceneEstimatorParams
@@ -98,7 +98,7 @@ class SensedPerception:
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params = PerceptionParams(delay=latency)
         chart = robot.space.to_chart(robot.check_q(start, what="start"))
-        self._past = PoseHistory()
+        self._past = PoseBuffer()
         for k in range(round(look / _STEP)):
             self.observe(-look + k * _STEP, chart, chart)
 

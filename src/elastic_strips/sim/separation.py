@@ -30,8 +30,8 @@ def protective_separation(
         speed: of the base [m/s]; its largest where None.
         approach: speed of the person [m/s].
     """
-    v = float(limits.drive_speed[:2].max(initial=0.0)) * params.ease_speed if speed is None else speed
-    change = float(limits.drive_acceleration[:2].min(initial=1.0)) * params.ease_acceleration
+    v = float(limits.drive_speed[:2].max(initial=0.0)) * params.speed_scale if speed is None else speed
+    change = float(limits.drive_acceleration[:2].min(initial=1.0)) * params.acceleration_scale
     react = perception.delay + (params.plan_every + params.latency) * params.control_dt
     stop = v / change
     return (

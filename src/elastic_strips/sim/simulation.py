@@ -233,14 +233,14 @@ class Simulation(Generic[Driver]):
         return bool(np.abs(self.plant.v).max(initial=0.0) < _RESTS)
 
     def _after_tick(self, tick: Tick) -> None:
-        proposal = tick.proposal
+        result = tick.result
         self.recorder.planning(
             tick.time,
             tick_ms=1e3 * tick.seconds,
-            phase_ms={k: 1e3 * s for k, s in proposal.timings.items()} if proposal else {},
+            phase_ms={k: 1e3 * s for k, s in result.timings.items()} if result else {},
             status=tick.status,
-            certified=bool(proposal and proposal.report.certified),
-            clearance=proposal.report.node_clearance if proposal else np.nan,
+            certified=bool(result and result.report.certified),
+            clearance=result.report.node_clearance if result else np.nan,
             horizon_end=tick.horizon_end,
             strip=tick.strip,
             reason=tick.reason,
@@ -336,7 +336,7 @@ def simulation(
     if wrong.faults:
         senses, machine = FaultyPerception(senses, wrong), FaultyPlant(machine, wrong)
         slow = 10.0 * params.latency * params.control_dt
-        controller.propose = faulty_planning(controller.propose, wrong, slow=slow)
+        controller.plan_tick = faulty_planning(controller.plan_tick, wrong, slow=slow)
     machine.reset(robot.space.to_chart(robot.check_q(start, what="start")))
     last = robot.space.to_chart(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
     return Simulation(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy.typing as npt
 
 from ..control import DriveParams, DriveResult
-from ..control.tasks import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
+from ..control.tasks import ConstraintEvent, HybridControl, Order, Task, TaskPlan, deliberate
 from ..deform import AxisTask
 from ..errors import ConfigurationError
 from ..robot import RobotModel
@@ -35,10 +35,10 @@ class TaskResult(Summary):
 
     done: bool
     reason: str
-    deliberation: Deliberation
+    deliberation: TaskPlan
     drive: DriveResult | None
     orders: tuple[tuple[float, Order, str], ...]
-    task_events: tuple[TaskEvent, ...]
+    task_events: tuple[ConstraintEvent, ...]
 
 
 class TaskSimulation:
@@ -110,5 +110,5 @@ class TaskSimulation:
         drive = self.simulation.run(time_limit=time_limit)
         order = control.decide()
         reason = control.sequencing.reason if order in (Order.DONE, Order.GIVE_UP) else drive.reason
-        events = () if control.keeping is None else tuple(control.keeping.events)
+        events = () if control.monitor is None else tuple(control.monitor.events)
         return TaskResult(order is Order.DONE, reason, self.deliberation, drive, tuple(control.orders), events)

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control.estimation import Estimator
+from ..control.estimation import StateEstimator
 from ..control.tracking import TrackingController, TrackingGains
 from ..errors import ParameterError
 from ..proximity.bounds import BodySet
@@ -81,7 +81,7 @@ class TrackingErrors:
 def follow(
     trajectory: Trajectory,
     plant: Plant,
-    estimator: Estimator,
+    estimator: StateEstimator,
     controller: TrackingController,
     *,
     dt: float = 0.01,
@@ -185,7 +185,7 @@ def measure_tracking(
     """
     if not trajectories:
         raise ParameterError("measure_tracking needs at least one trajectory")
-    controller, estimator = TrackingController(robot, limits, gains), Estimator(robot, limits)
+    controller, estimator = TrackingController(robot, limits, gains), StateEstimator(robot, limits)
 
     def runs() -> Iterable[FollowedRun]:
         for i, seed in enumerate(seeds):

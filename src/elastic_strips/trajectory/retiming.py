@@ -118,9 +118,7 @@ class Retimer:
         line = polyline(self.robot, self.limits, self.weight, nodes, start.velocity if start.moving else None)
         return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed, refine)
 
-    def whole(
-        self, chart: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0, refine: int = 1
-    ) -> Trajectory:
+    def full(self, chart: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0, refine: int = 1) -> Trajectory:
         """All of the nodes (K, nv) from rest to rest, with a stop wherever one is needed; else as :meth:`horizon`."""
         nodes = self._nodes(chart)
         self._check(np.inf, start_time, speed, refine)
@@ -299,7 +297,7 @@ def retime(
         ParameterError: an argument out of its range.
         RetimingError: a piece cannot be driven within the limits.
     """
-    return Retimer(strip.robot, limits, dt=dt).whole(strip.chart, speed=speed, refine=refine)
+    return Retimer(strip.robot, limits, dt=dt).full(strip.chart, speed=speed, refine=refine)
 
 
 _BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)

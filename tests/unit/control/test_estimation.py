@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from motions import smooth_motion
 
-from elastic_strips.control.estimation import Estimator, EstimatorParams
+from elastic_strips.control.estimation import EstimatorParams, StateEstimator
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.sim.odometry import SensorParams
@@ -23,9 +23,9 @@ def limits_of(robot) -> MotionLimits:
     return MotionLimits.for_robot(robot, joint_speed=1.0)
 
 
-def run(robot, plant, commands, estimator=None) -> tuple[np.ndarray, Estimator]:
+def run(robot, plant, commands, estimator=None) -> tuple[np.ndarray, StateEstimator]:
     """Estimation errors (S, nv) in the true robot's frame."""
-    estimator = Estimator(robot, plant.limits) if estimator is None else estimator
+    estimator = StateEstimator(robot, plant.limits) if estimator is None else estimator
     estimator.reset(plant.chart, plant.time)
     errors = []
     for c in commands:
@@ -53,7 +53,7 @@ def test_exact_sensors_give_the_truth_on_every_kind_of_base(robot):
 def test_a_late_fix_is_compared_with_the_past(silvermate):
     """At 1 m/s, a fix that is 0.1 s old and taken for new would pull the robot back by centimetres."""
     params = replace(EXACT, sensors=replace(SensorParams.ideal(), fix_latency=0.1))
-    estimator = Estimator(silvermate, limits_of(silvermate), EstimatorParams(fix_noise=1e-4, drift=0.1))
+    estimator = StateEstimator(silvermate, limits_of(silvermate), EstimatorParams(fix_noise=1e-4, drift=0.1))
     plant = KinematicPlant(silvermate, limits_of(silvermate), params)
     errors, estimator = run(silvermate, plant, curve(silvermate, 300, (1.0, 0.9)), estimator)
     assert np.abs(errors[:, :3]).max() < 1e-3
@@ -63,7 +63,7 @@ def test_a_late_fix_is_compared_with_the_past(silvermate):
 def test_a_wrong_start_is_found_out(silvermate):
     limits = limits_of(silvermate)
     plant = KinematicPlant(silvermate, limits, seed=1)
-    estimator = Estimator(silvermate, limits, EstimatorParams(drift=0.02))
+    estimator = StateEstimator(silvermate, limits, EstimatorParams(drift=0.02))
     offset = np.zeros(silvermate.nv)
     offset[:3] = 0.05, -0.04, 0.1
     estimator.reset(silvermate.space.integrate(plant.chart, offset))
@@ -114,7 +114,7 @@ def test_fixes_are_worth_their_while(silvermate):
 
 def test_a_loss_is_timed_until_a_fix_tells_of_after_it(silvermate):
     limits = limits_of(silvermate)
-    plant, estimator = KinematicPlant(silvermate, limits, EXACT), Estimator(silvermate, limits)
+    plant, estimator = KinematicPlant(silvermate, limits, EXACT), StateEstimator(silvermate, limits)
     estimator.reset(plant.chart)
     latency = replace(EXACT, sensors=replace(SensorParams.ideal(), fix_latency=0.02))
     plant = KinematicPlant(silvermate, limits, latency)
@@ -135,7 +135,7 @@ def test_a_loss_is_timed_until_a_fix_tells_of_after_it(silvermate):
 
 def test_a_fix_of_the_time_of_a_loss_does_not_end_it(silvermate):
     limits = limits_of(silvermate)
-    estimator = Estimator(silvermate, limits)
+    estimator = StateEstimator(silvermate, limits)
     home = silvermate.space.to_chart(silvermate.home_q)
     estimator.reset(home)
     for i in range(1, 11):
@@ -150,7 +150,7 @@ def test_the_heading_is_inferred_from_positions(silvermate):
     """Fixes whose yaw means nothing: driving straight with a wrong heading leads beside them."""
     limits = limits_of(silvermate)
     plant = KinematicPlant(silvermate, limits, EXACT)
-    estimator = Estimator(silvermate, limits, EstimatorParams(fix_angle_noise=10.0, drift=0.05))
+    estimator = StateEstimator(silvermate, limits, EstimatorParams(fix_angle_noise=10.0, drift=0.05))
     start = plant.chart
     start[2] += 0.1
     estimator.reset(start)
@@ -163,7 +163,7 @@ def test_the_heading_is_inferred_from_positions(silvermate):
 def test_the_pose_is_found_again_after_a_loss(silvermate):
     limits = limits_of(silvermate)
     for seed in range(5):
-        plant, estimator = KinematicPlant(silvermate, limits, seed=seed), Estimator(silvermate, limits)
+        plant, estimator = KinematicPlant(silvermate, limits, seed=seed), StateEstimator(silvermate, limits)
         estimator.reset(plant.chart)
         worst = 0.0
         for i, c in enumerate(curve(silvermate, 300, (0.9, 0.7))):
@@ -180,7 +180,7 @@ def test_the_pose_is_found_again_after_a_loss(silvermate):
 
 def test_it_coasts_for_a_moment(silvermate):
     limits = limits_of(silvermate)
-    plant, estimator = KinematicPlant(silvermate, limits, EXACT), Estimator(silvermate, limits)
+    plant, estimator = KinematicPlant(silvermate, limits, EXACT), StateEstimator(silvermate, limits)
     for c in curve(silvermate, 100, (0.5, 0.5)):
         estimator.update(plant.step(c, 0.01))
     begin = plant.chart[0]
@@ -192,7 +192,7 @@ def test_it_coasts_for_a_moment(silvermate):
 
 def test_fixes_that_are_too_old_are_left_out(silvermate):
     limits = limits_of(silvermate)
-    estimator = Estimator(silvermate, limits, EstimatorParams(drift=1.0))
+    estimator = StateEstimator(silvermate, limits, EstimatorParams(drift=1.0))
     home = silvermate.space.to_chart(silvermate.home_q)
     estimator.reset(home, 5.0)
     wrong = home[:3] + 1.0
@@ -207,7 +207,7 @@ def test_fixes_that_are_too_old_are_left_out(silvermate):
 
 def test_a_fix_between_two_measurements_is_interpolated(silvermate):
     limits = limits_of(silvermate)
-    estimator = Estimator(silvermate, limits, EstimatorParams(drift=10.0))
+    estimator = StateEstimator(silvermate, limits, EstimatorParams(drift=10.0))
     home = silvermate.space.to_chart(silvermate.home_q)
     estimator.reset(home)
     for i in range(1, 11):  # 1 m/s; the fix is right
@@ -218,7 +218,7 @@ def test_a_fix_between_two_measurements_is_interpolated(silvermate):
 
 def test_angles_run_on_and_fixes_may_wrap(silvermate):
     limits = limits_of(silvermate)
-    plant, estimator = KinematicPlant(silvermate, limits, EXACT), Estimator(silvermate, limits)
+    plant, estimator = KinematicPlant(silvermate, limits, EXACT), StateEstimator(silvermate, limits)
     estimator.reset(plant.chart)
     for c in curve(silvermate, 800, (-0.3, 0.3)):
         m = plant.step(c, 0.01)

@@ -9,10 +9,11 @@ import pytest
 from drivable import limits_of, most_used
 
 from elastic_strips.control import Controller, DriveParams, predict
-from elastic_strips.control.evasion import Evasion, lattice, motion_to, roll_to_rest
+from elastic_strips.control.evasion import EvasivePlanner, lattice, motion_to, roll_to_rest
 from elastic_strips.control.lookahead import Outlook, Silhouette
 from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
-from elastic_strips.control.progress import reattached
+from elastic_strips.control.progress import reconnect
+from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line
 from elastic_strips.proximity import Forecast
 from elastic_strips.robot import RobotModel
@@ -101,7 +102,7 @@ def test_separations_from_above(jackal_box):
 
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
     limits = limits_for(jackal_box)
-    evasion = Evasion(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
+    evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
     start = ReferenceState(0.0, jackal_box.space.to_chart(jackal_box.home()), np.zeros(3), np.zeros(3))
     scene = Scene(GATE)
     assert not evasion.look(scene, predict(scene, ObstacleAssumptions()), start, np.zeros((2, 3)))
@@ -114,8 +115,8 @@ def drive(robot, obstacles, *, evasion: EvasionParams | None, seconds: float, **
     proposals = []
 
     def watch(runner: Simulation[Controller]) -> None:
-        if runner.controller.proposal is not None:
-            proposals.append(runner.controller.proposal)
+        if runner.controller.result is not None:
+            proposals.append(runner.controller.result)
 
     runner = simulation(
         robot, World(Scene(obstacles)), robot.home(), robot.home(x=6.0), seed=3, limits=limits_for(robot),
@@ -128,7 +129,7 @@ def drive(robot, obstacles, *, evasion: EvasionParams | None, seconds: float, **
 def test_a_still_scene_is_driven_as_without(jackal_box):
     post = Cylinder(0.3, 1.0, at=(3.0, 0.2, 0.5), name="post")
     runs = [drive(jackal_box, [post], evasion=e, seconds=20.0) for e in (EvasionParams(), None)]
-    assert not any(p.evasive for p in runs[0][1])
+    assert not any(p.outcome is PlanOutcome.EVADE for p in runs[0][1])
     charts = [run[0].recorder.finish().control.chart for run in runs]
     np.testing.assert_array_equal(*charts)
 
@@ -145,7 +146,7 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
         runner = simulation(
             jackal_box, World(Scene([gate, comer])), start, jackal_box.home(x=6.0), seed=3, strip=strip,
             limits=limits_for(jackal_box), params=replace(DriveParams(), evasion=evasion, replan_time=50.0),
-            watch=lambda r, seen=proposals: seen.append(r.controller.proposal),
+            watch=lambda r, seen=proposals: seen.append(r.controller.result),
         )  # fmt: skip
         result = runner.run(time_limit=13.0)
         verdict = judge(result.record, jackal_box, runner.world, runner.limits)
@@ -153,7 +154,7 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
         accepted = [p for p in proposals if p is not None and p.accepted]
         assert all(p.certificate is not None and p.certificate.certified for p in accepted)
         assert all(p.motion is not None and p.motion.at_rest_at_end for p in accepted)
-        assert any(p.evasive for p in accepted) == (evasion is not None)
+        assert any(p.outcome is PlanOutcome.EVADE for p in accepted) == (evasion is not None)
     assert hit[True] == 0 < hit[False]
 
 
@@ -162,7 +163,7 @@ def test_goes_back_to_the_strip(jackal_box):
     goal = jackal_box.home(x=6.0)
     chart = straight_line(jackal_box, jackal_box.home(), goal, spacing=0.2)
     for here in ([1.0, 0.8, 0.3], [1.0, -1.2, 3.0], [-0.5, 0.2, -1.5], [5.9, 0.1, 0.0], [6.0, 0.0, 0.0]):
-        rows, source = reattached(space, chart, np.array(here), np.array([1.0, 1.0, 0.1]))
+        rows, source = reconnect(space, chart, np.array(here), np.array([1.0, 1.0, 0.1]))
         assert len(rows) == len(source) >= 2
         np.testing.assert_array_equal(rows[0], here)
         np.testing.assert_array_equal(rows[-1], chart[-1])

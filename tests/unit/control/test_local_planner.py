@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.control import DriveParams, Pilot
-from elastic_strips.control.supervisor import standstill
+from elastic_strips.control import DriveParams, LocalPlanner
+from elastic_strips.control.strip_timer import PlanOutcome
+from elastic_strips.control.supervisor import stationary
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, Unknown
 from elastic_strips.strip import Strip
@@ -25,28 +26,28 @@ class Ride:
     def __init__(self, robot, scene: Scene, params: DriveParams = PARAMS) -> None:
         limits = MotionLimits.for_robot(robot)
         strip = Strip.from_chart(robot, straight_line(robot, robot.home(), robot.home(x=4.0), spacing=0.2))
-        self.pilot = Pilot(robot, limits, params, strip)
-        self.held = standstill(robot, limits, strip.chart[0], 0.0, 0.01)
+        self.planner = LocalPlanner(robot, limits, params, strip)
+        self.active = stationary(robot, limits, strip.chart[0], 0.0, 0.01)
         self.time, self.scene = 0.0, scene
         self.deformed: list[bool] = []
-        step = self.pilot.deformer.step
+        step = self.planner.deformer.step
 
         def counted(*args, **kwargs):
             self._steps += 1
             return step(*args, **kwargs)
 
-        self.pilot.deformer.step = counted
+        self.planner.deformer.step = counted
         self._steps = 0
 
     def tick(self, scene: Scene | None = None):
         scene = self.scene.at(self.time) if scene is None else scene
         self._steps = 0
-        proposal = self.pilot.tick(self.time, scene, self.held, self.time + 0.02)
+        result = self.planner.tick(self.time, scene, self.active, self.time + 0.02)
         self.deformed.append(self._steps > 0)
-        if proposal.accepted:
-            self.held = proposal.motion
+        if result.accepted:
+            self.active = result.motion
         self.time += PERIOD
-        return proposal
+        return result
 
 
 @pytest.mark.parametrize("obstacles", [[PILLAR], [PILLAR, WALKER]], ids=["still", "moving"])
@@ -56,10 +57,10 @@ def test_a_certified_motion_is_followed_for_two_ticks(silvermate, obstacles):
     assert ride.deformed == [True, False] * 6
     for new, kept in zip(proposals[::2], proposals[1::2], strict=True):
         assert new.accepted
-        assert kept.kept
+        assert kept.outcome is PlanOutcome.UNCHANGED
         assert kept.motion is new.motion
         # what is kept is indeed certified against the newer scene, and does not have to brake before the next
-        assert ride.pilot.certify(kept.motion.tail(ride.time), ride.scene.at(ride.time)).certified
+        assert ride.planner.certify(kept.motion.tail(ride.time), ride.scene.at(ride.time)).certified
     speeds = [p.motion.at(p.motion.start_time + 3 * PERIOD).v[0] for p in proposals[::2]]
     assert np.all(np.diff(speeds) >= -1e-6)  # it gathers speed and keeps it
 
@@ -117,7 +118,7 @@ def test_every_tick_is_planned_anew_where_asked_for(silvermate):
 def test_after_a_reset_nothing_is_taken_for_known(silvermate):
     ride = Ride(silvermate, Scene([PILLAR]))
     ride.tick()
-    ride.pilot.reset()
+    ride.planner.reset()
     assert ride.tick().accepted
     assert ride.deformed == [True, True]  # else the second would go on with what the first had certified
 
@@ -127,21 +128,21 @@ def test_it_brakes_at_once_where_the_held_motion_is_refuted(silvermate):
     ride = Ride(silvermate, Scene([PILLAR]))
     for _ in range(16):
         ride.tick()
-    held = ride.held
+    active = ride.active
     at = ride.time + 0.02
-    robot = held.at(at).chart[0]
+    robot = active.at(at).chart[0]
     comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
     now = Scene([PILLAR, comer.sensed(comer.pose, comer.motion)], time=ride.time)
-    proposal = ride.tick(now)
-    assert not proposal.accepted
-    assert proposal.emergency
-    assert "the held motion is no longer certified" in proposal.reason
-    assert proposal.motion.start_time == pytest.approx(at)
-    assert proposal.motion.end_time < held.end_time - 0.05
-    np.testing.assert_allclose(proposal.motion.chart[0], held.at(at).chart, atol=1e-9)
-    ride.held = proposal.motion
+    result = ride.tick(now)
+    assert not result.accepted
+    assert result.outcome is PlanOutcome.BRAKE
+    assert "the held motion is no longer certified" in result.reason
+    assert result.motion.start_time == pytest.approx(at)
+    assert result.motion.end_time < active.end_time - 0.05
+    np.testing.assert_allclose(result.motion.chart[0], active.at(at).chart, atol=1e-9)
+    ride.active = result.motion
     again = ride.tick(now)  # it brakes as hard as it can already
-    assert not again.emergency or again.motion.end_time > ride.held.end_time - 0.03
+    assert again.outcome is not PlanOutcome.BRAKE or again.motion.end_time > ride.active.end_time - 0.03
 
 
 def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silvermate, monkeypatch):
@@ -151,11 +152,11 @@ def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silve
         ride.tick()
     broken = BrokenSegment(0, "palm", "walker", -0.01, "obstacle", True)
     refused = Certificate(0.025, np.zeros(1, dtype=bool), np.zeros(1, dtype=np.int8), broken, 0)
-    monkeypatch.setattr(ride.pilot.certifier, "certify", lambda *_: refused)
+    monkeypatch.setattr(ride.planner.timer.certifier, "certify", lambda *_: refused)
     ride.tick()  # goes on without a look
-    proposal = ride.tick()
-    assert not proposal.accepted
-    assert not proposal.emergency
-    assert "not certified" in proposal.reason
+    result = ride.tick()
+    assert not result.accepted
+    assert result.outcome is not PlanOutcome.BRAKE
+    assert "not certified" in result.reason
     refuted = ride.tick(moved(ride.scene.at(ride.time), "walker", (0.0, 0.3, 0.0)))
-    assert refuted.emergency
+    assert refuted.outcome is PlanOutcome.BRAKE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.control.progress import remaining
+from elastic_strips.control.progress import trim_passed
 from elastic_strips.deform import Deformer
 from elastic_strips.planning import straight_line
 
@@ -24,7 +24,7 @@ def test_nodes_that_were_passed_or_crowd_are_left_out(silvermate, weight, x, fir
     chart = line(silvermate)
     here = chart[0].copy()
     here[0] = x
-    nodes, source = remaining(silvermate.space, chart, here, weight)
+    nodes, source = trim_passed(silvermate.space, chart, here, weight)
     np.testing.assert_array_equal(nodes[0], here)
     assert source[0] == -1
     assert source[1] == first
@@ -37,7 +37,7 @@ def test_the_goal_is_never_left_out(silvermate, weight):
     for x in (0.29, 0.3, 0.31):
         here = chart[-1].copy()
         here[0] = x
-        nodes, source = remaining(silvermate.space, chart, here, weight)
+        nodes, source = trim_passed(silvermate.space, chart, here, weight)
         assert source.tolist() == [-1, len(chart) - 1]
         np.testing.assert_array_equal(nodes[-1], chart[-1])
 
@@ -49,11 +49,11 @@ def test_a_cusp_is_not_left_out_while_moving(silvermate, weight):
     here = chart[0].copy()
     for x in np.linspace(0.0, 0.98, 50):
         here[0] = x
-        _, source = remaining(silvermate.space, chart[max(0, int(x * 10) - 1) :], here, weight)
+        _, source = trim_passed(silvermate.space, chart[max(0, int(x * 10) - 1) :], here, weight)
         offset = max(0, int(x * 10) - 1)
         assert source[1] + offset <= len(out) - 1
     here[0] = 0.99
-    _, source = remaining(silvermate.space, chart[8:], here, weight, moving=False)
+    _, source = trim_passed(silvermate.space, chart[8:], here, weight, moving=False)
     assert source[1] + 8 > len(out) - 1  # standing beside the cusp it may be left out
 
 
@@ -63,5 +63,5 @@ def test_a_strip_that_comes_back_is_not_cut_short(silvermate, weight):
     chart = np.repeat(silvermate.space.to_chart(silvermate.home())[None], 60, axis=0)
     chart[:, 0], chart[:, 1], chart[:, 2] = np.sin(t), 1.0 - np.cos(t), t
     here = silvermate.space.interpolate(chart[:1], chart[1:2], 0.5)[0]
-    _, source = remaining(silvermate.space, chart, here, weight)
+    _, source = trim_passed(silvermate.space, chart, here, weight)
     assert source[1] in (1, 2)

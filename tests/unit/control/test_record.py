@@ -70,7 +70,7 @@ def test_what_is_not_known_is_nan(silvermate):
     assert np.isnan([planning.tick_ms[0], planning.clearance[0], planning.horizon_end[0]]).all()
     assert planning.certified.tolist() == [False]
     assert planning.reasons[planning.reason[0]] == ""
-    assert record.states[record.control.state[0]] == RunState.MOVING.name.lower() == "moving"
+    assert record.states[record.control.state[0]] == RunState.MOVING.label == "moving"
     assert planning.strip(0).shape == (0, 10)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.control import RunState, Supervisor
-from elastic_strips.control.supervisor import standstill
+from elastic_strips.control.supervisor import stationary
 from elastic_strips.planning import straight_line
 from elastic_strips.trajectory import MotionLimits, Retimer
 from elastic_strips.tunnel import BrokenSegment, Certificate
@@ -33,11 +33,11 @@ def motion(silvermate, limits):
 
 @pytest.fixture
 def supervisor(silvermate, limits):
-    return Supervisor(standstill(silvermate, limits, silvermate.space.to_chart(silvermate.home()), 0.0, 0.01))
+    return Supervisor(stationary(silvermate, limits, silvermate.space.to_chart(silvermate.home()), 0.0, 0.01))
 
 
 def test_a_certified_motion_is_taken_and_driven_to_its_end(supervisor, motion):
-    assert supervisor.offer(motion, GOOD, 0.05)
+    assert supervisor.submit(motion, GOOD, 0.05)
     assert supervisor.update(0.05) is RunState.MOVING
     assert supervisor.reference(0.3).v[0] > 0.1
     end = motion.end_time
@@ -49,16 +49,16 @@ def test_a_certified_motion_is_taken_and_driven_to_its_end(supervisor, motion):
 
 def test_the_motion_before_is_followed_until_the_new_one_begins(supervisor, motion, silvermate, limits):
     """Each new motion is taken some time before it begins, the next one perhaps before that: no step in between."""
-    assert supervisor.offer(motion, GOOD, 0.05)
+    assert supervisor.submit(motion, GOOD, 0.05)
     retimer = Retimer(silvermate, limits, dt=0.02)
     chart = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.1)
     places = [supervisor.reference(0.3).chart[0]]
     for k in range(30, 60):
         now, begin = 0.01 * k, 0.01 * k + 0.03
-        state = supervisor.held.at(begin)
+        state = supervisor.active.at(begin)
         ahead = np.vstack([state.chart, chart[chart[:, 0] > state.chart[0] + 0.02]])
         onward = retimer.horizon(ahead, state.v, a_start=state.a, start_time=begin)
-        assert supervisor.offer(onward, GOOD, now)
+        assert supervisor.submit(onward, GOOD, now)
         places += [supervisor.reference(t).chart[0] for t in (now, now + 0.005)]
         assert supervisor.reference(begin).chart[0] == pytest.approx(state.chart[0], abs=1e-9)
     steps = np.diff(places)
@@ -67,16 +67,16 @@ def test_the_motion_before_is_followed_until_the_new_one_begins(supervisor, moti
 
 
 def test_a_motion_to_the_goal_ends_in_reached(supervisor, motion):
-    assert supervisor.offer(motion, GOOD, 0.0, at_goal=True)
+    assert supervisor.submit(motion, GOOD, 0.0, at_goal=True)
     assert supervisor.update(motion.end_time) is RunState.REACHED
     assert not supervisor.stops
 
 
 def test_what_is_refused_and_why(supervisor, motion, silvermate):
     def refused(offered, certificate=GOOD, now=0.05) -> str:
-        held = supervisor.held
-        assert not supervisor.offer(offered, certificate, now)
-        assert supervisor.held is held
+        active = supervisor.active
+        assert not supervisor.submit(offered, certificate, now)
+        assert supervisor.active is active
         return supervisor.events[-1].reason
 
     assert "post" in refused(motion, BAD)
@@ -94,29 +94,29 @@ def test_what_is_refused_and_why(supervisor, motion, silvermate):
 
 
 def test_without_a_new_motion_the_held_one_brakes_to_rest(supervisor, motion):
-    supervisor.offer(motion, GOOD, 0.05)
+    supervisor.submit(motion, GOOD, 0.05)
     supervisor.update(0.1)
-    supervisor.keep("scene too old", 0.3)
-    assert supervisor.update(0.3) is RunState.SLOWING
+    supervisor.reject("scene too old", 0.3)
+    assert supervisor.update(0.3) is RunState.BRAKING
     assert supervisor.update(motion.end_time + 0.1) is RunState.STOPPED
     assert supervisor.stops[0][1] == "scene too old"
     assert supervisor.reason == "scene too old"
 
 
 def test_a_new_motion_ends_the_slowing(supervisor, motion):
-    supervisor.offer(motion, GOOD, 0.05)
-    supervisor.keep("scene too old", 0.3)
-    assert supervisor.update(0.3) is RunState.SLOWING
-    assert supervisor.offer(motion.tail(0.5), GOOD, 0.4)
+    supervisor.submit(motion, GOOD, 0.05)
+    supervisor.reject("scene too old", 0.3)
+    assert supervisor.update(0.3) is RunState.BRAKING
+    assert supervisor.submit(motion.tail(0.5), GOOD, 0.4)
     assert supervisor.update(0.4) is RunState.MOVING
 
 
 def test_the_held_motion_braked_takes_its_place_without_a_certificate(supervisor, motion, silvermate, limits):
-    supervisor.offer(motion, GOOD, 0.05, at_goal=True)
+    supervisor.submit(motion, GOOD, 0.05, at_goal=True)
     supervisor.update(0.8)
     stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
     assert supervisor.brake(stop, "somebody came", 0.8)
-    assert supervisor.update(0.8) is RunState.SLOWING
+    assert supervisor.update(0.8) is RunState.BRAKING
     assert stop.end_time < motion.end_time - 0.2
     assert supervisor.update(stop.end_time) is RunState.STOPPED  # not at the goal that the held motion led to
     assert supervisor.stops == [(stop.end_time, "somebody came")]
@@ -124,14 +124,14 @@ def test_the_held_motion_braked_takes_its_place_without_a_certificate(supervisor
 
 
 def test_what_does_not_stop_sooner_or_is_beside_the_held_motion_is_no_brake(supervisor, motion, silvermate, limits):
-    supervisor.offer(motion, GOOD, 0.05)
+    supervisor.submit(motion, GOOD, 0.05)
     stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
     aside = stop.chart.copy()
     aside[:, 1] += 0.01
     for refused in (motion.tail(0.82), replace(stop, chart=aside), stop.shifted(-0.1)):
         assert not supervisor.brake(refused, "somebody came", 0.8)
-        assert supervisor.held is motion
-    assert supervisor.update(0.81) is RunState.SLOWING
+        assert supervisor.active is motion
+    assert supervisor.update(0.81) is RunState.BRAKING
 
 
 def test_repeated_events_are_written_once(supervisor):
@@ -144,7 +144,7 @@ def test_repeated_events_are_written_once(supervisor):
 
 def test_a_long_run_keeps_the_newest_events_only(silvermate, limits):
     start = silvermate.space.to_chart(silvermate.home())
-    supervisor = Supervisor(standstill(silvermate, limits, start, 0.0, 0.01), keep=10)
+    supervisor = Supervisor(stationary(silvermate, limits, start, 0.0, 0.01), keep=10)
     for k in range(95):
         supervisor.log(0.1 * k, "refused", f"motion {k}")
     assert 10 <= len(supervisor.events) <= 20

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from motions import smooth_motion, trajectory_of
 
-from elastic_strips.control.estimation import Estimator
+from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.interfaces import Command
 from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.errors import ParameterError
@@ -61,7 +61,7 @@ def test_a_reference_at_rest_commands_exactly_zero_whatever_the_error(robot, rng
 def test_a_robot_whose_reference_rests_stays_at_rest(silvermate):
     """Noise of encoders and fixes reaches the estimate, but no motor."""
     limits = limits_of(silvermate)
-    plant, estimator = KinematicPlant(silvermate, limits, seed=3), Estimator(silvermate, limits)
+    plant, estimator = KinematicPlant(silvermate, limits, seed=3), StateEstimator(silvermate, limits)
     controller, chart = TrackingController(silvermate, limits), plant.chart
     estimator.reset(chart)
     estimates = []
@@ -108,7 +108,7 @@ def test_exact_motors_follow_every_kind_of_base(robot):
     limits = limits_of(robot)
     trajectory = smooth_motion(robot, limits, 1)
     plant = KinematicPlant(robot, limits, PlantParams.ideal())
-    run = follow(trajectory, plant, Estimator(robot, limits), TrackingController(robot, limits, EXACT))
+    run = follow(trajectory, plant, StateEstimator(robot, limits), TrackingController(robot, limits, EXACT))
     assert largest_error(robot, run) < 1e-3
 
 
@@ -119,7 +119,7 @@ def test_the_lag_of_the_motors_is_led(silvermate, turn):
 
     def error(gains) -> float:
         plant = KinematicPlant(silvermate, limits, QUIET)
-        return largest_error(silvermate, follow(trajectory, plant, Estimator(silvermate, limits), gains))
+        return largest_error(silvermate, follow(trajectory, plant, StateEstimator(silvermate, limits), gains))
 
     known = TrackingGains(hold=0.005)
     led = error(TrackingController(silvermate, limits, known))

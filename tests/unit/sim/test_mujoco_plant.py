@@ -8,7 +8,7 @@ from motions import smooth_motion
 
 pytest.importorskip("mujoco", reason="mujoco (extra sim) is not installed")
 
-from elastic_strips.control.estimation import Estimator
+from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.interfaces import Command
 from elastic_strips.control.tracking import TrackingController
 from elastic_strips.errors import ParameterError
@@ -171,7 +171,7 @@ def test_it_follows_motions(silvermate, turn):
     for seed in range(3):
         plant = MujocoPlant(silvermate, limits, seed=seed)
         motion = smooth_motion(silvermate, limits, seed, turn=turn, seconds=5.0)
-        runs.append(follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits)))
+        runs.append(follow(motion, plant, StateEstimator(silvermate, limits), TrackingController(silvermate, limits)))
         assert plant.contact_events == ()
     assert tracking_errors(silvermate, runs).max < 0.015  # 0.010 measured
 
@@ -181,7 +181,7 @@ def test_it_follows_motions_that_its_wheels_are_strong_enough_for(tiago):
     limits = MotionLimits.for_robot(tiago, wheel_acceleration=0.8)
     plant = MujocoPlant(tiago, limits, seed=1)
     motion = smooth_motion(tiago, limits, 1, seconds=5.0)
-    run = follow(motion, plant, Estimator(tiago, limits), TrackingController(tiago, limits))
+    run = follow(motion, plant, StateEstimator(tiago, limits), TrackingController(tiago, limits))
     assert tracking_errors(tiago, [run]).max < 0.015
 
 
@@ -191,7 +191,7 @@ def test_it_drives_through_a_corridor_without_a_touch(silvermate):
     strip = plan(silvermate, scene, silvermate.home(), silvermate.home(8.0), seed=4)
     motion = retime(strip, limits.scaled(0.95, 0.75))
     plant = MujocoPlant(silvermate, limits, scene, seed=4)
-    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits))
+    run = follow(motion, plant, StateEstimator(silvermate, limits), TrackingController(silvermate, limits))
     assert plant.contact_events == ()
     assert np.hypot(*(plant.chart[:2] - (8.0, 0.0))) < 0.05
     assert tracking_errors(silvermate, [run]).max < 0.02

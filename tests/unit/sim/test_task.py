@@ -40,9 +40,9 @@ def test_a_way_that_closes_is_planned_anew(silvermate):
     result = task.run(time_limit=60.0)
     assert result.done, result.reason
     orders = [order for _, order, _ in result.orders]
-    assert Order.ASK in orders
-    assert orders.index(Order.ASK) < len(orders) - 1
-    assert any("gate" in reason for _, order, reason in result.orders if order is Order.ASK)
+    assert Order.REQUEST_PATH in orders
+    assert orders.index(Order.REQUEST_PATH) < len(orders) - 1
+    assert any("gate" in reason for _, order, reason in result.orders if order is Order.REQUEST_PATH)
     assert result.drive is not None
     assert result.drive.replans >= 1
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from motions import smooth_motion
 
-from elastic_strips.control.estimation import Estimator
+from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import plan
@@ -108,7 +108,7 @@ def test_the_parts_are_told_apart(silvermate):
     limits = limits_of(silvermate)
     plant = KinematicPlant(silvermate, limits, seed=4)
     motion = smooth_motion(silvermate, limits, 3).shifted(7.0)
-    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits), after=0.2)
+    run = follow(motion, plant, StateEstimator(silvermate, limits), TrackingController(silvermate, limits), after=0.2)
     assert run.time[0] == 7.0
     assert run.time[-1] == pytest.approx(motion.end_time + 0.2)
     assert run.reference[-1] == pytest.approx(motion.chart[-1])

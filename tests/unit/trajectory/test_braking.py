@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drivable import arcs, limits_of, most_used
 
-from elastic_strips.control.supervisor import standstill
+from elastic_strips.control.supervisor import stationary
 from elastic_strips.trajectory.retiming import Retimer, brake
 from elastic_strips.trajectory.trajectory import Trajectory
 
@@ -34,7 +34,7 @@ def test_a_stop_on_the_way(name, request):
     retimer = Retimer(robot, limits)
     shorter = 0
     for seed in range(4):
-        way = retimer.whole(arcs(robot, seed), start_time=2.0)
+        way = retimer.full(arcs(robot, seed), start_time=2.0)
         for t in np.linspace(way.start_time + 0.03, way.end_time - 0.03, 5):
             stop = retimer.brake(way, t)
             state = way.at(t)
@@ -55,7 +55,7 @@ def test_a_stop_on_the_way(name, request):
 def test_as_short_as_the_motors_allow(silvermate):
     nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (20, 1))
     nodes[:, 0] = 0.2 * np.arange(20)
-    way = Retimer(silvermate).whole(nodes)
+    way = Retimer(silvermate).full(nodes)
     t = 0.5 * way.end_time
     speed = way.at(t).v[0]
     assert speed > 0.9
@@ -68,7 +68,7 @@ def test_as_short_as_the_motors_allow(silvermate):
 
 
 def test_nothing_left_to_brake(silvermate):
-    way = Retimer(silvermate).whole(arcs(silvermate, 1), start_time=1.0)
+    way = Retimer(silvermate).full(arcs(silvermate, 1), start_time=1.0)
     over = brake(way, way.end_time + 1.0)
     assert over.at_rest_at_end
     np.testing.assert_array_equal(over.chart[-1], way.chart[-1])
@@ -85,7 +85,7 @@ def test_who_stands_or_is_about_to_has_nothing_to_brake(silvermate):
     """At any time, also just beside a sample; a stop that is braked again is what is left of it."""
     retimer = Retimer(silvermate, dt=0.02)
     nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (6, 1))
-    still = standstill(silvermate, retimer.limits, nodes[0], 1.0, 0.01)
+    still = stationary(silvermate, retimer.limits, nodes[0], 1.0, 0.01)
     for t in (0.0, 1.0, 1.005, 1.01, 5.0):
         stop = retimer.brake(still, t)
         assert stop.at_rest_at_end

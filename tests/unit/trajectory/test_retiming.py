@@ -149,7 +149,7 @@ def test_replanning_all_the_way(name, request):
             else:
                 failed += 1
             assert t < 60.0
-        whole = easy.whole(nodes)
+        whole = easy.full(nodes)
         assert motion.end_time < 1.1 * whole.end_time + 0.2
         assert distance_from_strip(robot, np.array(driven), nodes)[0] < 0.02
     assert failed < 0.05 * tried
@@ -216,7 +216,7 @@ def test_a_cusp_ends_a_horizon_and_is_passed_by_the_whole(silvermate):
     motion = Retimer(silvermate).horizon(nodes)
     sound(motion, limits)
     assert ends_at(motion, nodes[19])
-    whole = Retimer(silvermate).whole(nodes)
+    whole = Retimer(silvermate).full(nodes)
     sound(whole, limits)
     assert ends_at(whole, nodes[-1])
     rest = np.flatnonzero(~whole.v.any(axis=1))
@@ -230,7 +230,7 @@ def test_turning_in_place_and_driving(silvermate):
     limits = limits_of(silvermate)
     goal = silvermate.home(x=1.0, y=1.0, yaw=-1.0)
     nodes = straight_line(silvermate, silvermate.home(), goal, spacing=0.15)
-    motion = Retimer(silvermate).whole(nodes)
+    motion = Retimer(silvermate).full(nodes)
     sound(motion, limits)
     assert ends_at(motion, nodes[-1])
     assert len(np.flatnonzero(~motion.v.any(axis=1))) == 4
@@ -245,7 +245,7 @@ def test_joints_only(robot):
     nodes = np.tile(robot.space.to_chart(robot.home_q), (6, 1))
     first = robot.space.base_nv
     nodes[:, first:] = nodes[:, first:] + np.linspace(0.0, 0.1, 6)[:, None]
-    motion = Retimer(robot, limits).whole(nodes)
+    motion = Retimer(robot, limits).full(nodes)
     sound(motion, limits)
     assert ends_at(motion, nodes[-1], 1e-9)
     np.testing.assert_array_equal(motion.chart[:, :first], np.broadcast_to(nodes[0, :first], (len(motion), first)))
@@ -255,8 +255,8 @@ def test_duplicate_nodes_change_nothing(robot):
     """toppra would add a stop at each."""
     limits = limits_of(robot)
     nodes = arcs(robot, 2, nodes=15)
-    plain = Retimer(robot, limits).whole(nodes)
-    doubled = Retimer(robot, limits).whole(np.repeat(nodes, [3, 1, 2, 2, *[1] * 9, 2, 3], axis=0))
+    plain = Retimer(robot, limits).full(nodes)
+    doubled = Retimer(robot, limits).full(np.repeat(nodes, [3, 1, 2, 2, *[1] * 9, 2, 3], axis=0))
     np.testing.assert_allclose(doubled.chart, plain.chart, atol=1e-9)
     assert len(np.flatnonzero(~doubled.v.any(axis=1))) == len(np.flatnonzero(~plain.v.any(axis=1)))
 
@@ -265,7 +265,7 @@ def test_standing_still(robot):
     limits = limits_of(robot)
     node = robot.space.to_chart(robot.home_q)
     for nodes in (node[None], np.stack([node] * 4)):
-        for motion in (Retimer(robot, limits).horizon(nodes, start_time=5.0), Retimer(robot, limits).whole(nodes)):
+        for motion in (Retimer(robot, limits).horizon(nodes, start_time=5.0), Retimer(robot, limits).full(nodes)):
             assert motion.at_rest_at_end
             assert not motion.v.any()
             np.testing.assert_array_equal(motion.chart, np.stack([node] * 2))
@@ -279,7 +279,7 @@ def test_standing_still(robot):
 def test_very_short_ways(silvermate):
     for length in (1e-5, 1e-3, 0.02):
         nodes = straight(silvermate, length)
-        motion = Retimer(silvermate).whole(nodes)
+        motion = Retimer(silvermate).full(nodes)
         sound(motion, limits_of(silvermate))
         assert ends_at(motion, nodes[-1], 1e-9)
         assert motion.duration < 2.1 * np.sqrt(length / 1.2) + 0.02
@@ -287,7 +287,7 @@ def test_very_short_ways(silvermate):
 
 def test_dense_nodes(silvermate):
     """The samples of a motion, a centimetre apart and less, are a strip like any other."""
-    motion = Retimer(silvermate).whole(arcs(silvermate, 6))
+    motion = Retimer(silvermate).full(arcs(silvermate, 6))
     again = retime(motion.strip())
     sound(again, limits_of(silvermate))
     assert ends_at(again, motion.chart[-1])
@@ -301,7 +301,7 @@ def test_yaw_may_pass_pi(silvermate):
     wrapped = nodes.copy()
     wrapped[:, 2] = (wrapped[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     assert (np.abs(np.diff(wrapped[:, 2])) > 3.0).any()
-    one, other = Retimer(silvermate).whole(nodes), Retimer(silvermate).whole(wrapped)
+    one, other = Retimer(silvermate).full(nodes), Retimer(silvermate).full(wrapped)
     np.testing.assert_allclose(other.chart, one.chart, atol=1e-9)
     assert np.abs(np.diff(other.chart[:, 2])).max() < 0.1
 

@@ -104,7 +104,7 @@ def test_as_fast_as_toppra(name, request):
 def test_what_broken_limit_finds(silvermate):
     """Each of its five checks, on samples that break it alone; and values that are not numbers."""
     limits = limits_of(silvermate)
-    motion = Retimer(silvermate).whole(arcs(silvermate, 1))
+    motion = Retimer(silvermate).full(arcs(silvermate, 1))
     y = np.zeros((len(motion), 9))
     y[1:] = np.cumsum(limits.to_coordinates(motion.steps), axis=0)
     v, a = limits.to_coordinates(motion.v), limits.to_coordinates(motion.a)

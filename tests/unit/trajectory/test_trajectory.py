@@ -91,7 +91,7 @@ def test_backwards_is_negative(silvermate):
     limits = limits_of(silvermate)
     nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (6, 1))
     nodes[:, 0] = -0.2 * np.arange(6)
-    motion = Retimer(silvermate, limits).whole(nodes)
+    motion = Retimer(silvermate, limits).full(nodes)
     assert motion.base_speed.min() < -0.5
     assert motion.base_speed.max() <= 0.0
 

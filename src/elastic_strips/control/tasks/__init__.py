@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
-from .hybrid import Director, HybridControl, TaskEvent, TaskState, TaskWatch, deliberate
-from .sequencing import Facts, Order, SequencingLayer
-from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, Reached, ReachHand, Step, Task
+from .hybrid import ConstraintEvent, ConstraintMonitor, ConstraintState, HybridControl, PathService, deliberate
+from .sequencing import Blackboard, Order, SequencingLayer
+from .tasks import (
+    DeliberativeLayer,
+    DriveAndReach,
+    DriveTo,
+    InverseKinematics,
+    Part,
+    ReachHand,
+    ReachResult,
+    Step,
+    Task,
+    TaskPlan,
+)
 
 __all__ = [
-    "Deliberation",
+    "TaskPlan",
     "DeliberativeLayer",
-    "Director",
+    "PathService",
     "DriveAndReach",
     "DriveTo",
-    "Facts",
+    "Blackboard",
     "HybridControl",
     "Order",
     "Part",
-    "Reach",
+    "InverseKinematics",
     "ReachHand",
-    "Reached",
+    "ReachResult",
     "SequencingLayer",
     "Step",
     "Task",
-    "TaskEvent",
-    "TaskState",
-    "TaskWatch",
+    "ConstraintEvent",
+    "ConstraintState",
+    "ConstraintMonitor",
     "deliberate",
 ]

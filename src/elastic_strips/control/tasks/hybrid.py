@@ -18,18 +18,18 @@ from ...scene import Scene
 from ...strip import Strip
 from ...validation import check_able, check_count, check_type, shown
 from ..controller import Controller
-from ..interfaces import Command, Measurement, RunState
+from ..interfaces import Command, Measurement
 from ..params import DriveParams
 from ..replanning import Replanner, standing
-from ..strip_timer import Proposal
-from .sequencing import Facts, Order, SequencingLayer
-from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, ReachHand, Task
+from ..strip_timer import PlanOutcome, PlanResult
+from .sequencing import Blackboard, Order, SequencingLayer
+from .tasks import DeliberativeLayer, DriveAndReach, DriveTo, ReachHand, Task, TaskPlan
 
 _LONGEST = 8
 """Attempts to resume come at most so many times as rarely as the first."""
 
 
-class TaskState(str, Enum):
+class ConstraintState(str, Enum):
     """``KEPT``: every node keeps to the task. ``TRYING``: it pushes, and is not kept yet. ``SUSPENDED``: it does not
     push, so that the strip can do what the obstacles ask for."""
 
@@ -39,15 +39,15 @@ class TaskState(str, Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class TaskEvent:
+class ConstraintEvent:
     """The state of a task from a time [s] on, and why."""
 
     time: float
-    state: TaskState
+    state: ConstraintState
     reason: str
 
 
-class TaskWatch:
+class ConstraintMonitor:
     """Workspace: switches a deformer's task off and on, tick by tick.
 
     With its task a certified strip stays certified, since no step may lose that; so an attempt to resume it risks
@@ -65,14 +65,16 @@ class TaskWatch:
 
     def __init__(self, force: TaskForce, *, patience: int = 10, retry: int = 20) -> None:
         if not (patience >= 1 and retry >= 1):
-            raise ParameterError(f"TaskWatch: patience={patience!r} and retry={retry!r} must be at least 1 tick")
+            raise ParameterError(
+                f"ConstraintMonitor: patience={patience!r} and retry={retry!r} must be at least 1 tick"
+            )
         self.force, self.patience, self.retry = force, patience, retry
-        self.state, self.reason = TaskState.TRYING, "the task begins"
-        self.events: list[TaskEvent] = []
+        self.state, self.reason = ConstraintState.TRYING, "the task begins"
+        self.events: list[ConstraintEvent] = []
         self._missed = self._waited = 0
         self._wait = retry
 
-    def update(self, t: float, report: DeformReport) -> TaskState:
+    def update(self, t: float, report: DeformReport) -> ConstraintState:
         """Look at a tick's report and set the switch for the next one.
 
         Args:
@@ -81,19 +83,19 @@ class TaskWatch:
         """
         errors = report.task_errors
         if errors is None:
-            raise ParameterError("TaskWatch.update: the report is of a deformer without a task")
-        if self.state is TaskState.SUSPENDED:
+            raise ParameterError("ConstraintMonitor.update: the report is of a deformer without a task")
+        if self.state is ConstraintState.SUSPENDED:
             self._waited += 1
             if self._waited >= self._wait and report.certified:
-                self._enter(t, TaskState.TRYING, "the strip is certified: it is tried again")
+                self._enter(t, ConstraintState.TRYING, "the strip is certified: it is tried again")
             return self.state
         worst = int(errors.argmax())
         missed = bool(errors[worst] > self.force.task.tolerance)
         if not missed and report.certified:
             self._missed = 0
-            if self.state is not TaskState.KEPT:
+            if self.state is not ConstraintState.KEPT:
                 self._wait = self.retry
-                self._enter(t, TaskState.KEPT, f"every node is within {self.force.task.tolerance:g} rad")
+                self._enter(t, ConstraintState.KEPT, f"every node is within {self.force.task.tolerance:g} rad")
             return self.state
         self._missed += 1
         if self._missed >= self.patience:
@@ -102,55 +104,55 @@ class TaskWatch:
                 if missed
                 else f"the strip is broken: {report.certificate.broken}"
             )
-            if self.state is TaskState.TRYING and any(e.state is TaskState.SUSPENDED for e in self.events):
+            if self.state is ConstraintState.TRYING and any(e.state is ConstraintState.SUSPENDED for e in self.events):
                 self._wait = min(2 * self._wait, _LONGEST * self.retry)
-            self._enter(t, TaskState.SUSPENDED, reason)
+            self._enter(t, ConstraintState.SUSPENDED, reason)
         return self.state
 
-    def _enter(self, t: float, state: TaskState, reason: str) -> None:
+    def _enter(self, t: float, state: ConstraintState, reason: str) -> None:
         self.state, self.reason = state, reason
-        self.force.active = state is not TaskState.SUSPENDED
+        self.force.active = state is not ConstraintState.SUSPENDED
         self._missed = self._waited = 0
-        self.events.append(TaskEvent(t, state, reason))
+        self.events.append(ConstraintEvent(t, state, reason))
 
 
-class Director(Replanner):
-    """Workspace: a replanner that finds out what is wrong with a strip, and waits to be asked for another.
+class PathService(Replanner):
+    """Workspace: a replanner that finds out what is wrong with a strip, and waits until another is requested.
 
     Attributes:
         trouble: why the strip cannot be followed; empty where it can.
-        attempts: paths asked for since the last goal.
+        attempts: paths requested since the last goal.
     """
 
     def __init__(self, *args: object, **options: object) -> None:
         super().__init__(*args, **options)  # type: ignore[arg-type]
         self.trouble, self.attempts = "", 0
-        self._asked = False
+        self._requested = False
 
     def plan(
         self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
     ) -> PlanReport:
         """The first path of a step; see :meth:`Replanner.plan`."""
         report = super().plan(scene, start, goal, path=path)
-        self.attempts, self._asked = 0, False
+        self.attempts, self._requested = 0, False
         self.trouble = "" if report.certified else report.reason
         return report
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Another path is wanted."""
-        self._asked = True
+        self._requested = True
 
-    def watch(self, t: float, proposal: Proposal, scene: Scene, *, at_rest: bool) -> str:
-        """Look at a tick's strip; returns why another one is planned, once that has been asked for, or ""."""
-        found = super().watch(t, proposal, scene, at_rest=at_rest)
+    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
+        """Look at a tick's strip; returns why another one is planned, once that has been requested, or ""."""
+        found = super().watch(t, result, scene, at_rest=at_rest)
         self.pending = False
         if found:
             self.trouble = found
-        elif proposal.accepted or proposal.kept:
+        elif result.accepted or result.outcome is PlanOutcome.UNCHANGED:
             self.trouble = ""
-        if not self._asked:
+        if not self._requested:
             return ""
-        self._asked, self.pending, self.due = False, True, t + self.params.replan_time
+        self._requested, self.pending, self.due = False, True, t + self.params.replan_time
         return self.trouble
 
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
@@ -169,7 +171,7 @@ def deliberate(
     *,
     params: DriveParams | None = None,
     seed: int = 0,
-) -> Deliberation:
+) -> TaskPlan:
     """Divide a task into steps; where it cannot be done there are none, and the reason says why.
 
     Args:
@@ -186,7 +188,7 @@ def deliberate(
     if not isinstance(task, (DriveTo, ReachHand, DriveAndReach)):
         raise ParameterError(f"task must be a DriveTo, a ReachHand or a DriveAndReach, not {shown(task)}")
     layer = DeliberativeLayer(robot, seed=seed, margin=(params or DriveParams()).clearance + 0.01)
-    return layer.divide(task, start, standing(scene))
+    return layer.decompose(task, start, standing(scene))
 
 
 class HybridControl(Controller):
@@ -194,12 +196,12 @@ class HybridControl(Controller):
 
     The deliberative layer divides the task (:func:`deliberate`); the sequencing layer has its steps done one after the
     other; the reactive layer, the controller with its strip and its supervisor, moves the robot. Each knows the next by
-    a few calls only: steps and paths come down, facts and troubles go up.
+    a few calls only: steps and paths come down, the blackboard goes up.
 
     Args:
         robot: the robot.
         start: configuration (nq,).
-        deliberation: what the deliberative layer made of the task; at least one step.
+        plan: what the deliberative layer made of the task; at least one step.
         scene: what is known before the robot sets out; nothing where None.
         keep: what the strip is to keep to meanwhile; suspended where that cannot be, and resumed.
         params: of the drive.
@@ -208,9 +210,9 @@ class HybridControl(Controller):
         **options: of the :class:`Controller`.
 
     Attributes:
-        director: plans paths when the sequencing layer asks.
+        paths: plans paths when the sequencing layer requests them.
         sequencing: the layer.
-        keeping: watches what is to be kept to, or None.
+        monitor: watches what is to be kept to, or None.
         orders: (time [s], order, reason) of the sequencing layer, wherever they changed.
 
     Raises:
@@ -222,7 +224,7 @@ class HybridControl(Controller):
         self,
         robot: RobotModel,
         start: npt.ArrayLike,
-        deliberation: Deliberation,
+        plan: TaskPlan,
         scene: Scene | None = None,
         *,
         keep: AxisTask | None = None,
@@ -235,16 +237,16 @@ class HybridControl(Controller):
         check_type("keep", keep, AxisTask, none=True)
         check_type("params", params, DriveParams, none=True)
         check_able("look", look)
-        if not deliberation.steps:
-            raise ConfigurationError(f"the task has no steps: {deliberation.reason}")
+        if not plan.steps:
+            raise ConfigurationError(f"the task has no steps: {plan.reason}")
         params = replace(params or DriveParams(), task=keep)
-        self.deliberation, self.look = deliberation, look
-        self.sequencing = SequencingLayer([str(s) for s in deliberation.steps], max_scene_age=params.max_scene_age)
-        self.director = Director(robot, params, seed=seed, grid=robot.space.planar)
-        goals = [s.q for s in deliberation.steps]
-        super().__init__(robot, start, goals, scene, params=params, replanner=self.director, seed=seed, **options)
-        force = self.pilot.deformer.task
-        self.keeping = None if force is None else TaskWatch(force)
+        self.look = look
+        self.sequencing = SequencingLayer([str(s) for s in plan.steps], max_scene_age=params.max_scene_age)
+        self.paths = PathService(robot, params, seed=seed, grid=robot.space.planar)
+        goals = [s.q for s in plan.steps]
+        super().__init__(robot, start, goals, scene, params=params, replanner=self.paths, seed=seed, **options)
+        force = self.planner.deformer.task
+        self.monitor = None if force is None else ConstraintMonitor(force)
         self.orders: list[tuple[float, Order, str]] = []
         self._report: object = None
 
@@ -256,30 +258,28 @@ class HybridControl(Controller):
         return command
 
     def decide(self) -> Order:
-        """What the sequencing layer makes of the facts."""
-        reached = len(self.deliberation.steps) - 1 - len(self.goals)
-        reached += self.state is RunState.REACHED
-        facts = Facts(
+        """What the sequencing layer makes of the blackboard."""
+        board = Blackboard(
             scene_age=self.time - self.scene.time,
             localized=self.estimator.lost_for <= 0.1,
-            trouble=self.director.trouble,
-            planning=self.director.pending,
-            attempts=self.director.attempts,
-            reached=reached,
+            trouble=self.paths.trouble,
+            planning=self.paths.pending,
+            attempts=self.paths.attempts,
+            reached=self.reached,
         )
-        order = self.sequencing.tick(facts)
+        order = self.sequencing.tick(board)
         if not self.orders or self.orders[-1][1:] != (order, self.sequencing.reason):
             self.orders.append((self.time, order, self.sequencing.reason))
         return order
 
     def _watch(self) -> None:
-        proposal = self.proposal
-        if self.keeping is not None and proposal is not None and proposal.report is not self._report:
-            self._report = proposal.report
-            self.keeping.update(self.time, proposal.report)
+        report = None if self.result is None else self.result.report
+        if self.monitor is not None and report is not None and report is not self._report:
+            self._report = report
+            self.monitor.update(self.time, report)
         order = self.decide()
-        if order is Order.ASK:
-            self.director.ask()
+        if order is Order.REQUEST_PATH:
+            self.paths.request()
         elif order is Order.GIVE_UP:
             self.stop()
         if self.look is not None:

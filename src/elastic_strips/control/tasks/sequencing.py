@@ -26,13 +26,13 @@ class Order(str, Enum):
 
     FOLLOW = "follow"
     WAIT = "wait"
-    ASK = "ask for a path"
+    REQUEST_PATH = "ask for a path"
     DONE = "done"
     GIVE_UP = "give up"
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class Blackboard:
     """What the sequencing layer gets to know, tick by tick.
 
     Attributes:
@@ -76,12 +76,12 @@ class SequencingLayer:
         self.order, self.reason = Order.WAIT, "not started"
         self._steps = tuple(steps)
         self._age, self._attempts = max_scene_age, max_attempts
-        self._facts = Facts()
+        self._board = Blackboard()
         self._tree = self._build()
 
-    def tick(self, facts: Facts) -> Order:
-        """Take in the facts, and decide."""
-        self._facts = facts
+    def tick(self, board: Blackboard) -> Order:
+        """Take in the blackboard, and decide."""
+        self._board = board
         ended = self._tree.tick()
         if ended:
             self.order, self.reason = Order.DONE, "all steps are done"
@@ -113,29 +113,29 @@ class SequencingLayer:
     # the leaves' questions
 
     def _there(self, index: int) -> Answer:
-        done = self._facts.reached > index
+        done = self._board.reached > index
         return done, "done" if done else ""
 
     def _fresh(self) -> Answer:
-        age = self._facts.scene_age
+        age = self._board.scene_age
         return (True, "") if age <= self._age else self._wait(f"the scene is {age:.2f} s old")
 
     def _localized(self) -> Answer:
-        return (True, "") if self._facts.localized else self._wait("odometry is lost")
+        return (True, "") if self._board.localized else self._wait("odometry is lost")
 
     def _usable(self) -> Answer:
-        facts = self._facts
-        return not facts.trouble and not facts.planning, facts.trouble
+        board = self._board
+        return not board.trouble and not board.planning, board.trouble
 
     def _ask(self) -> Answer:
-        facts = self._facts
-        if facts.planning:
+        board = self._board
+        if board.planning:
             return self._wait("the deliberative layer is planning")
-        if facts.attempts >= self._attempts:
-            self.reason = f"{facts.attempts} paths were of no use: {facts.trouble}"
+        if board.attempts >= self._attempts:
+            self.reason = f"{board.attempts} paths were of no use: {board.trouble}"
             return False, self.reason
-        self.order, self.reason = Order.ASK, facts.trouble
-        return None, facts.trouble
+        self.order, self.reason = Order.REQUEST_PATH, board.trouble
+        return None, board.trouble
 
     def _follow(self) -> Answer:
         self.order, self.reason = Order.FOLLOW, "the strip is followed"

@@ -1,4 +1,4 @@
-"""Tasks: what a robot is told to do, and how the deliberative layer divides it into steps and goals.
+"""Tasks: what a robot is told to do, and how the deliberative layer decomposes it into steps and goals.
 
 The layer knows the map and the robot, and takes its time. The paths of its steps come from the motion planner, before
 the robot sets out, and again where the layers below cannot go on.
@@ -110,7 +110,7 @@ _POSTURES = 4  # of the arm, at each
 
 
 @dataclass(frozen=True, slots=True)
-class Reached:
+class ReachResult:
     """A configuration that reaches, or None, and how near the best one came.
 
     Attributes:
@@ -125,7 +125,7 @@ class Reached:
     reason: str
 
 
-class Reach:
+class InverseKinematics:
     """Workspace: looks for configurations of one robot that reach.
 
     Args:
@@ -139,12 +139,12 @@ class Reach:
         self.robot, self.rng, self.margin, self.starts = robot, rng, margin, starts
         self._data = robot.model.createData()
 
-    def with_arm(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> Reached:
+    def with_arm(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
         """Move the joints alone, the base stays where ``q`` (nq,) has it."""
         chart = self.robot.space.to_chart(self.robot.check_q(q))
         return self._search(scene, task, [chart, *self._postures(chart, self.starts - 1)], chart, base=False)
 
-    def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> Reached:
+    def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
         """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first.
 
         With the joints as ``q`` has them, the base must have room where it begins and where it ends: it drives there
@@ -164,7 +164,7 @@ class Reach:
                 if free(self._q(row)):
                     begins += [row, *(r for r in self._postures(row, _POSTURES) if free(self._q(r)))][:2]
         if not begins:
-            return Reached(None, np.inf, 0.0, f"{task}: the base has no room about it")
+            return ReachResult(None, np.inf, 0.0, f"{task}: the base has no room about it")
         begins.sort(key=lambda row: float(np.hypot(*(row[:2] - chart[:2]))))
         return self._search(scene, task, begins, chart, base=True)
 
@@ -180,26 +180,26 @@ class Reach:
             rows.append(row)
         return rows
 
-    def _search(self, scene: Scene, task: ReachHand, begins: list[Array], near: Array, *, base: bool) -> Reached:
+    def _search(self, scene: Scene, task: ReachHand, begins: list[Array], near: Array, *, base: bool) -> ReachResult:
         frame = self._frame(task.frame)
         target = np.asarray(task.position, dtype=float)
         turn = None if task.quaternion is None else pin.Quaternion(np.asarray(task.quaternion)).normalized().matrix()
         valid = Validity(self.robot, scene, margin=self.margin)
-        best = Reached(None, np.inf, 0.0, "nothing was tried")
+        best = ReachResult(None, np.inf, 0.0, "nothing was tried")
         touching = 0
         for begin in begins:
             row = self._solve(begin, near, frame, target, turn, base=base)
             distance, angle = self._miss(row, frame, target, turn)
             if distance > POSITION_TOLERANCE or angle > ANGLE_TOLERANCE:
                 if distance < best.distance:
-                    best = Reached(None, distance, angle, f"{task}: the nearest that was found misses it by "
+                    best = ReachResult(None, distance, angle, f"{task}: the nearest that was found misses it by "
                                    f"{distance:.3f} m and {angle:.2f} rad")  # fmt: skip
                 continue
             q = self._q(row)
             if valid(q) and (not base or valid(self._driven(near, row))):
-                return Reached(q, distance, angle, f"{task}: within {1e3 * distance:.1f} mm")
+                return ReachResult(q, distance, angle, f"{task}: within {1e3 * distance:.1f} mm")
             touching += 1
-            best = Reached(
+            best = ReachResult(
                 None, distance, angle, f"{task}: all {touching} configurations that reach it touch something"
             )
         return best
@@ -296,7 +296,7 @@ class Step(Summary):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Deliberation(Summary):
+class TaskPlan(Summary):
     """What the layer made of a task: its steps, none where it cannot be done, and why."""
 
     task: Task
@@ -305,7 +305,7 @@ class Deliberation(Summary):
 
 
 class DeliberativeLayer:
-    """Workspace: divides tasks into steps; their paths are a :class:`~elastic_strips.control.tasks.Director`'s.
+    """Workspace: decomposes tasks into steps; their paths come from a :class:`PathService`.
 
     Args:
         robot: the robot.
@@ -315,10 +315,10 @@ class DeliberativeLayer:
 
     def __init__(self, robot: RobotModel, *, seed: int = 0, margin: float = 0.03) -> None:
         self.robot = robot
-        self._reach = Reach(robot, np.random.default_rng(seed), margin=margin)
+        self._kinematics = InverseKinematics(robot, np.random.default_rng(seed), margin=margin)
 
-    def divide(self, task: Task, q: npt.ArrayLike, scene: Scene) -> Deliberation:
-        """Divide a task into steps that begin at a configuration.
+    def decompose(self, task: Task, q: npt.ArrayLike, scene: Scene) -> TaskPlan:
+        """Decompose a task into steps that begin at a configuration.
 
         Args:
             task: what to do.
@@ -329,19 +329,19 @@ class DeliberativeLayer:
         here = robot.check_q(q, what="q")
         if isinstance(task, DriveTo):
             step = Step(Part.NAVIGATION, self._driven(here, task), str(task))
-            return Deliberation(task, (step,), "drive, the arm as it is")
+            return TaskPlan(task, (step,), "drive, the arm as it is")
         if isinstance(task, DriveAndReach):
             there = self._driven(here, task.drive)
-            found = self._reach.with_arm(scene, there, task.reach)
+            found = self._kinematics.with_arm(scene, there, task.reach)
             if found.q is None:
-                return Deliberation(task, (), found.reason)
-            return Deliberation(task, (Step(Part.WHOLE_BODY, found.q, str(task)),), found.reason)
-        found = self._reach.with_arm(scene, here, task)
+                return TaskPlan(task, (), found.reason)
+            return TaskPlan(task, (Step(Part.WHOLE_BODY, found.q, str(task)),), found.reason)
+        found = self._kinematics.with_arm(scene, here, task)
         if found.q is not None:
-            return Deliberation(task, (Step(Part.MANIPULATION, found.q, str(task)),), f"from here; {found.reason}")
-        found = self._reach.with_base(scene, here, task)
+            return TaskPlan(task, (Step(Part.MANIPULATION, found.q, str(task)),), f"from here; {found.reason}")
+        found = self._kinematics.with_base(scene, here, task)
         if found.q is None:
-            return Deliberation(task, (), found.reason)
+            return TaskPlan(task, (), found.reason)
         row = robot.space.to_chart(found.q)
         b = robot.space.base_nv
         before = robot.space.to_chart(here)
@@ -352,7 +352,7 @@ class DeliberativeLayer:
             Step(Part.NAVIGATION, robot.space.from_chart(before[None])[0], str(drive)),
             Step(Part.MANIPULATION, found.q, str(task)),
         )
-        return Deliberation(task, steps, f"the arm does not reach from here: {drive} first; {found.reason}")
+        return TaskPlan(task, steps, f"the arm does not reach from here: {drive} first; {found.reason}")
 
     def _driven(self, q: Array, drive: DriveTo) -> Array:
         row = self.robot.space.to_chart(q)
