@@ -30,6 +30,7 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
+    from .control import Command, Controller, Measurement
     from .deform import Deformer, DeformParams, DeformReport, DeformStatus
     from .io import read_scene, read_world, write_scene, write_world
     from .planning import PlanReport, plan, plan_report
@@ -90,6 +91,9 @@ __all__ = [
     "DeformStatus",
     "Certificate",
     "strip_clearance",
+    "Controller",
+    "Measurement",
+    "Command",
     "get_scenario",
     "scenario_names",
     "run_scenario",
@@ -106,6 +110,7 @@ __all__ = [
 
 
 _ROOMS = {
+    "control": ("Command", "Controller", "Measurement"),
     "deform": ("Deformer", "DeformParams", "DeformReport", "DeformStatus"),
     "io": ("read_scene", "read_world", "write_scene", "write_world"),
     "planning": ("PlanReport", "plan", "plan_report"),
@@ -118,7 +123,7 @@ _ROOMS = {
     "strip": ("Strip",),
     "tunnel": ("Certificate", "strip_clearance"),
     "viewer": ("Viewer",),
-    **{room: () for room in ("bench", "control", "methods", "perception", "sim", "study", "trajectory")},
+    **{room: () for room in ("bench", "methods", "perception", "sim", "study", "trajectory")},
 }  # fmt: skip
 __getattr__ = late_names(__name__, _ROOMS)  # who wants the version need not wait for Pinocchio
 

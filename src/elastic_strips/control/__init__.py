@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from .controller import Controller, Tick
 from .estimation import EstimatorParams, StateEstimator
-from .interfaces import Command, Event, Measurement, RunState
+from .interfaces import Command, Event, Measurement, Perception, RunState
 from .local_planner import LocalPlanner
 from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
 from .prediction import predict
 from .record import DriveResult, Record, Recorder, RecordError, TickStatistics
-from .strip_timer import PlanResult
+from .strip_timer import PlanOutcome, PlanResult
 from .supervisor import Supervisor
 from .tracking import TrackingController, TrackingGains
 
@@ -19,18 +19,20 @@ __all__ = [
     "DRIVE_STRIP",
     "DriveParams",
     "DriveResult",
-    "StateEstimator",
     "EstimatorParams",
     "EvasionParams",
     "Event",
+    "LocalPlanner",
     "Measurement",
     "ObstacleAssumptions",
-    "LocalPlanner",
+    "Perception",
+    "PlanOutcome",
     "PlanResult",
     "Record",
     "RecordError",
     "Recorder",
     "RunState",
+    "StateEstimator",
     "Supervisor",
     "Tick",
     "TickStatistics",

@@ -22,7 +22,7 @@ from ..planning import PlanReport
 from ..robot import RobotModel
 from ..scene import Scene
 from ..strip import Strip
-from ..trajectory import MotionLimits, ReferenceState, Trajectory
+from ..trajectory import MotionLimits, ReferenceState, Trajectory, stationary
 from ..validation import check_able, check_count, check_number, check_type
 from .estimation import StateEstimator
 from .interfaces import Command, Event, Measurement, RunState
@@ -31,7 +31,7 @@ from .params import DriveParams, Tolerance
 from .record import TickStatistics
 from .replanning import Replanner
 from .strip_timer import PlanOutcome, PlanResult
-from .supervisor import Supervisor, stationary
+from .supervisor import Supervisor
 from .tracking import TrackingController, TrackingGains
 
 _log = logging.getLogger(__name__)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..errors import ParameterError
 from ..robot import RobotModel
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
+from ..validation import check_numbers
 from .interfaces import Measurement
 
 Pose = tuple[float, float, float]
@@ -79,11 +79,7 @@ class EstimatorParams:
         Raises:
             ParameterError: a negative value or one that is not finite, or a time or noise of fixes that is 0.
         """
-        for f in fields(self):
-            value = getattr(self, f.name)
-            positive = f.name in ("slip_time", "fix_noise", "fix_angle_noise")
-            if not (value >= 0.0 and math.isfinite(value)) or (positive and value == 0.0):
-                raise ParameterError(f"{f.name}={value!r} must be finite and {'> 0' if positive else '≥ 0'}")
+        check_numbers(self, zero=("slip", "drift", "coast"))
 
 
 class StateEstimator:

@@ -18,7 +18,7 @@ from ..proximity import Forecast
 from ..robot import RobotModel
 from ..robot.space import wrap_angle
 from ..scene import Scene
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 from ..trajectory.path import integrate_travel
 from ..trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertifier
 from .lookahead import Outlook, Silhouette
@@ -35,7 +35,7 @@ _CHANGES = (0.4, 1.0)  # times [s] at which the first target gives way to the se
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Targets:
+class _Targets:
     """Two-stage manoeuvres: speeds to go to as fast as the motors allow, one after the other.
 
     Attributes:
@@ -52,9 +52,9 @@ class Targets:
     def __len__(self) -> int:
         return len(self.change)
 
-    def take(self, which: Mask) -> Targets:
+    def take(self, which: Mask) -> _Targets:
         """Those of a mask (N,)."""
-        return Targets(self.first[which], self.second[which], self.change[which], self.kind[which])
+        return _Targets(self.first[which], self.second[which], self.change[which], self.kind[which])
 
     @property
     def different(self) -> Array:
@@ -63,7 +63,7 @@ class Targets:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rollouts:
+class _Rollouts:
     """Where the base gets in each of N manoeuvres at T times.
 
     Attributes:
@@ -75,7 +75,7 @@ class Rollouts:
     pose: Array
 
 
-def lattice(limits: MotionLimits) -> Targets:
+def lattice(limits: MotionLimits) -> _Targets:
     """Targets over all speeds that the base can reach, rest among them; each with several ways to go on."""
     top = _REACH * limits.drive_speed
     if limits.drive_dim == 2:
@@ -94,7 +94,7 @@ def lattice(limits: MotionLimits) -> Targets:
     changes = np.concatenate([np.full(n, np.inf), np.repeat(_CHANGES, n * m)])
     several = [np.repeat(first, m, axis=0), np.tile(second, (n, 1)), np.repeat(kinds, m)]
     times = len(_CHANGES)
-    return Targets(
+    return _Targets(
         np.vstack([first, *[several[0]] * times]),
         np.vstack([first, *[several[1]] * times]),
         changes,
@@ -102,9 +102,9 @@ def lattice(limits: MotionLimits) -> Targets:
     )
 
 
-def roll_out(
-    limits: MotionLimits, start: ReferenceState, targets: Targets, *, part: float, horizon: float, dt: float
-) -> Rollouts:
+def _roll_out(
+    limits: MotionLimits, start: ReferenceState, targets: _Targets, *, part: float, horizon: float, dt: float
+) -> _Rollouts:
     """Follow all targets for a while; the base goes on arcs from time to time.
 
     Args:
@@ -121,12 +121,12 @@ def roll_out(
     for i, t in enumerate(time):
         goal = np.where((t - 0.5 * dt < targets.change)[:, None], targets.first, targets.second)
         speed[i + 1] = speed[i] + np.clip(goal - speed[i], -step, step)
-    return Rollouts(time, _poses(limits, start, speed, dt))
+    return _Rollouts(time, _poses(limits, start, speed, dt))
 
 
 def roll_to_rest(
     limits: MotionLimits, start: ReferenceState, target: Array, hold: Array, *, part: float, dt: float
-) -> tuple[Rollouts, Array]:
+) -> tuple[_Rollouts, Array]:
     """Motions as :func:`motion_to` makes them, to targets (N, k), each held for a time (N,) [s] before it brakes.
 
     Returns them and the times (N,) [s] at which they are at rest.
@@ -150,7 +150,7 @@ def roll_to_rest(
         going = now + np.clip(target - now, -change * dt, change * dt)
         slower = np.sign(now) * np.maximum(np.abs(now) - np.abs(fall), 0.0)
         speed[i + 1] = np.where(braking[:, None], slower, going)
-    return Rollouts(time, _poses(limits, start, speed, dt)), rest
+    return _Rollouts(time, _poses(limits, start, speed, dt)), rest
 
 
 def _poses(limits: MotionLimits, start: ReferenceState, speed: Array, dt: float) -> Array:
@@ -269,7 +269,7 @@ class EvasivePlanner:
         self.dt, self.clearance = dt, clearance
         self._silhouette = Silhouette(robot)
         self._holds = hold + np.array(_LONGER)
-        self._lattice: Targets | None = lattice(limits) if limits.drive_dim else None
+        self._lattice: _Targets | None = lattice(limits) if limits.drive_dim else None
         self._time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._last: Array | None = None
         self._outlook: Outlook | None = None
@@ -387,7 +387,7 @@ class EvasivePlanner:
         targets = targets.take(np.take(room.any(axis=1), targets.kind))
         if not len(targets):
             return
-        rollouts = roll_out(self.limits, start, targets, part=part, horizon=params.horizon, dt=step)
+        rollouts = _roll_out(self.limits, start, targets, part=part, horizon=params.horizon, dt=step)
         risk = self._risk(rollouts.pose)
         cost = risk + self._to_go(rollouts.pose[:, -1])
         if last is not None:  # what was begun goes on unless another is better

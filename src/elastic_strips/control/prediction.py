@@ -9,7 +9,7 @@ from elastic_strips.arrays import Array
 from ..proximity import Ahead, Forecast
 from ..robot import RobotModel
 from ..scene import Scene, Unknown
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 from .params import ObstacleAssumptions
 
 

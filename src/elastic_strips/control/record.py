@@ -6,7 +6,7 @@ from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,8 @@ from ..scene import Scene, World
 from ..scene.yielding import copied
 from ..summary import Summary
 from .interfaces import Event, RunState
+
+_Array = TypeVar("_Array", bound=np.ndarray)
 
 DRIVE_NAMES = {
     BaseKind.DIFF_DRIVE: ("left", "right"),
@@ -135,7 +137,7 @@ class Record(Summary):
     world: World
     goal: Array | None
     states: tuple[str, ...] = STATES
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Mapping[str, object] = field(default_factory=dict)
 
     def _summary(self) -> dict[str, object]:
         return {
@@ -166,7 +168,7 @@ class Record(Summary):
             )
 
 
-def frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def frozen(array: _Array) -> _Array:
     """The array, read-only."""
     array.setflags(write=False)
     return array
@@ -203,7 +205,7 @@ class Recorder:
         states: Sequence[str] = STATES,
         strip_every: int = 1,
         capacity: int = 4096,
-        metadata: Mapping[str, Any] | None = None,
+        metadata: Mapping[str, object] | None = None,
     ) -> None:
         """Start with no rows.
 
@@ -307,7 +309,7 @@ class Recorder:
         """Note something that happened once."""
         self._events.append(Event(float(time), str(kind), str(reason)))
 
-    def finish(self, **metadata: Any) -> Record:
+    def finish(self, **metadata: object) -> Record:
         """Freeze what was recorded, with more ``metadata``; recording may go on.
 
         Raises:

@@ -6,10 +6,7 @@ import logging
 
 import numpy as np
 
-from elastic_strips.arrays import Array
-
-from ..robot import RobotModel
-from ..trajectory import MotionLimits, ReferenceState, Trajectory
+from ..trajectory import ReferenceState, Trajectory
 from ..tunnel import Certificate
 from .interfaces import Event, RunState
 
@@ -17,13 +14,6 @@ _log = logging.getLogger(__name__)
 _NOTHING_NEWER = "no newer motion came"
 _SOONER = 0.01
 """A motion that comes to rest less than this [s] earlier is not worth taking."""
-
-
-def stationary(robot: RobotModel, limits: MotionLimits, chart: Array, time: float, dt: float) -> Trajectory:
-    """A trajectory that stays at chart row ``chart`` (nv,) from ``time`` [s] on."""
-    rows = np.stack([chart, chart])
-    rest = np.zeros_like(rows)
-    return Trajectory(robot, limits, np.array([time, time + dt]), rows, rest, rest)
 
 
 class Supervisor:

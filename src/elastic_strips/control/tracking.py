@@ -9,10 +9,9 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..errors import ParameterError
 from ..robot import RobotModel
-from ..trajectory.limits import MotionLimits
-from ..trajectory.trajectory import ReferenceState
+from ..trajectory import MotionLimits, ReferenceState
+from ..validation import check_number, check_numbers
 from .interfaces import Command
 
 _REST = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
@@ -54,11 +53,8 @@ class TrackingGains:
         Raises:
             ParameterError: a value that is negative or not finite, or a headroom below 1.
         """
-        for f in fields(self):
-            value = getattr(self, f.name)
-            low = 1.0 if f.name == "headroom" else 0.0
-            if not (value >= low and math.isfinite(value)):
-                raise ParameterError(f"{f.name}={value!r} must be a finite number ≥ {low:g}")
+        check_numbers(self, zero=tuple(f.name for f in fields(self)))
+        check_number("TrackingGains.headroom", self.headroom, low=1.0)
 
 
 class TrackingController:

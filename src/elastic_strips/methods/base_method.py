@@ -13,7 +13,7 @@ from elastic_strips.arrays import Array
 
 from ..errors import ParameterError
 from ..perception import Reading
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 from ..validation import check_numbers
 
 Status = Literal["moving", "arrived", "blocked"]

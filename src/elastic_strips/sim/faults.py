@@ -17,7 +17,7 @@ from ..control.interfaces import Command, Measurement
 from ..control.strip_timer import PlanResult
 from ..errors import ParameterError, nearest_name
 from ..scene import Scene
-from ..trajectory.trajectory import Trajectory
+from ..trajectory import Trajectory
 from ..validation import check_type, shown
 from .perception import Perceiver, PerceptionError
 from .plant import Plant

@@ -12,13 +12,13 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 
-from ..control.params import Tolerance
+from ..control import Tolerance
 from ..control.record import ControlRows, Record, RecordError
 from ..errors import ParameterError, RobotError, SceneError
 from ..robot import BaseKind, RobotModel
 from ..scene import World
 from ..summary import Summary
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 from ..validation import check_number, check_type, shown
 from .sweep import Approach, Sweep
 

@@ -13,7 +13,7 @@ from ..errors import ParameterError
 from ..robot import LinkGeometry, RobotModel
 from ..robot.geometry import support_points
 from ..scene import Obstacle
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 
 FLOOR, ROLLING, LINK, OBSTACLE = range(4)
 """Kinds of geoms: the floor; wheels and casters; the robot's other links; obstacles."""

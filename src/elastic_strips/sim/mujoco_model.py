@@ -18,7 +18,7 @@ from ..errors import ParameterError, RobotError, missing_extra
 from ..robot import BaseKind, RobotModel
 from ..robot.urdf import read_xml
 from ..scene import Obstacle
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 from .mujoco_geoms import FLOOR, OBSTACLE, WITH_FLOOR, add_obstacle, add_robot
 from .plant import PlantParams
 

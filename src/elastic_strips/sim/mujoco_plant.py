@@ -15,7 +15,7 @@ from ..errors import ParameterError
 from ..robot import RobotModel
 from ..scene import Scene
 from ..scene.world import World
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 from .mujoco_geoms import FLOOR, LINK, OBSTACLE, ROLLING
 from .mujoco_model import MujocoModel, build_model, import_mujoco
 from .odometry import Sensors

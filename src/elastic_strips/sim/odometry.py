@@ -11,7 +11,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control.interfaces import Measurement
+from ..control import Measurement
 from ..errors import ParameterError
 
 _SLACK = 1e-9  # [s] times that differ by less are the same

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..control.params import ObstacleAssumptions
+from ..control import ObstacleAssumptions
 from ..errors import ElasticStripsError, ParameterError
 from ..scene import Scene, Twist, Unknown, World
 

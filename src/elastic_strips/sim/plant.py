@@ -14,7 +14,7 @@ from ..control.estimation import Pose, compose, exp
 from ..control.interfaces import Command, Measurement
 from ..errors import ParameterError
 from ..robot import RobotModel
-from ..trajectory.limits import MotionLimits
+from ..trajectory import MotionLimits
 from .odometry import SensorParams, Sensors, standard_normals
 
 _STICTION = 5e-4  # [m/s, rad/s] below it, a motor that is told to stand stands

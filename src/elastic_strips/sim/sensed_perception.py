@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
+from ..control import ObstacleAssumptions
 from ..control.estimation import PoseBuffer
 from ..control.lookahead import Silhouette
-from ..control.params import ObstacleAssumptions
 from ..perception import SceneEstimator, SceneEstimatorParams
 from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..control.params import DriveParams
-from ..trajectory.limits import MotionLimits
+from ..control import DriveParams
+from ..trajectory import MotionLimits
 from .perception import PerceptionParams
 
 WALKING_SPEED = 1.6

@@ -15,15 +15,14 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 
+from ..control import DriveParams, Tolerance
 from ..control.controller import KEPT_EVENTS, Controller, Tick
 from ..control.interfaces import Command, Event, Measurement, RunState
-from ..control.params import DriveParams, Tolerance
 from ..control.record import DriveResult, Recorder, TickStatistics
 from ..errors import RobotError
 from ..robot import RobotModel
 from ..scene import Scene, World
-from ..trajectory.limits import MotionLimits
-from ..trajectory.trajectory import ReferenceState
+from ..trajectory import MotionLimits, ReferenceState
 from ..validation import check_able, check_count, check_number, check_type
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Bystanders

@@ -14,8 +14,7 @@ from ..control.tracking import TrackingController, TrackingGains
 from ..errors import ParameterError
 from ..proximity.bounds import BodySet
 from ..robot import Kinematics, RobotModel
-from ..trajectory.limits import MotionLimits
-from ..trajectory.trajectory import Trajectory
+from ..trajectory import MotionLimits, Trajectory
 from .plant import KinematicPlant, Plant, PlantParams
 
 DEFAULT_TRACKING_ERROR = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .limits import MotionLimits
 from .path import DrivePath, RetimingError
 from .retiming import Retimer, brake, retime
-from .trajectory import ReferenceState, Trajectory, TrajectoryCertifier
+from .trajectory import ReferenceState, Trajectory, TrajectoryCertifier, stationary
 
 __all__ = [
     "DrivePath",
@@ -17,4 +17,5 @@ __all__ = [
     "TrajectoryCertifier",
     "brake",
     "retime",
+    "stationary",
 ]

@@ -33,7 +33,7 @@ _SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
 
 
 @dataclass(frozen=True, slots=True)
-class Wheels:
+class _Wheels:
     """The driven pair.
 
     Attributes:
@@ -47,7 +47,7 @@ class Wheels:
     speed: float
 
 
-def read_wheels(robot: RobotModel) -> Wheels:
+def _read_wheels(robot: RobotModel) -> _Wheels:
     """The driven wheels of a robot's URDF: two continuous joints named ``*wheel*``, about ±y, mirror images in y.
 
     Raises:
@@ -93,7 +93,7 @@ def read_wheels(robot: RobotModel) -> Wheels:
         if radii[0] is None or radii[1] is None or abs(radii[0] - radii[1]) > _SAME:
             raise ParameterError(f"{path}: the radii of wheels {a[0]!r} and {b[0]!r} are {radii} [m]: {_ASK}")
         speeds = [float(model.velocityLimit[model.joints[model.getJointId(name)].idx_v]) for name, _, _ in (a, b)]
-        found.append(Wheels(2.0 * abs(float(a[1].translation[1])), radii[0], min(speeds)))
+        found.append(_Wheels(2.0 * abs(float(a[1].translation[1])), radii[0], min(speeds)))
     if any(abs(w.track - found[0].track) > _SAME or abs(w.radius - found[0].radius) > _SAME for w in found):
         names = "; ".join(f"{a[0]}, {b[0]}" for a, b in pairs)
         raise ParameterError(f"{path} has several different pairs of wheels ({names}): {_ASK}")
@@ -234,7 +234,7 @@ class MotionLimits(Summary):
         speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
         if robot.base_kind is BaseKind.DIFF_DRIVE:
             if wheel_speed is None or track is None or wheel_radius is None:
-                found = read_wheels(robot)
+                found = _read_wheels(robot)
                 track = found.track if track is None else track
                 wheel_radius = found.radius if wheel_radius is None else wheel_radius
                 if wheel_speed is None:

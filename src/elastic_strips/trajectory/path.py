@@ -20,7 +20,7 @@ from ..robot.space import ConfigurationSpace
 from ..summary import Summary
 from .limits import MotionLimits, prismatic_joints
 
-LEVER = 0.25
+_LEVER = 0.25
 """Length that makes an angle comparable with a travel [m/rad]: of joints, and of the yaw of an omnidirectional base."""
 
 _MERGE = 2e-3  # nodes nearer to each other than this say nothing about a direction [m]
@@ -33,8 +33,8 @@ def metric(robot: RobotModel, limits: MotionLimits) -> Array:
     Driving straight counts the base's travel; turning in place that of a rim over √2; a joint counts its lever.
     """
     k = limits.drive_dim
-    drive = {0: [], 2: [np.sqrt(0.5)] * 2, 3: [1.0, 1.0, LEVER]}[k]
-    return np.concatenate([drive, np.where(prismatic_joints(robot), 1.0, LEVER)])
+    drive = {0: [], 2: [np.sqrt(0.5)] * 2, 3: [1.0, 1.0, _LEVER]}[k]
+    return np.concatenate([drive, np.where(prismatic_joints(robot), 1.0, _LEVER)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +253,7 @@ def follow(
     y, y1, _ = curve((edges[:-1, None] + width * points).ravel())
     yaw = start[2] + limits.to_twist(y[:, :k])[:, 2].reshape(count, -1)
     twist = limits.to_twist(y1[:, :k]).reshape(count, -1, 3)
-    lever = 0.5 * limits.track if k == 2 else LEVER
+    lever = 0.5 * limits.track if k == 2 else _LEVER
     parts = _ROLLING if k == 2 else _SLIDING
     weights = np.zeros((count, SHAPES, 3))  # of travel in the body's x and y, and of lever × yaw [m]
     full = np.zeros(count, dtype=bool)

@@ -16,8 +16,8 @@ from ..strip import Strip
 from ..validation import check_type
 from .limits import MotionLimits
 from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
-from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, load_solver
-from .trajectory import Trajectory, joined
+from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, load_solver, rate_bounds
+from .trajectory import Trajectory, joined, stationary
 
 _MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
 """Parts of the speed and acceleration limits to plan with, and how many times finer the grid is: between the points of
@@ -202,7 +202,8 @@ class Retimer:
         braking = self.braking_length(start.velocity)
         if available < max(0.9 * braking, _NOWHERE):
             if not start.moving:
-                return self._stand(line.chart[0], start.time)
+                still = stationary(self.robot, self.limits, line.chart[0], start.time, self.dt)
+                return replace(still, end_error=(0.0, 0.0))
             raise RetimingError(
                 f"the robot has to stop within {available:.4g} m and needs {braking:.4g} m to brake; keep to the "
                 "trajectory that it drives"
@@ -274,12 +275,6 @@ class Retimer:
             a=self.limits.to_tangent(a),
             end_error=(float(np.hypot(miss[0], miss[1])), abs(float(wrap_angle(miss[2])))),
         )
-
-    def _stand(self, chart: Array, start_time: float) -> Trajectory:
-        rows = np.stack([chart, chart])
-        rest = np.zeros_like(rows)
-        time = np.array([start_time, start_time + self.dt])
-        return Trajectory(self.robot, self.limits, time, rows, rest, rest, (0.0, 0.0))
 
 
 def retime(
@@ -363,9 +358,7 @@ class _Timed:
         h = time[1:] - time[:-1]
         a = np.hstack([v[:-1], v[1:] + 2.0 * h[:, None] * self.a]) / np.tile(acceleration, 2)
         b = np.tile(self.a / acceleration, 2)
-        flat = np.abs(a) < 1e-9
-        room = np.where(flat, np.inf, 1.0 / np.where(flat, 1.0, np.abs(a)))
-        slope = np.where(flat, 0.0, np.sign(a) * b / np.where(flat, 1.0, np.abs(a)))
+        room, slope = rate_bounds(a, b)
         x = np.ones(len(time))
         for i in range(len(h)):
             u = min(float((-room[i] - slope[i] * x[i]).max()), 0.0)

@@ -129,7 +129,7 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
     if x[0] > reach[0] * (1.0 + 1e-9):
         return None
     x[0] = min(x[0], reach[0])
-    room, slope = _room(a, b)
+    room, slope = rate_bounds(a, b)
     for i in range(last):
         u = float((room[i] - slope[i] * x[i]).min())
         x[i + 1] = max(min(x[i] + 2.0 * step[i] * u, reach[i + 1]), 0.0)
@@ -141,7 +141,7 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
 def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float, part: float) -> Array:
     """(G,) squared path speeds that fall from ``start`` with a part of the hardest braking there is; from 0 on, 0."""
     h = grid[1:] - grid[:-1]
-    room, slope = _room(*_rows(h, y1 / acceleration, y2 / acceleration))
+    room, slope = rate_bounds(*_rows(h, y1 / acceleration, y2 / acceleration))
     x = np.zeros(len(grid))
     x[0] = start
     for i in range(len(h)):
@@ -164,7 +164,7 @@ def _rows(step: Array, a: Array, b: Array) -> tuple[Array, Array]:
     return np.hstack([a, a_next]), np.hstack([b, b_next])
 
 
-def _room(a: Array, b: Array) -> tuple[Array, Array]:
+def rate_bounds(a: Array, b: Array) -> tuple[Array, Array]:
     """(room, slope) of the same shape: |a u + b x| ≤ 1 is −room − slope·x ≤ u ≤ room − slope·x."""
     flat = np.abs(a) < 1e-9
     size = np.where(flat, 1.0, np.abs(a))

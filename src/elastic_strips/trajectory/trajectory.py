@@ -194,6 +194,13 @@ class Trajectory(Summary):
         return Strip.from_chart(self.robot, self.chart)
 
 
+def stationary(robot: RobotModel, limits: MotionLimits, chart: Array, time: float, dt: float) -> Trajectory:
+    """A trajectory that stays at chart row ``chart`` (nv,) from ``time`` [s] on; its samples are ``dt`` [s] apart."""
+    rows = np.stack([chart, chart])
+    rest = np.zeros_like(rows)
+    return Trajectory(robot, limits, np.array([time, time + dt]), rows, rest, rest)
+
+
 def joined(pieces: list[Trajectory]) -> Trajectory:
     """Pieces that follow each other as one trajectory; where they meet, the later one's sample stays."""
     last = pieces[-1]

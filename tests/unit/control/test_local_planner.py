@@ -7,11 +7,10 @@ import pytest
 
 from elastic_strips.control import DriveParams, LocalPlanner
 from elastic_strips.control.strip_timer import PlanOutcome
-from elastic_strips.control.supervisor import stationary
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, Unknown
 from elastic_strips.strip import Strip
-from elastic_strips.trajectory import MotionLimits
+from elastic_strips.trajectory import MotionLimits, stationary
 from elastic_strips.tunnel import BrokenSegment, Certificate
 
 PILLAR = Cylinder(0.2, 1.4, at=(2.6, -0.9, 0.7), name="pillar")

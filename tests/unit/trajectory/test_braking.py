@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drivable import arcs, limits_of, most_used
 
-from elastic_strips.control.supervisor import stationary
+from elastic_strips.trajectory import stationary
 from elastic_strips.trajectory.retiming import Retimer, brake
 from elastic_strips.trajectory.trajectory import Trajectory
 

@@ -97,9 +97,9 @@ def _finite(what: str, values: tuple[float, ...], count: int) -> None:
         raise ParameterError(f"{what}={shown(values)} must be {count} finite numbers")
 
 
-POSITION_TOLERANCE = 2e-3
+_POSITION_TOLERANCE = 2e-3
 """A frame is where it is to be within so much [m]."""
-ANGLE_TOLERANCE = 1e-2
+_ANGLE_TOLERANCE = 1e-2
 """[rad]"""
 _LEVER = 0.3  # [m/rad] what an angle counts beside a distance
 _PULL = 1e-3  # how strongly joints are drawn to where they are, beside the target
@@ -190,7 +190,7 @@ class InverseKinematics:
         for begin in begins:
             row = self._solve(begin, near, frame, target, turn, base=base)
             distance, angle = self._miss(row, frame, target, turn)
-            if distance > POSITION_TOLERANCE or angle > ANGLE_TOLERANCE:
+            if distance > _POSITION_TOLERANCE or angle > _ANGLE_TOLERANCE:
                 if distance < best.distance:
                     best = ReachResult(None, distance, angle, f"{task}: the nearest that was found misses it by "
                                    f"{distance:.3f} m and {angle:.2f} rad")  # fmt: skip

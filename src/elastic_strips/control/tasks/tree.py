@@ -15,7 +15,7 @@ Question = Callable[[], tuple["bool | None", str]]
 """Asks whether something holds (None: not yet), and what is going on."""
 
 
-class Leaf(Behaviour):
+class _Leaf(Behaviour):
     """A question that is asked anew in every tick."""
 
     def __init__(self, name: str, question: Question) -> None:
@@ -63,12 +63,12 @@ class Tree:
         self.root = All("task", memory=True)
         for number, step in enumerate(steps, 1):
             strip = Selector("a strip to follow", memory=False)
-            strip.add_children([Leaf("strip is usable", usable), Leaf("ask the deliberative layer", ask)])
+            strip.add_children([_Leaf("strip is usable", usable), _Leaf("ask the deliberative layer", ask)])
             go = All("go there", memory=False)
-            go.add_children([Leaf(name, question) for name, question in conditions])
-            go.add_children([strip, Leaf("follow the strip", follow)])
+            go.add_children([_Leaf(name, question) for name, question in conditions])
+            go.add_children([strip, _Leaf("follow the strip", follow)])
             both = Selector(f"{number}. {step.name}", memory=False)
-            both.add_children([Leaf("is there", step.there), go])
+            both.add_children([_Leaf("is there", step.there), go])
             self.root.add_child(both)
 
     def tick(self) -> bool | None:
