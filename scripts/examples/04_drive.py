@@ -1,7 +1,8 @@
 """The closed loop, simulated: drive past somebody who walks, and have it judged from what truly happened."""
 
 import elastic_strips as es
-from elastic_strips.sim import judge, simulation
+from elastic_strips.sim import simulation
+from elastic_strips.sim.evaluation import judge
 
 robot = es.load_robot("silvermate")
 crate = es.Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate")

@@ -9,7 +9,7 @@ import numpy as np
 
 import elastic_strips as es
 from elastic_strips.execution import Controller, MotionLimits
-from elastic_strips.sim.mujoco_plant import MujocoPlant
+from elastic_strips.sim.mujoco.plant import MujocoPlant
 
 robot = es.load_robot("silvermate")
 limits = MotionLimits.for_robot(robot)

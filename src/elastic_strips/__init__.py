@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from .io import read_scene, read_world, write_scene, write_world
     from .planning import PlanReport, plan, plan_report
     from .robot import RobotModel, load_robot, robot_names
-    from .scenarios import get_scenario, run_scenario, scenario_names
     from .scene import (
         Box,
         Capsule,
@@ -51,6 +50,7 @@ if TYPE_CHECKING:
         Voxels,
         World,
     )
+    from .sim.scenarios import get_scenario, run_scenario, scenario_names
     from .strip import Strip
     from .tunnel import Certificate, strip_clearance
     from .viewer import Viewer
@@ -110,7 +110,7 @@ _ROOMS = {
     "io": ("read_scene", "read_world", "write_scene", "write_world"),
     "planning": ("PlanReport", "plan", "plan_report"),
     "robot": ("RobotModel", "load_robot", "robot_names"),
-    "scenarios": ("get_scenario", "run_scenario", "scenario_names"),
+    "sim.scenarios": ("get_scenario", "run_scenario", "scenario_names"),
     "scene": (
         "Box", "Capsule", "Cone", "ConvexHull", "Cylinder", "Keyframes", "Mesh", "Points", "Scene", "Sphere", "Twist",
         "Unknown", "Voxels", "World",
@@ -118,7 +118,7 @@ _ROOMS = {
     "strip": ("Strip",),
     "tunnel": ("Certificate", "strip_clearance"),
     "viewer": ("Viewer",),
-    **{room: () for room in ("bench", "control", "execution", "methods", "perception", "sim", "study")},
+    **{room: () for room in ("control", "execution", "perception", "sim", "study")},
 }  # fmt: skip
 __getattr__ = late_names(__name__, _ROOMS)  # who wants the version need not wait for Pinocchio
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.deform import DeformParams
-from elastic_strips.scenarios.paper_cases import TABLE_1, TABLE_2
+from elastic_strips.sim.scenarios.paper_cases import TABLE_1, TABLE_2
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper-map.md"
 PACKAGE = "elastic_strips"

@@ -29,7 +29,7 @@ def _hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
 
 
 def _mujoco(robot: es.RobotModel) -> object:
-    from elastic_strips.scenarios import make_simulation
+    from elastic_strips.sim.scenarios import make_simulation
 
     return make_simulation(es.get_scenario("case-1"), robot=robot, plant="mujoco")
 

@@ -13,7 +13,7 @@ import elastic_strips as es
 from elastic_strips.cli.run_command import _summary
 from elastic_strips.deform import DeformStatus
 from elastic_strips.planning import straight_line
-from elastic_strips.scenarios import result_document
+from elastic_strips.sim.scenarios import result_document
 from elastic_strips.viewer.drawing import Drawing, Snapshot
 
 

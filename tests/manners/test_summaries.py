@@ -12,7 +12,7 @@ import pytest
 import elastic_strips as es
 from elastic_strips.execution import MotionLimits
 from elastic_strips.planning import plan_alternatives
-from elastic_strips.scenarios import drive_scenario
+from elastic_strips.sim.scenarios import drive_scenario
 
 LONGEST = 300
 EVIL = "<script>alert(1)</script>&\"'"

@@ -14,8 +14,8 @@ from elastic_strips.errors import InputError
 from elastic_strips.execution import DriveParams, MotionLimits, Retimer
 from elastic_strips.io import write_json, write_record
 from elastic_strips.perception import SceneEstimator
-from elastic_strips.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sim import Fault, TaskSimulation, judge, simulation
+from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sim.sensors import SensorSuite
 
 WRONG = ("x", None, 3, 2.5, True, object(), [], {}, b"x", np.zeros(3))

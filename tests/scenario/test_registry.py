@@ -16,7 +16,7 @@ from elastic_strips import RobotModel, get_scenario, run_scenario, scenario_name
 from elastic_strips.deform import PRESETS, DeformStatus
 from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import straight_line
-from elastic_strips.scenarios import RunResult, result_document
+from elastic_strips.sim.scenarios import RunResult, result_document
 
 Array = npt.NDArray[np.float64]
 Run = Callable[..., RunResult]

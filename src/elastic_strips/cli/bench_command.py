@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from ..bench import bench_plan, bench_replan, bench_robots, bench_tick, robot_cases, robots_table, with_table
 from ..io import check_writable, write_json
 from ..io.files import write_whole
 from ..robot import load_robot
+from ..sim.bench import bench_plan, bench_replan, bench_robots, bench_tick, robot_cases, robots_table, with_table
 from .bench_drive_command import COMMANDS
 from .group import Finite
 from .progress import LateProgress

@@ -6,10 +6,10 @@ from typing import Any
 
 import click
 
-from ..bench import bench_bridge, bench_drive, bench_faults, bench_problems, bench_reaction, bench_soak
 from ..io import check_writable, write_json
 from ..robot import load_robot
-from ..scenarios import DRIVE_METHODS, PLANTS, STRIP
+from ..sim.bench import bench_bridge, bench_drive, bench_faults, bench_problems, bench_reaction, bench_soak
+from ..sim.scenarios import DRIVE_METHODS, PLANTS, STRIP
 from .group import Finite
 from .progress import LateProgress
 from .sensor_option import sensors_of, sensors_option

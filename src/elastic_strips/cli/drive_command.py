@@ -12,7 +12,8 @@ import numpy as np
 
 from ..execution import Controller, RunState
 from ..io import check_record_file, write_json, write_record
-from ..scenarios import (
+from ..sim import FAULTS, Fault, Simulation
+from ..sim.scenarios import (
     DRIVE_METHODS,
     PLANTS,
     STRIP,
@@ -23,7 +24,6 @@ from ..scenarios import (
     make_base_simulation,
     make_simulation,
 )
-from ..sim import FAULTS, Fault, Simulation
 from ..strip import Strip
 from . import EXIT_INTERRUPTED
 from .group import Finite

@@ -11,7 +11,7 @@ from ..deform import DeformReport
 from ..errors import InputError
 from ..io import check_writable, write_json
 from ..robot import RobotModel
-from ..scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
+from ..sim.scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
 from .group import Finite
 from .pictures import browser_option, serve, write_page
 from .progress import LateProgress

@@ -14,8 +14,8 @@ from ..input_file import read_input_text
 from ..io import read_record, record_robot
 from ..planning import straight_line
 from ..robot import RobotModel, load_robot, recorded_robot
-from ..scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
+from ..sim.scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from ..strip import Strip
 from .group import Finite
 from .pictures import TITLE, browser_option, serve, write_page

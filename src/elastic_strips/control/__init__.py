@@ -1,15 +1,13 @@
-"""Control: the paper's hybrid control in three layers, and bases steered by other methods, step by step."""
+"""Control: the paper's hybrid control in three layers."""
 
 from __future__ import annotations
 
-from .base_controller import BaseController
 from .hybrid import Director, HybridControl, deliberate
 from .sequencing import Facts, Order, SequencingLayer
 from .task_watch import TaskEvent, TaskState, TaskWatch
 from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, Reached, ReachHand, Step, Task
 
 __all__ = [
-    "BaseController",
     "Deliberation",
     "DeliberativeLayer",
     "Director",

@@ -1,14 +1,10 @@
-"""IO room: scene, scenario and benchmark files in and out; every complaint names file and place."""
+"""IO room: scene and scenario files in and out; every complaint names file and place."""
 
 from typing import TYPE_CHECKING
 
 from elastic_strips._late import late_names
 
 if TYPE_CHECKING:
-    from elastic_strips.io.barn import barn_ids, load_barn
-    from elastic_strips.io.bridge import load_bridge
-    from elastic_strips.io.drive_problem import DriveProblem
-    from elastic_strips.io.dynabarn import dynabarn_ids, load_dynabarn
     from elastic_strips.io.files import check_writable, write_json
     from elastic_strips.io.laser_log import LaserLogError, LoggedScan, read_laser_log
     from elastic_strips.io.nav2_map import load_nav2_map
@@ -36,21 +32,15 @@ if TYPE_CHECKING:
     from elastic_strips.io.yaml_source import Node, load_yaml
 
 __all__ = [
-    "DriveProblem",
     "LaserLogError",
     "LoggedScan",
     "Node",
     "PointCloud",
     "PoseSpec",
     "ScenarioSpec",
-    "barn_ids",
     "check_record_file",
     "check_writable",
     "cloud_scene",
-    "dynabarn_ids",
-    "load_barn",
-    "load_bridge",
-    "load_dynabarn",
     "load_nav2_map",
     "load_yaml",
     "obstacle_documents",
@@ -76,16 +66,6 @@ __all__ = [
 __getattr__ = late_names(  # a scene file needs nothing of what records need
     __name__,
     {
-        "barn": (
-            "barn_ids",
-            "load_barn",
-        ),
-        "bridge": ("load_bridge",),
-        "drive_problem": ("DriveProblem",),
-        "dynabarn": (
-            "dynabarn_ids",
-            "load_dynabarn",
-        ),
         "files": (
             "check_writable",
             "write_json",

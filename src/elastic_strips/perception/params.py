@@ -20,7 +20,7 @@ class SceneEstimatorParams:
 
     A planar scan says nothing about height: whatever it meets is assumed to reach from the floor up to ``height``.
     What lies wholly above or below the scan's plane is not seen at all; see
-    :func:`~elastic_strips.sim.sensors.seen_obstacles`.
+    :func:`~elastic_strips.sim.evaluation.seen_obstacles`.
 
     Attributes:
         height: of all sensed obstacles, from the floor (z = 0) up; at least that of the robot with its arm stretched.

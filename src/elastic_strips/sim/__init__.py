@@ -1,18 +1,23 @@
-"""Simulation: what stands for the world: machines, sensors, movers, faults, the loop around a controller, the judge."""
+"""Simulation: what stands for the world: machines, sensors, movers, faults, the loop around a controller, scenarios,
+the evaluation of a run. Nothing here runs on a robot."""
 
 from __future__ import annotations
 
-from .base import RawReadings, base_simulation
-from .faults import FAULTS, Fault
-from .judge import Contact, Verdict, judge
-from .odometry import SensorParams
-from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
-from .plant import KinematicPlant, Plant, PlantParams
-from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensedPerception
-from .separation import protective_separation
-from .simulation import MACHINE, Simulation, simulation
-from .task import TaskResult, TaskSimulation
-from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
+from typing import TYPE_CHECKING
+
+from elastic_strips._late import late_names
+
+if TYPE_CHECKING:
+    from .baselines import RawReadings, base_simulation
+    from .closed_loop import MACHINE, Simulation, simulation
+    from .evaluation import Contact, Verdict, judge, protective_separation
+    from .faults import FAULTS, Fault
+    from .odometry import SensorParams
+    from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
+    from .plant import KinematicPlant, Plant, PlantParams
+    from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensedPerception
+    from .task import TaskResult, TaskSimulation
+    from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
 
 __all__ = [
     "Bumper",
@@ -45,3 +50,24 @@ __all__ = [
     "protective_separation",
     "simulation",
 ]
+
+__getattr__ = late_names(  # a scenario needs nothing of what driving it needs
+    __name__,
+    {
+        "baselines": ("RawReadings", "base_simulation"),
+        "evaluation": ("Contact", "Verdict", "judge", "protective_separation"),
+        "faults": ("FAULTS", "Fault"),
+        "closed_loop": ("MACHINE", "Simulation", "simulation"),
+        "odometry": ("SensorParams",),
+        "perception": ("Perceiver", "Perception", "PerceptionError", "PerceptionParams"),
+        "plant": ("KinematicPlant", "Plant", "PlantParams"),
+        "sensed_perception": ("LASER_ASSUMPTIONS", "LASER_EASE", "Bumper", "SensedPerception"),
+        "task": ("TaskResult", "TaskSimulation"),
+        "tracking_bound": ("DEFAULT_TRACKING_ERROR", "Displacement", "TrackingErrors", "measure_tracking"),
+        "bench": (),
+        "datasets": (),
+        "mujoco": (),
+        "scenarios": (),
+        "sensors": (),
+    },
+)

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError, nearest_name
+from elastic_strips.execution.controller import Propose
+from elastic_strips.execution.measurement import Measurement
+from elastic_strips.execution.onward import Proposal
+from elastic_strips.execution.tracking import Command
+from elastic_strips.execution.trajectory import Trajectory
+from elastic_strips.scene import Scene
+from elastic_strips.validation import check_type, shown
 
-from ..errors import ParameterError, nearest_name
-from ..execution.controller import Propose
-from ..execution.measurement import Measurement
-from ..execution.onward import Proposal
-from ..execution.tracking import Command
-from ..execution.trajectory import Trajectory
-from ..scene import Scene
-from ..validation import check_type, shown
 from .perception import Perceiver, PerceptionError
 from .plant import Plant
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from elastic_strips.arrays import Array
-
-from ..errors import ParameterError
-from ..execution.measurement import Measurement
+from elastic_strips.errors import ParameterError
+from elastic_strips.execution.measurement import Measurement
 
 _SLACK = 1e-9  # [s] times that differ by less are the same
 

@@ -12,12 +12,11 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array
-
-from ..errors import ParameterError
-from ..execution.evasion import Silhouette, beyond_box
-from ..robot import RobotModel
-from ..scene import Obstacle, World, Yielding
-from ..validation import check_numbers
+from elastic_strips.errors import ParameterError
+from elastic_strips.execution.evasion import Silhouette, beyond_box
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Obstacle, World, Yielding
+from elastic_strips.validation import check_numbers
 
 _OVERLAP = 0.05
 """What passes above or below by less than this [m] counts as being at the same height."""

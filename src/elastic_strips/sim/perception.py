@@ -8,10 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from elastic_strips.arrays import Array
-
-from ..errors import ElasticStripsError, ParameterError
-from ..execution.params import ObstacleAssumptions
-from ..scene import Scene, Twist, Unknown, World
+from elastic_strips.errors import ElasticStripsError, ParameterError
+from elastic_strips.execution.params import ObstacleAssumptions
+from elastic_strips.scene import Scene, Twist, Unknown, World
 
 
 class PerceptionError(ElasticStripsError):

@@ -9,13 +9,13 @@ from typing import Protocol
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError
+from elastic_strips.execution.limits import MotionLimits
+from elastic_strips.execution.measurement import Measurement
+from elastic_strips.execution.planar import Pose, compose, exp
+from elastic_strips.execution.tracking import Command
+from elastic_strips.robot import RobotModel
 
-from ..errors import ParameterError
-from ..execution.limits import MotionLimits
-from ..execution.measurement import Measurement
-from ..execution.planar import Pose, compose, exp
-from ..execution.tracking import Command
-from ..robot import RobotModel
 from .odometry import SensorParams, Sensors, standard_normals
 
 _STICTION = 5e-4  # [m/s, rad/s] below it, a motor that is told to stand stands

@@ -6,14 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.control.pose_history import PoseHistory
+from elastic_strips.execution.evasion import Silhouette
+from elastic_strips.execution.params import ObstacleAssumptions
+from elastic_strips.perception import SceneEstimator, SceneEstimatorParams
+from elastic_strips.proximity import BodySet, ObstacleProximity
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.scene import Scene, World
 
-from ..control.pose_history import PoseHistory
-from ..execution.evasion import Silhouette
-from ..execution.params import ObstacleAssumptions
-from ..perception import SceneEstimator, SceneEstimatorParams
-from ..proximity import BodySet, ObstacleProximity
-from ..robot import Kinematics, RobotModel
-from ..scene import Scene, World
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
 

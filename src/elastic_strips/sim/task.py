@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy.typing as npt
 
-from ..control import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
-from ..deform import AxisTask
-from ..errors import ConfigurationError
-from ..execution import DriveParams, DriveResult
-from ..robot import RobotModel
-from ..scene import Scene, World
-from ..summary import Summary
-from ..validation import check_able
+from elastic_strips.control import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
+from elastic_strips.deform import AxisTask
+from elastic_strips.errors import ConfigurationError
+from elastic_strips.execution import DriveParams, DriveResult
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene, World
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_able
+
+from .closed_loop import Simulation, simulation
 from .perception import Perceiver, PerceptionParams
-from .simulation import Simulation, simulation
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

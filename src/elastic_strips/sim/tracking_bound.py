@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError
+from elastic_strips.execution.estimation import Estimator
+from elastic_strips.execution.limits import MotionLimits
+from elastic_strips.execution.tracking import TrackingController, TrackingGains
+from elastic_strips.execution.trajectory import Trajectory
+from elastic_strips.proximity.bounds import BodySet
+from elastic_strips.robot import Kinematics, RobotModel
 
-from ..errors import ParameterError
-from ..execution.estimation import Estimator
-from ..execution.limits import MotionLimits
-from ..execution.tracking import TrackingController, TrackingGains
-from ..execution.trajectory import Trajectory
-from ..proximity.bounds import BodySet
-from ..robot import Kinematics, RobotModel
 from .plant import KinematicPlant, Plant, PlantParams
 
 DEFAULT_TRACKING_ERROR = 0.02

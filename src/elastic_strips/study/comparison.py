@@ -10,14 +10,14 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-from ..bench.pool import cached, spread
-from ..control.base_controller import PATIENCE
 from ..errors import ElasticStripsError, ParameterError, nearest_name
 from ..execution import RunState
-from ..methods import BASE_METHODS
 from ..robot import RobotModel, load_robot
-from ..scenarios import STRIP, drive_scenario, get_scenario
 from ..sim import Simulation
+from ..sim.baselines import BASE_METHODS
+from ..sim.baselines.base_controller import PATIENCE
+from ..sim.bench.pool import cached, spread
+from ..sim.scenarios import STRIP, drive_scenario, get_scenario
 from ..sim.sensors import SensorConfig
 
 STRIP_SENSED = "strip-sensed"

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from ..bench.pool import cached, spread
 from ..robot import RobotModel
-from ..scenarios import get_scenario
+from ..sim.bench.pool import cached, spread
+from ..sim.scenarios import get_scenario
 from .reactive import Outcome, paper_reactively
 
 K_R = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8)

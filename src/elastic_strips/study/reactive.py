@@ -17,8 +17,8 @@ from ..errors import RobotError
 from ..planning import straight_line
 from ..proximity import BodySet, ObstacleProximity
 from ..robot import Kinematics, RobotModel
-from ..scenarios.scenario import Scenario
 from ..scene import Scene
+from ..sim.scenarios.scenario import Scenario
 from ..strip import Strip
 from ..summary import Summary
 

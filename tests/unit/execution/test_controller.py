@@ -11,7 +11,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.execution import Controller, DriveParams, Measurement, MotionLimits, RunState
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Scene
-from elastic_strips.sim.simulation import Immediate
+from elastic_strips.sim.closed_loop import Immediate
 from elastic_strips.strip import Strip
 
 CRATE = Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate")

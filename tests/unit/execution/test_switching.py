@@ -12,7 +12,8 @@ from elastic_strips.execution import replanning as replanning_room
 from elastic_strips.execution.replanning import SwitchingReplanner, slow
 from elastic_strips.planning import FamilyParams
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
-from elastic_strips.sim import judge, simulation
+from elastic_strips.sim import simulation
+from elastic_strips.sim.evaluation import judge
 
 WALLS = [
     Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),

@@ -7,7 +7,7 @@ import pytest
 
 from elastic_strips.errors import ScenarioError
 from elastic_strips.io import PoseSpec, read_scenario
-from elastic_strips.scenarios import get_scenario
+from elastic_strips.sim.scenarios import get_scenario
 
 DOCS = Path(__file__).parents[3] / "docs" / "scene-files.md"
 SHORT = "robot: silvermate\nscene: {obstacles: []}\nstart: {x: 1}\ngoal: {}\n"

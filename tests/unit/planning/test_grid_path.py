@@ -11,11 +11,11 @@ from shared_data import shared_data
 
 from elastic_strips.deform import Deformer
 from elastic_strips.errors import ParameterError
-from elastic_strips.io import barn_ids, load_barn
 from elastic_strips.planning import grid_path, plan_report, waypoint_rows
 from elastic_strips.planning.grid_path import clearance_map, footprint, resample, support
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.sim.datasets import barn_ids, load_barn
 
 WALL = Scene([Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75)), Box((0.2, 3.0, 1.5), at=(2.0, -3.9, 0.75))])
 """A wall with one door, off the straight line."""

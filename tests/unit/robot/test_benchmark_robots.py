@@ -11,10 +11,10 @@ from shared_data import shared_data
 from elastic_strips import get_scenario, run_scenario
 from elastic_strips.deform import Deformer, DeformStatus
 from elastic_strips.errors import ConfigurationError
-from elastic_strips.io import load_bridge
 from elastic_strips.planning import check_ends, plan_report
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.sim.datasets import load_bridge
 from elastic_strips.viewer import Viewer
 
 BRIDGE_HEIGHT = 0.70

@@ -165,7 +165,7 @@ def test_the_loop_asks_them_and_the_record_keeps_what_they_did(silvermate):
 def test_mujoco_carries_them_as_their_clocks_say(silvermate):
     """The body of the walker is where its history has it, and so has its velocity."""
     pytest.importorskip("mujoco", reason="mujoco (extra sim) is not installed")
-    from elastic_strips.sim.mujoco_plant import MujocoPlant
+    from elastic_strips.sim.mujoco.plant import MujocoPlant
 
     world = walker()
     plant = MujocoPlant(silvermate, MotionLimits.for_robot(silvermate), world, PlantParams.ideal(), seed=0)

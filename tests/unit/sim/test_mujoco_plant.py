@@ -14,7 +14,6 @@ from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.retiming import retime
 from elastic_strips.execution.tracking import Command, TrackingController
 from elastic_strips.planning import plan
-from elastic_strips.scenarios.corridor import corridor_scene
 from elastic_strips.scene import (
     Box,
     Capsule,
@@ -29,10 +28,11 @@ from elastic_strips.scene import (
     Voxels,
 )
 from elastic_strips.scene.world import World
-from elastic_strips.sim.mujoco_geoms import LINK, ROLLING
-from elastic_strips.sim.mujoco_plant import MujocoPlant
+from elastic_strips.sim.mujoco.geoms import LINK, ROLLING
+from elastic_strips.sim.mujoco.plant import MujocoPlant
 from elastic_strips.sim.odometry import SensorParams
 from elastic_strips.sim.plant import PlantParams
+from elastic_strips.sim.scenarios.corridor import corridor_scene
 from elastic_strips.sim.tracking_bound import follow, tracking_errors
 from elastic_strips.strip import Strip
 from elastic_strips.tunnel import strip_clearance

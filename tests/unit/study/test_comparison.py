@@ -11,8 +11,8 @@ import pytest
 
 from elastic_strips import RobotModel, get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
-from elastic_strips.scenarios import drive, drive_scenario
 from elastic_strips.sim import SensedPerception
+from elastic_strips.sim.scenarios import drive, drive_scenario
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.study import METHODS, Row, Trial, attempt, compare
 from elastic_strips.study.comparison import _turns

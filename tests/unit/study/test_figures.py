@@ -11,8 +11,8 @@ from matplotlib.patches import Circle, Polygon
 
 from elastic_strips import RobotModel, Scene, get_scenario
 from elastic_strips.io import PoseSpec
-from elastic_strips.scenarios import Scenario
 from elastic_strips.scene import Box, Capsule, Cylinder, Sphere
+from elastic_strips.sim.scenarios import Scenario
 from elastic_strips.study import ReactiveRun, paper_reactively
 from elastic_strips.study.figures import Outline, draw_drive, draw_reactive, draw_scene
 

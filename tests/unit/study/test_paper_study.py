@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from elastic_strips.errors import InputError, ParameterError, ScenarioError
-from elastic_strips.scenarios.paper_cases import TABLE_2
+from elastic_strips.sim.scenarios.paper_cases import TABLE_2
 from elastic_strips.study import Outcome, PaperStudy, paper_study, parameter_map
 
 MODULE = importlib.import_module("elastic_strips.study.paper_study")

@@ -13,8 +13,8 @@ import pytest
 from elastic_strips import RobotModel, Scene, get_scenario
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.io import PoseSpec
-from elastic_strips.scenarios import Scenario
 from elastic_strips.scene import Cylinder
+from elastic_strips.sim.scenarios import Scenario
 from elastic_strips.study import Outcome, ReactiveRun, paper_reactively
 from elastic_strips.study.reactive import LONGEST_STEP
 

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing
 
-from ...perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing
 from .mounting import Mount, Posture
 from .params import LaserParams, RangeParams, RingParams
 from .rays import ObstacleRays, OwnBody, Rays

@@ -10,10 +10,9 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
-
-from ...errors import ConfigurationError, RobotError, nearest_name
-from ...robot import RobotModel
-from ...robot.control_points import find_frame
+from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.control_points import find_frame
 
 _NAMES = {"laser": r"laser(_\d+)?_frame", "sonar": r"sonar_\d+_frame", "infrared": r"ir_\d+_frame"}
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from ...errors import ParameterError, nearest_name
+from elastic_strips.errors import ParameterError, nearest_name
 
 RingKind = Literal["sonar", "infrared"]
 KINDS: tuple[RingKind, ...] = ("sonar", "infrared")

@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.errors import missing_extra
+from elastic_strips.robot.geometry import LinkGeometry, support_points
+from elastic_strips.scene import Obstacle, Scene, World
+from elastic_strips.scene.parts import Part
 
-from ...errors import missing_extra
-from ...robot.geometry import LinkGeometry, support_points
-from ...scene import Obstacle, Scene, World
-from ...scene.parts import Part
 from .mounting import Posture
 
 _SLACK = 1e-6  # [m] bounding spheres are taken larger by this, so that rounding drops no touching pair

@@ -10,8 +10,9 @@ from typing import Any
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io import schema
 from elastic_strips.io.yaml_source import Node, load_yaml
-from elastic_strips.sim.sensors import params as sensing
-from elastic_strips.sim.sensors.params import InfraredParams, LaserParams, SensorConfig, SensorParams, SonarParams
+
+from . import params as sensing
+from .params import InfraredParams, LaserParams, SensorConfig, SensorParams, SonarParams
 
 _KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams]] = {
     "laser": LaserParams,

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError, RobotError, SceneError
+from elastic_strips.perception.readings import Reading
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import World
+from elastic_strips.validation import check_count, check_type
 
-from ...errors import ParameterError, RobotError, SceneError
-from ...perception.readings import Reading
-from ...robot import RobotModel
-from ...scene import World
-from ...validation import check_count, check_type
 from .devices import LaserRangefinder, SensorRing
 from .mounting import Posture
 from .params import LaserParams, SensorConfig

@@ -1,0 +1,180 @@
+"""Control room, base controller: a base steered by one of the methods that the paper names, on readings alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.control.pose_history import PoseHistory
+from elastic_strips.errors import ConfigurationError, RobotError
+from elastic_strips.execution import (
+    Command,
+    DriveParams,
+    Event,
+    Measurement,
+    MotionLimits,
+    RunState,
+    Tick,
+    TickStatistics,
+    Tolerance,
+)
+from elastic_strips.execution.estimation import Estimator
+from elastic_strips.perception import Reading
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.validation import check_type
+
+from .base_method import BaseCommand, BaseLimits
+from .registry import make_base_method
+
+PATIENCE = 15.0
+"""A method that has been blocked for so long [s] is given up."""
+_TWIST_OVER = 5  # control steps over which the velocity is estimated
+
+
+class BaseController:
+    """Workspace: the counterpart of :class:`~elastic_strips.execution.Controller` for base methods.
+
+    The method gets readings, each with the pose that it was taken at; it knows no map. The arm stays as it is. It ends
+    at the goal, at a contact, or after the method has been blocked for long.
+
+    Args:
+        robot: with a differential drive.
+        start: configuration (nq,).
+        goal: configuration (nq,); only the base's pose counts.
+        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
+        params: periods of the drive.
+        limits: of the motors; read off the robot where None.
+        base: what the method knows of the base; read off the limits where None.
+        patience: a method that has been blocked for so long [s] is given up.
+
+    Raises:
+        ConfigurationError: the robot has no differential drive, or start or goal is not sound.
+        ParameterError: an unknown method.
+    """
+
+    tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
+    """How near counts as reached; of the base alone."""
+    plans_next = True
+    """Readings are wanted in every step."""
+    replans = 0
+    reference = None
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        start: npt.ArrayLike,
+        goal: npt.ArrayLike,
+        method: str,
+        *,
+        params: DriveParams | None = None,
+        limits: MotionLimits | None = None,
+        base: BaseLimits | None = None,
+        patience: float = PATIENCE,
+    ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("params", params, DriveParams, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
+        if robot.base_kind is not BaseKind.DIFF_DRIVE:
+            raise ConfigurationError(
+                f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"
+            )
+        self.robot, self.params = robot, params or DriveParams()
+        self.limits = limits or MotionLimits.for_robot(robot)
+        first = robot.space.to_chart(robot.check_q(start, what="start"))
+        self.goal = robot.space.to_chart(robot.check_q(goal, what="goal"))
+        self.steering = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
+        self.estimator = Estimator(robot, self.limits)
+        self.estimator.reset(first, 0.0)
+        self.estimate = first
+        self.patience = patience
+        self.time = 0.0
+        self.command = BaseCommand(0.0, 0.0, "moving")
+        self.tick: Tick | None = None
+        self.statistics = TickStatistics()
+        self.state, self.reason = RunState.STOPPED, "not started"
+        self.stops: list[tuple[float, str]] = []
+        self.events: list[Event] = []
+        self._past = PoseHistory()
+        self._past.add(0.0, first)
+        self._contact = self._stopping = ""
+        self._steps, self._blocked = 0, 0.0
+
+    @property
+    def method(self) -> str:
+        """Its name."""
+        return self.steering.name
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has arrived, has touched something, or was to stop and has let go."""
+        if self._contact or self.state is RunState.REACHED:
+            return True
+        return bool(self._stopping) and not (self.command.v or self.command.omega)
+
+    def log(self, kind: str, reason: str) -> None:
+        """Write down an event of now."""
+        self.events.append(Event(self.time, kind, reason))
+
+    def stop(self, reason: str = "asked to stop") -> None:
+        """Brake, until :meth:`resume`."""
+        self._stopping = self._stopping or reason
+
+    def resume(self) -> None:
+        """Go on after a stop."""
+        self._stopping = ""
+
+    def step(
+        self, t: float, measurement: Measurement | None, readings: Sequence[Reading] | None, *, trouble: str = ""
+    ) -> Command:
+        """One control period; as :meth:`Controller.step`, on readings.
+
+        Args:
+            t: time [s].
+            measurement: what has been measured since the last step; None at the first.
+            readings: those that have come since the last step.
+            trouble: why none came.
+        """
+        self.time = t
+        if measurement is not None:
+            self.estimate = self.estimator.update(measurement)
+            self._past.add(t, self.estimate)
+            self._contact = self._contact or measurement.contact
+        for reading in readings or ():
+            self.steering.update(reading, self._past.at(reading.time))
+        if self._steps % self.params.plan_every == 0:
+            self._steer(t)
+        self._steps += 1
+        if self._contact or self._stopping:
+            self.command = BaseCommand(0.0, 0.0, "moving", self._stopping)
+        command, blocked = self.command, self.command.status == "blocked"
+        self._blocked = self._blocked + self.params.control_dt if blocked else 0.0
+        if self._contact:
+            self._enter(RunState.STOPPED, f"touched {self._contact}")
+        elif command.status == "arrived":
+            self._enter(RunState.REACHED, "at rest at the goal")
+        elif self._stopping and self.ended:
+            self._enter(RunState.STOPPED, self._stopping)
+        else:
+            self._enter(RunState.SLOWING if blocked else RunState.MOVING, command.reason)
+        if self._blocked > self.patience:
+            self.stop(f"blocked: {command.reason}")
+        drive = self.limits.to_drive(np.array([command.v, 0.0, command.omega]))
+        drive /= max(1.0, float((np.abs(drive) / self.limits.drive_speed).max()))
+        return Command(drive, np.zeros(len(self.limits.joint_speed)))
+
+    def _steer(self, t: float) -> None:
+        began = perf_counter()
+        self.command = self.steering.command(t, self.estimate[:3], self._past.velocity(_TWIST_OVER), self.goal[:3])
+        seconds = perf_counter() - began
+        self.statistics.add(seconds, self.params.latency * self.params.control_dt)
+        self.tick = Tick(t, seconds, None, None, np.nan, self.command.status, self.command.reason)
+
+    def _enter(self, state: RunState, reason: str) -> None:
+        if state is not self.state:
+            if state is RunState.STOPPED or state is RunState.SLOWING:
+                self.stops.append((self.time, reason))
+            self.log(state.name.lower(), reason)
+        self.state, self.reason = state, reason

@@ -1,0 +1,227 @@
+"""Running a scenario: plan, deform, certify, and measure the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
+from elastic_strips.planning import check_ends, plan_report, straight_line
+from elastic_strips.planning.ompl_planner import ompl_path
+from elastic_strips.robot import RobotModel
+from elastic_strips.strip import Strip
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
+
+from .passage import passage
+from .scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RunResult(Summary):
+    """What came of a scenario.
+
+    Attributes:
+        scenario, robot, params: what was run.
+        initial: the strip that the relaxation started from.
+        report: last report; its strip is the result.
+        method: where the initial strip came from: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
+        reason: what happened, for people.
+        passage: see :func:`passage`.
+        seed: of the planner.
+        ticks: all ticks; tick_seconds: the duration of each.
+        time_to_certified: from nothing to the first certified strip [s], or None.
+        frames: strips along the deformation, for animation (first and last included).
+    """
+
+    scenario: Scenario
+    robot: RobotModel
+    params: DeformParams
+    initial: Strip
+    report: DeformReport
+    method: str
+    reason: str
+    passage: str | None
+    seed: int
+    ticks: int
+    tick_seconds: Array
+    time_to_certified: float | None
+    frames: tuple[Strip, ...] = field(default_factory=tuple)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "scenario": self.scenario.name, "robot": self.robot.name, "preset": self.params.preset,
+            "status": self.report.status.value, "certified": self.certified, "reason": self.reason,
+            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passage,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        return {"clearance": f"{self.clearance:.3f} m", "length": f"{self.report.strip.length:.3f} m"}
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip: the report's."""
+        return self.report.clearance
+
+    @property
+    def certified(self) -> bool:
+        """Whether the strip is certified and its tunnel connected."""
+        return self.report.certified and self.report.status is DeformStatus.SETTLED
+
+
+def run_scenario(
+    scenario: Scenario,
+    *,
+    robot: RobotModel | None = None,
+    preset: str | None = None,
+    seed: int | None = None,
+    overrides: dict[str, Any] | None = None,
+    watch: Callable[[DeformReport], object] | None = None,
+    timeout: float = 20.0,
+) -> RunResult:
+    """Plan an initial strip, deform it to rest and measure it.
+
+    Args:
+        scenario: the problem.
+        robot: another robot than the scenario's.
+        preset: ``"default"`` or ``"paper"``; the scenario's where None.
+        seed: of the planner; the scenario's where None.
+        overrides: further parameter overrides.
+        watch: called with every tick's report.
+        timeout: longest planning [s].
+
+    Raises:
+        InputError: start or goal in collision, unknown parameters, …
+    """
+    check_type("scenario", scenario, Scenario, ScenarioError)
+    check_type("robot", robot, RobotModel, RobotError, none=True)
+    check_type("overrides", overrides, dict, none=True)
+    check_able("watch", watch)
+    if preset is not None:
+        check_choice("preset", preset, PRESETS)
+    if seed is not None:
+        check_count("seed", seed)
+    check_number("timeout", timeout, above=0.0, unit="s")
+    preset = preset or scenario.preset
+    robot = scenario.load_robot(preset=preset) if robot is None else robot
+    values = {**scenario.params.get(preset, {}), **(overrides or {})}
+    params = _parameters(scenario, preset, values)
+    seed = scenario.seed if seed is None else seed
+    ticks: list[float] = []
+    frames: list[Strip] = []
+
+    def note(report: DeformReport) -> None:
+        ticks.append(report.seconds)
+        if len(frames) < 400:
+            frames.append(report.strip)
+        if watch is not None:
+            watch(report)
+
+    runner = _run_paper if preset == "paper" else _run_default
+    try:
+        initial, report, method, reason, first = runner(scenario, robot, params, seed, note, timeout)
+    except ConfigurationError as error:
+        if scenario.name in str(error):
+            raise
+        raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
+    return RunResult(
+        scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
+        passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
+        tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
+    )  # fmt: skip
+
+
+def _parameters(scenario: Scenario, preset: str, values: dict[str, Any]) -> DeformParams:
+    whole = {f.name for f in fields(DeformParams) if f.type in (int, "int")}
+    try:
+        for name, value in values.items():
+            if name == "preset":
+                raise ParameterError(f"preset={value!r} is no parameter; choose the preset by itself")
+            if name in whole and isinstance(value, float):  # numbers of a file are floats
+                if not value.is_integer():
+                    raise ParameterError(f"{name}={value!r} must be a whole number")
+                values = {**values, name: int(value)}
+        return DeformParams.for_preset(preset, **values)
+    except ParameterError as error:
+        raise ParameterError(f"scenario {scenario.name!r}: {error}") from None
+
+
+_Outcome = tuple[Strip, DeformReport, str, str, float | None]
+
+
+def _run_default(
+    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
+    timeout: float,
+) -> _Outcome:  # fmt: skip
+    start, goal = scenario.ends(robot)
+    deformer = Deformer(robot, params)
+    planned = plan_report(robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note)
+    if not planned.certified:
+        return planned.initial, planned.report, planned.method, planned.reason, None
+    report = deformer.settle(planned.strip, scenario.scene, watch=note)
+    if not report.certified:  # what was certified is kept; relaxing further must not lose it
+        report = planned.report
+    return planned.initial, report, planned.method, report.reason, planned.seconds
+
+
+def _run_paper(
+    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
+    timeout: float,
+) -> _Outcome:  # fmt: skip
+    """The initial trajectory comes from a planner, as in the paper.
+
+    It is the straight line, and OMPL's path where the line is not free and does not relax to a certified strip.
+    """
+    began = perf_counter()
+    start, goal = scenario.ends(robot)
+    deformer = Deformer(robot, params)
+    ends = np.stack(check_ends(robot, scenario.scene, start, goal, params))
+    spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
+    rows = straight_line(robot, start, goal, spacing=spacing)
+    if robot.space.planar:
+        rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
+    initial, method = Strip.from_chart(robot, rows, ends=ends), "line"
+    first: list[float] = []
+
+    def watch(report: DeformReport) -> None:
+        if not first and report.certified and (report.tunnel is None or report.tunnel.connected.all()):
+            first.append(perf_counter() - began)
+        note(report)
+
+    def relax(strip: Strip) -> DeformReport:
+        first.clear()
+        return deformer.settle(strip, scenario.scene, watch=watch)
+
+    attempts: list[str] = []
+    free = deformer.assess(initial, scenario.scene).certified
+    report = relax(initial)
+    if not free and report.status is not DeformStatus.SETTLED:
+        attempts.append(f"straight line, which is not free: {report.reason}")
+        for k in range(4):
+            found = ompl_path(
+                robot,
+                scenario.scene,
+                start,
+                goal,
+                seed=seed + 7919 * k,
+                margin=0.04,
+                timeout=timeout / 4,
+                spacing=spacing,
+            )
+            if found.chart is None:
+                attempts.append(found.reason)
+                continue
+            initial, method = Strip.from_chart(robot, found.chart, ends=ends), "ompl"
+            report = relax(initial)
+            if report.status is DeformStatus.SETTLED:
+                break
+            attempts.append(report.reason)
+    certified = report.status is DeformStatus.SETTLED
+    reason = report.reason if not attempts or certified else "; ".join(attempts)
+    return initial, report, method, reason, first[0] if first and certified else None
