@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from elastic_strips.perception import LaserScan, RangeRing
 from elastic_strips.scene import World
 from elastic_strips.sim.sensors import LaserParams, SensorConfig, SensorSuite, SonarParams
-from elastic_strips.sim.sensors.mounting import Mount, Posture
+from elastic_strips.sim.sensors.bodies import Mount, Posture
 
 LASER = LaserParams(rays=41, range_max=4.0, latency=0.0, near_reads_min=True)
 SONAR = SonarParams(groups=1, rays=9, latency=0.0, crosstalk=0.3, max_incidence=math.pi / 2)

@@ -11,7 +11,7 @@ from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import check_ends, plan_report, straight_line
 from elastic_strips.sim.bench import bench_plan
-from elastic_strips.sim.scenarios.clutter import _guide, clutter_scene
+from elastic_strips.sim.scenarios.halls import _guide, clutter_scene
 
 
 @pytest.mark.parametrize("seed", range(8))

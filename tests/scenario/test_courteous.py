@@ -12,8 +12,7 @@ from elastic_strips.execution.params import ObstacleAssumptions
 from elastic_strips.io import read_record, write_record
 from elastic_strips.scene import Keyframes, Obstacle, Yielding
 from elastic_strips.sim.scenarios import DriveOutcome, drive_scenario, moving_corridor
-from elastic_strips.sim.scenarios.corridor import HALF_WIDTH, LENGTH
-from elastic_strips.sim.scenarios.moving import ACCELERATION, COURTEOUS_SPEEDS, YIELDING
+from elastic_strips.sim.scenarios.corridors import ACCELERATION, COURTEOUS_SPEEDS, HALF_WIDTH, LENGTH, YIELDING
 
 SEED = 3
 """Somebody crosses there, finds the robot in the way, and waits."""

@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from .closed_loop import MACHINE, Simulation, simulation
     from .evaluation import Contact, Verdict, judge, protective_separation
     from .faults import FAULTS, Fault
-    from .odometry import SensorParams
     from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
-    from .plant import KinematicPlant, Plant, PlantParams
+    from .plant import KinematicPlant, Plant, PlantParams, SensorParams
     from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensedPerception
     from .task import TaskResult, TaskSimulation
     from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
@@ -58,9 +57,8 @@ __getattr__ = late_names(  # a scenario needs nothing of what driving it needs
         "evaluation": ("Contact", "Verdict", "judge", "protective_separation"),
         "faults": ("FAULTS", "Fault"),
         "closed_loop": ("MACHINE", "Simulation", "simulation"),
-        "odometry": ("SensorParams",),
         "perception": ("Perceiver", "Perception", "PerceptionError", "PerceptionParams"),
-        "plant": ("KinematicPlant", "Plant", "PlantParams"),
+        "plant": ("KinematicPlant", "Plant", "PlantParams", "SensorParams"),
         "sensed_perception": ("LASER_ASSUMPTIONS", "LASER_EASE", "Bumper", "SensedPerception"),
         "task": ("TaskResult", "TaskSimulation"),
         "tracking_bound": ("DEFAULT_TRACKING_ERROR", "Displacement", "TrackingErrors", "measure_tracking"),

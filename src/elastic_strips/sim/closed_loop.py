@@ -1,4 +1,4 @@
-"""Sim room, simulation: a controller in a world that moves; what is true, what is sensed of it, the record."""
+"""A controller in a world that moves: what is true, what is sensed of it, the record."""
 
 from __future__ import annotations
 

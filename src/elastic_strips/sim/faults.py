@@ -1,6 +1,6 @@
-"""Sim room, faults: what can go wrong around a controller, put in on purpose to see that the robot ends at rest.
+"""What can go wrong around a controller, put in on purpose to see that the robot ends at rest.
 
-Each is a wrapper about what the controller meets: perception, plant, and the planning of a tick.
+Each is a wrapper around what the controller meets: perception, plant, and the planning of a tick.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sim room, perception: what the planner gets to see of the world: late, with noise, and sometimes wrong."""
+"""What the planner gets to see of the world: late, with noise, and sometimes wrong."""
 
 from __future__ import annotations
 

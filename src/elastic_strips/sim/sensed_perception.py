@@ -1,4 +1,4 @@
-"""Sensed perception: the scene that a robot's own range sensors show, and whether it touches something."""
+"""The scene that a robot's own range sensors show, and whether it touches something."""
 
 from __future__ import annotations
 

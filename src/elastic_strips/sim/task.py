@@ -1,4 +1,4 @@
-"""Sim room, task: the three layers do a task in a world."""
+"""The three layers do a task in a world."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from ..robot import RobotModel, load_robot
 from ..sim import Simulation
 from ..sim.baselines import BASE_METHODS
 from ..sim.baselines.base_controller import PATIENCE
-from ..sim.bench.pool import cached, spread
+from ..sim.bench.measure import cached, spread
 from ..sim.scenarios import STRIP, drive_scenario, get_scenario
 from ..sim.sensors import SensorConfig
 

@@ -17,8 +17,8 @@ from elastic_strips.arrays import Array
 from ..errors import InputError, ScenarioError, missing_extra, nearest_name
 from ..io.files import check_writable, write_whole
 from ..sim.scenarios import drive_scenario, get_scenario
+from ..sim.scenarios.halls import BOTTLENECK, DEAD_END
 from ..sim.scenarios.paper_cases import TABLE_1, TABLE_2
-from ..sim.scenarios.traps import BOTTLENECK, DEAD_END
 from ..summary import Summary
 from .comparison import CASES, METHODS, Row, check_methods, compare
 from .document import Document

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..robot import RobotModel
-from ..sim.bench.pool import cached, spread
+from ..sim.bench.measure import cached, spread
 from ..sim.scenarios import get_scenario
 from .reactive import Outcome, paper_reactively
 

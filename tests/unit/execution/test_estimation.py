@@ -14,8 +14,7 @@ from elastic_strips.execution.estimation import Estimator, EstimatorParams
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.measurement import Measurement
 from elastic_strips.execution.tracking import Command
-from elastic_strips.sim.odometry import SensorParams
-from elastic_strips.sim.plant import KinematicPlant, PlantParams
+from elastic_strips.sim.plant import KinematicPlant, PlantParams, SensorParams
 
 EXACT = replace(PlantParams(), slip=0.0, slip_noise=0.0, sensors=SensorParams.ideal())
 

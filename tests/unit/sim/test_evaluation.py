@@ -15,8 +15,8 @@ from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.record import Recorder, RecordError
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Points, Scene, Sphere, Twist, Voxels, World
+from elastic_strips.sim.evaluation.drive_evaluation import Tolerance, judge
 from elastic_strips.sim.evaluation.sweep import Course, Sweep
-from elastic_strips.sim.evaluation.verdict import Tolerance, judge
 
 
 def at(robot, time, chart, t):

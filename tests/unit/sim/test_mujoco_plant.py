@@ -28,11 +28,10 @@ from elastic_strips.scene import (
     Voxels,
 )
 from elastic_strips.scene.world import World
-from elastic_strips.sim.mujoco.geoms import LINK, ROLLING
+from elastic_strips.sim.mujoco.model import LINK, ROLLING
 from elastic_strips.sim.mujoco.plant import MujocoPlant
-from elastic_strips.sim.odometry import SensorParams
-from elastic_strips.sim.plant import PlantParams
-from elastic_strips.sim.scenarios.corridor import corridor_scene
+from elastic_strips.sim.plant import PlantParams, SensorParams
+from elastic_strips.sim.scenarios.corridors import corridor_scene
 from elastic_strips.sim.tracking_bound import follow, tracking_errors
 from elastic_strips.strip import Strip
 from elastic_strips.tunnel import strip_clearance

@@ -11,8 +11,7 @@ import pytest
 from elastic_strips.errors import ParameterError
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.tracking import Command
-from elastic_strips.sim.odometry import SensorParams
-from elastic_strips.sim.plant import KinematicPlant, PlantParams, speed_loop, stopping_time
+from elastic_strips.sim.plant import KinematicPlant, PlantParams, SensorParams, speed_loop, stopping_time
 
 IDEAL = PlantParams.ideal()
 LAGGED = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, sensors=SensorParams.ideal())

@@ -10,7 +10,7 @@ from elastic_strips.execution import DriveParams, MotionLimits, RunState
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, Unknown, World
 from elastic_strips.sim import FAULTS, Fault, PerceptionError, PerceptionParams, judge, simulation
-from elastic_strips.sim.evaluation.verdict import REST_SPEED
+from elastic_strips.sim.evaluation.drive_evaluation import REST_SPEED
 from elastic_strips.sim.tracking_bound import Displacement
 from elastic_strips.strip import Strip
 

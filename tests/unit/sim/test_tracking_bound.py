@@ -17,7 +17,7 @@ from elastic_strips.execution.tracking import TrackingController, TrackingGains
 from elastic_strips.planning import plan
 from elastic_strips.robot.geometry import support_points
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
-from elastic_strips.sim.scenarios.corridor import corridor_scene
+from elastic_strips.sim.scenarios.corridors import corridor_scene
 from elastic_strips.sim.tracking_bound import (
     DEFAULT_TRACKING_ERROR,
     Displacement,

@@ -1,17 +1,14 @@
-"""Methods room: obstacle avoidance of a mobile base by the methods that the paper builds on or compares with."""
+"""Baselines: obstacle avoidance of a mobile base, without strips, by the methods that the paper builds on or compares
+with."""
 
 from __future__ import annotations
 
-from .base_controller import BaseController
-from .base_method import BaseCommand, BaseLimits, BaseMethod
+from .base_controller import BASE_METHODS, BaseController, RawReadings, base_simulation, make_base_method
+from .base_method import BaseCommand, BaseLimits, BaseMethod, GoalParams
 from .certainty_grid import CV_MAX, BayesGrid, CertaintyGrid, GridParams, HistogramGrid, make_grid
 from .elastic_band import ElasticBand, ElasticBandParams, Planner, SensedWay
-from .force_field import ForceField, ForceFieldParams
-from .helm import GoalParams
+from .force_fields import ForceField, ForceFieldParams, PotentialField, PotentialFieldParams
 from .histogram import HistogramParams, VectorFieldHistogram
-from .potential_field import PotentialField, PotentialFieldParams
-from .registry import BASE_METHODS, make_base_method
-from .simulation import RawReadings, base_simulation
 
 __all__ = [
     "BaseController",

@@ -1,15 +1,18 @@
-"""Control room, base controller: a base steered by one of the methods that the paper names, on readings alone."""
+"""The base methods by name, a controller of a base by one of them, and its simulation, on readings alone."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from elastic_strips.arrays import Array
 from elastic_strips.control.pose_history import PoseHistory
-from elastic_strips.errors import ConfigurationError, RobotError
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
 from elastic_strips.execution import (
     Command,
     DriveParams,
@@ -24,10 +27,40 @@ from elastic_strips.execution import (
 from elastic_strips.execution.estimation import Estimator
 from elastic_strips.perception import Reading
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.validation import check_type
+from elastic_strips.scene import Scene, World
+from elastic_strips.validation import check_able, check_count, check_type
 
-from .base_method import BaseCommand, BaseLimits
-from .registry import make_base_method
+from ..closed_loop import MACHINE, Simulation
+from ..pedestrians import Bystanders
+from ..plant import KinematicPlant, Plant
+from ..sensed_perception import Bumper
+from ..sensors import SensorConfig, SensorSuite
+from .base_method import BaseCommand, BaseLimits, BaseMethod
+from .elastic_band import ElasticBand, SensedWay
+from .force_fields import ForceField, PotentialField
+from .histogram import VectorFieldHistogram
+
+
+def _band(limits: BaseLimits) -> BaseMethod:
+    return ElasticBand(limits, planner=SensedWay(limits.radius))
+
+
+BASE_METHODS: Mapping[str, Callable[[BaseLimits], BaseMethod]] = MappingProxyType(
+    {"apf": PotentialField, "vff": ForceField, "vfh": VectorFieldHistogram, "band": _band}
+)
+"""Name → factory of the method with its default parameters; the band's planner knows what is sensed, and no more."""
+
+
+def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
+    """A base method by its name, with its default parameters.
+
+    Raises:
+        ParameterError: no such method.
+    """
+    if name not in BASE_METHODS:
+        raise ParameterError(f"base method {name!r} is unknown{nearest_name(name, BASE_METHODS)}")
+    return BASE_METHODS[name](limits)
+
 
 PATIENCE = 15.0
 """A method that has been blocked for so long [s] is given up."""
@@ -178,3 +211,84 @@ class BaseController:
                 self.stops.append((self.time, reason))
             self.log(state.name.lower(), reason)
         self.state, self.reason = state, reason
+
+
+class RawReadings:
+    """Workspace: what a robot's simulated sensors read, as it is; and whether the robot touches something.
+
+    Args:
+        robot: with the sensors' frames.
+        world: that the sensors see.
+        plant: where the robot truly is.
+        sensors: what they are like; the Silvermate's where None.
+        seed: of their noise.
+
+    Raises:
+        RobotError: the robot has not the frames that the sensors sit on.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        world: World,
+        plant: Plant,
+        sensors: SensorConfig | None = None,
+        *,
+        seed: int | np.random.Generator = 0,
+    ) -> None:
+        self.suite = SensorSuite(robot, world, sensors, seed=seed)
+        self._world, self._plant, self._bumper = world, plant, Bumper(robot)
+
+    @property
+    def contact(self) -> str:
+        """The obstacle that is touched."""
+        return self._bumper.touched(self._world.at(self._plant.time), self._plant.chart)
+
+    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+        """Nothing: what is read is handed over as soon as it comes."""
+
+    def sense(self, t: float) -> Sequence[Reading]:
+        """Readings that have come by the time ``t`` [s]."""
+        return self.suite.observe(t, self._plant.chart)
+
+
+def base_simulation(
+    robot: RobotModel,
+    world: World | Scene,
+    start: npt.ArrayLike,
+    goal: npt.ArrayLike,
+    method: str,
+    *,
+    limits: MotionLimits | None = None,
+    sensors: SensorConfig | None = None,
+    plant: Plant | None = None,
+    seed: int = 0,
+    watch: Callable[[Any], object] | None = None,
+    realtime: bool = False,
+    metadata: dict[str, object] | None = None,
+    **options: Any,
+) -> Simulation[BaseController]:
+    """A method for a base alone in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
+
+    Args:
+        robot, start, goal, method, limits, **options: of the :class:`BaseController`.
+        world: the true obstacles over time.
+        sensors: what the sensors are like.
+        plant: the machine; a :class:`KinematicPlant` where None.
+        seed: of the machine and the sensors.
+        watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
+    """
+    check_able("plant", plant, "reset", "step")
+    check_able("watch", watch)
+    check_count("seed", seed)
+    controller = BaseController(robot, start, goal, method, limits=limits, **options)
+    world = world if isinstance(world, World) else World(world)
+    plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
+    machine = plant or KinematicPlant(robot, controller.limits, MACHINE, seed=np.random.default_rng(plant_seed))
+    machine.reset(controller.estimate)
+    Bystanders(robot, world)  # whoever has a clock of their own begins anew
+    senses = RawReadings(robot, world, machine, sensors, seed=np.random.default_rng(sense_seed))
+    return Simulation(
+        controller, world, machine, senses, watch=watch, realtime=realtime,
+        metadata={"method": method, **(metadata or {})},
+    )  # fmt: skip

@@ -19,9 +19,8 @@ from elastic_strips.perception import Reading
 from elastic_strips.planning.grid_path import cheapest_way, resample
 from elastic_strips.validation import check_numbers
 
-from .base_method import BaseCommand, BaseLimits
+from .base_method import BaseCommand, BaseLimits, GoalParams, Helm, angle_between
 from .certainty_grid import SensedPoints
-from .helm import GoalParams, Helm, angle_between
 
 
 class FreeDistance:

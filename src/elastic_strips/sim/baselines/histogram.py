@@ -20,9 +20,8 @@ from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.perception import Reading
 from elastic_strips.validation import check_numbers
 
-from .base_method import BaseCommand, BaseLimits
+from .base_method import BaseCommand, BaseLimits, GoalParams, Helm, angle_between
 from .certainty_grid import Flags, GridParams, make_grid
-from .helm import GoalParams, Helm, angle_between
 
 
 def primary_histogram(

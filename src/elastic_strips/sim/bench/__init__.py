@@ -1,12 +1,9 @@
 """Benchmarks: planning, replanning, the tick and the closed loop, measured on this machine."""
 
-from .drive import bench_drive, bench_faults
-from .plan import bench_plan
+from .drive import bench_drive, bench_faults, bench_reaction, bench_soak
+from .plan import bench_plan, bench_replan
 from .problems import bench_bridge, bench_problems
-from .reaction import bench_reaction
-from .replan import bench_replan
 from .robots import RobotCase, bench_robots, robot_cases, robots_table, with_table
-from .soak import bench_soak
 from .tick import bench_tick
 
 __all__ = [

@@ -1,25 +1,29 @@
-"""Driving benchmark: many seeded runs among moving obstacles, each judged from its true states."""
+"""Driving benchmarks: many seeded runs among moving obstacles; reaction times; an endurance run."""
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from elastic_strips.deform import DeformParams
 from elastic_strips.errors import ElasticStripsError
-from elastic_strips.execution import Controller, RunState
-from elastic_strips.robot import load_robot
+from elastic_strips.execution import Controller, DriveParams, RunState
+from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 
-from ..closed_loop import Simulation
+from ..closed_loop import Simulation, simulation
 from ..faults import FAULTS, Fault
-from ..scenarios import STRIP, drive_scenario, get_scenario
+from ..perception import PerceptionParams
+from ..scenarios import STRIP, drive_scenario, get_scenario, make_simulation
 from ..sensors import SensorConfig
-from .measure import machine, percentiles
-from .pool import cached, spread
+from .measure import cached, machine, percentiles, spread
 
 CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
 """Classes of the movers' largest speed [m/s]."""
@@ -215,3 +219,173 @@ def _doomed_viewer(time: float) -> Callable[[Any], None]:
             viewer.close()
 
     return watch
+
+
+_AHEAD = 1.8
+"""Time [s] ahead on the way, where the obstacle is put."""
+_RADIUS = 0.15
+_HALF_WIDTH = 0.27
+"""Of the base [m]: the obstacle reaches into the way of the base from its side."""
+
+
+def bench_reaction(
+    robot: RobotModel,
+    seeds: Sequence[int],
+    step: Callable[[str], object] = lambda note: None,
+    *,
+    depth: float = 0.1,
+) -> dict[str, Any]:
+    """Planning at 100 Hz: a post appears on the strip; ticks until a motion along a new certified strip is followed.
+
+    The post stands beside the way and reaches ``depth`` [m] into what the base sweeps, left or right by seed; every
+    other one is low (0.3 m), the rest as high as the robot.
+
+    The scene is sensed without delay, so that the time is the planner's own. In ticks: from the tick that first sees
+    the post to the one whose command follows the new motion. In milliseconds: those ticks, the last one up to the end
+    of the computation by the wall clock.
+    """
+    rows = []
+    for seed in seeds:
+        step(f"seed {seed}")
+        try:
+            row = _once(robot, int(seed), depth)
+        except ElasticStripsError as error:
+            row = {"seed": int(seed), "error": str(error)}
+        rows.append(row)
+    good = [r for r in rows if "ticks" in r]
+    return {
+        "benchmark": "reaction",
+        "machine": machine(),
+        "robot": robot.name,
+        "depth_m": depth,
+        "count": len(rows),
+        "reacted": len(good),
+        "ticks": percentiles([r["ticks"] for r in good]),
+        "ms": percentiles([r["ms"] for r in good]),
+        "tick_ms": percentiles([r["tick_ms"] for r in good]),
+        "runs": rows,
+    }
+
+
+def _once(robot: RobotModel, seed: int, depth: float) -> dict[str, Any]:
+    params = replace(DriveParams(), plan_every=1, latency=1)
+    scenario = get_scenario("corridor", seed=seed)
+    options: dict[str, Any] = {
+        "robot": robot,
+        "seed": seed,
+        "params": params,
+        "perception": PerceptionParams(delay=0.0),
+    }
+    free = make_simulation(scenario, **options)
+    track = free.run(time_limit=7.0).record.control
+    appears = float(np.random.default_rng(seed).uniform(2.0, 4.0))
+    k = min(int((appears + _AHEAD) / params.control_dt), len(track) - 1)
+    x, y, yaw = track.reference[k, :3]
+    side = (_HALF_WIDTH + _RADIUS - depth) * (1.0 if seed % 2 else -1.0)
+    height = 0.3 if seed % 4 < 2 else 1.6
+    at = (x - side * np.sin(yaw), y + side * np.cos(yaw), 0.5 * height)
+    post = Cylinder(_RADIUS, height, at=at, name="post")
+    world = World(Scene([*scenario.scene, post]), appears={"post": appears})
+    seen: dict[str, Any] = {}
+
+    def watch(driven: Simulation[Controller]) -> None:
+        proposal = driven.controller.proposal
+        if driven.time < appears or "ticks" in seen:
+            return
+        seen.setdefault("at", driven.time)
+        if proposal is None or not proposal.accepted or not proposal.report.certified:
+            return
+        ticks = round((driven.time - seen["at"]) / params.control_dt) + params.latency
+        last = driven.controller.statistics.seconds[-1]
+        seen["ticks"] = ticks
+        seen["tick_ms"] = 1e3 * last
+        seen["ms"] = 1e3 * ((ticks - params.latency) * params.control_dt + last)
+        driven.stop()
+
+    driven = make_simulation(replace(scenario, scene=world.scene, timeline=world), **options, watch=watch)
+    driven.run(time_limit=appears + 3.0)
+    return {"seed": seed, "appears_s": appears, **{k: seen[k] for k in ("ticks", "ms", "tick_ms") if k in seen}}
+
+
+_WINDOW = 120.0
+"""Simulated time [s] that one row of figures stands for."""
+
+
+def bench_soak(
+    robot: RobotModel, hours: float = 1.0, step: Callable[[str], object] = lambda note: None, *, seed: int = 0
+) -> dict[str, Any]:
+    """Drive to and fro for ``hours`` of simulated time.
+
+    Returns:
+        Resident memory [MB] and percentiles of the ticks, window by window; ``growth`` is that of the memory from the
+        end of the first tenth to the end.
+    """
+    world = _world(seed)
+    ends = [robot.home(x=-3.5), robot.home(x=3.5)]
+    rows: list[dict[str, Any]] = []
+    params = DriveParams(deform=DeformParams(max_nodes=200), time_limit=3600.0 * hours)
+    begin = {"tick": 0, "time": 0.0}
+    legs = 0
+
+    def watch(driven: Simulation[Controller]) -> None:
+        nonlocal legs
+        if driven.time - begin["time"] < _WINDOW:
+            return
+        seconds = driven.controller.statistics.seconds
+        mine = 1e3 * np.array(seconds[int(begin["tick"]) :])
+        begin.update(tick=len(seconds), time=driven.time)
+        gc.collect()
+        rows.append({"time_s": driven.time, "memory_mb": _resident(), "tick_ms": percentiles(mine)})
+        step(f"{driven.time / 60:.0f} min, {rows[-1]['memory_mb']:.0f} MB")
+
+    driven = simulation(robot, world, ends[0], ends[1], params=params, seed=seed, watch=watch, record=False)
+    controller = driven.controller
+    while driven.time < 3600.0 * hours:
+        driven.run(time_limit=3600.0 * hours)
+        legs += controller.supervisor.at_goal
+        if not controller.supervisor.at_goal:
+            break
+        controller.retarget(ends[legs % 2])
+    warm = rows[max(len(rows) // 10, 1) - 1] if rows else None
+    return {
+        "benchmark": "soak",
+        "machine": machine(),
+        "robot": robot.name,
+        "hours": driven.time / 3600.0,
+        "legs": legs,
+        "stops": len(controller.stops),
+        "memory_mb": {"warm": warm and warm["memory_mb"], "end": rows[-1]["memory_mb"] if rows else None},
+        "growth": rows[-1]["memory_mb"] / warm["memory_mb"] - 1.0 if warm else None,
+        "tick_ms_first_half": percentiles([r["tick_ms"]["p99"] for r in rows[: len(rows) // 2]]),
+        "tick_ms_second_half": percentiles([r["tick_ms"]["p99"] for r in rows[len(rows) // 2 :]]),
+        "windows": rows,
+    }
+
+
+def _world(seed: int) -> World:
+    """A hall with pillars, and people who cross it on loops for ever."""
+    rng = np.random.default_rng(seed)
+    obstacles: list[Obstacle] = [
+        Box((0.4, 0.4, 1.2), at=(x, y, 0.6)) for x, y in ((-2.0, 1.1), (-0.7, -1.0), (0.8, 1.2), (2.2, -1.1))
+    ]
+    for k in range(5):
+        x, period = rng.uniform(-2.5, 2.5), rng.uniform(14.0, 22.0)
+        t = np.arange(0.0, period + 0.05, 0.1) * (period / (np.ceil(period / 0.1) * 0.1))
+        phase = 2.0 * np.pi * t / t[-1]
+        track = np.column_stack([x + 0.4 * np.cos(phase), 3.2 * np.sin(phase), np.full_like(t, 0.85)])
+        track[-1] = track[0]
+        obstacles.append(Cylinder(0.25, 1.7, name=f"person-{k}", motion=Keyframes(t, track, loop=True)))
+    return World(Scene(obstacles))
+
+
+def _resident() -> float:
+    """Resident memory of this process [MB]."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except OSError:
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    import os
+
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

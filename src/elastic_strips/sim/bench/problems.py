@@ -1,4 +1,4 @@
-"""Outside problems: BARN, DynaBARN and the bridge, driven in the closed loop and judged from the true states."""
+"""Problems of others: BARN, DynaBARN and the bridge, driven in the closed loop and evaluated from the true states."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from elastic_strips.robot import RobotModel, load_robot
 from ..closed_loop import simulation
 from ..datasets import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from ..evaluation import judge
-from .measure import machine, percentiles
-from .pool import cached, spread
+from .measure import cached, machine, percentiles, spread
 
 BARN_SPEED = 2.0
 """Largest speed [m/s] of the robot of BARN's record, which its score is made for."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from .laser_view import Visibility, seen_obstacles, visible_to
-from .separation import protective_separation
-from .verdict import REST_SPEED, Contact, Verdict, judge
-from .visibility import unseen_contacts
+from .drive_evaluation import REST_SPEED, Contact, Verdict, judge, protective_separation
+from .visibility import Visibility, seen_obstacles, unseen_contacts, visible_to
 
 __all__ = [
     "REST_SPEED",

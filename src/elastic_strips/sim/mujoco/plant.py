@@ -1,4 +1,4 @@
-"""MuJoCo plant: the robot as a rigid-body machine on two driven wheels and casters, with contact (extra ``sim``)."""
+"""The robot as a rigid-body machine on two driven wheels and casters, with contact."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.scene.world import World
 
-from ..odometry import Sensors
-from ..plant import PlantParams, check_limits
-from .geoms import FLOOR, LINK, OBSTACLE, ROLLING
-from .model import MujocoModel, build_model, import_mujoco
+from ..plant import PlantParams, Sensors, check_limits
+from .model import FLOOR, LINK, OBSTACLE, ROLLING, MujocoModel, build_model, import_mujoco
 
 _SETTLE = 0.3  # [s] that a robot is given to sink into its tyres at a reset
 _FRICTION_EDGE = 0.02  # [rad/s or m/s] speed above which the drives make up for all of their friction

@@ -4,28 +4,26 @@ from typing import TYPE_CHECKING
 
 from elastic_strips._late import late_names
 
-from .closing import closing_side
-from .clutter import clutter
-from .corridor import corridor_scene
-from .document import FORMAT, FORMAT_VERSION, result_document
-from .moving import moving_corridor
-from .passage import passage
+from .corridors import corridor_scene, moving_corridor
+from .halls import closing_side, clutter
 from .registry import get_scenario, scenario_names
-from .run import RunResult, run_scenario
+from .run import FORMAT, FORMAT_VERSION, RunResult, passage, result_document, run_scenario
 from .scenario import Scenario
 
 if TYPE_CHECKING:
     from .drive import (
+        DRIVE_FORMAT,
+        DRIVE_FORMAT_VERSION,
         DRIVE_METHODS,
         PLANTS,
         STRIP,
         DriveOutcome,
         conclude,
+        drive_document,
         drive_scenario,
         make_base_simulation,
         make_simulation,
     )
-    from .drive_result import DRIVE_FORMAT, DRIVE_FORMAT_VERSION, drive_document
 
 __all__ = [
     "DRIVE_FORMAT",
@@ -59,8 +57,7 @@ __getattr__ = late_names(  # running a scenario needs nothing of what driving ne
     {
         "drive": (
             "DRIVE_METHODS", "PLANTS", "STRIP", "DriveOutcome", "conclude", "drive_scenario", "make_base_simulation",
-            "make_simulation",
+            "make_simulation", "DRIVE_FORMAT", "DRIVE_FORMAT_VERSION", "drive_document",
         ),
-        "drive_result": ("DRIVE_FORMAT", "DRIVE_FORMAT_VERSION", "drive_document"),
     },
 )  # fmt: skip

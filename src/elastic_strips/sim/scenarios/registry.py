@@ -13,16 +13,10 @@ from elastic_strips.io import PoseSpec, read_scenario
 from elastic_strips.named import SCENARIOS
 from elastic_strips.validation import shown
 
-from .closing import NAME as CLOSING
-from .closing import closing_side
-from .clutter import NAME as CLUTTER
-from .clutter import clutter
-from .corridor import LENGTH, corridor_scene
-from .moving import COURTEOUS, COURTEOUS_SPEEDS, moving_corridor
-from .moving import NAME as MOVING
+from .corridors import COURTEOUS, COURTEOUS_SPEEDS, LENGTH, MOVING, corridor_scene, moving_corridor
+from .halls import BOTTLENECK, CLOSING, CLUTTER, DEAD_END, bottleneck, closing_side, clutter, dead_end
 from .paper_cases import TABLE_2, paper_case
 from .scenario import Scenario
-from .traps import BOTTLENECK, DEAD_END, bottleneck, dead_end
 
 
 def _corridor(seed: int) -> Scenario:

@@ -1,25 +1,29 @@
-"""Running a scenario: plan, deform, certify, and measure the result."""
+"""Running a scenario: plan, deform, certify, and measure the result; its document (docs/result-format.md)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from elastic_strips._version import __version__
 from elastic_strips.arrays import Array
 from elastic_strips.deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
+from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import check_ends, plan_report, straight_line
 from elastic_strips.planning.ompl_planner import ompl_path
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.summary import Summary
+from elastic_strips.tunnel import BrokenSegment
 from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
 
-from .passage import passage
 from .scenario import Scenario
 
 
@@ -225,3 +229,85 @@ def _run_paper(
     certified = report.status is DeformStatus.SETTLED
     reason = report.reason if not attempts or certified else "; ".join(attempts)
     return initial, report, method, reason, first[0] if first and certified else None
+
+
+def passage(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str | None:
+    """``"between"`` two obstacles, ``"around-left"`` or ``"around-right"`` of both (seen along the way), or None.
+
+    The base's path is followed across the straight line through the obstacles' centres; its last crossing decides.
+    """
+    if gap is None or not strip.robot.space.planar or any(name not in scene for name in gap):
+        return None
+    one, two = (scene.obstacle(name).pose[:2, 3] for name in gap)
+    path = strip.robot.space.to_chart(strip.sample(0.05))[:, :2]
+    along = two - one
+    normal = np.array([-along[1], along[0]])
+    side = (path - one) @ normal
+    crossings = np.flatnonzero(np.sign(side[:-1]) * np.sign(side[1:]) <= 0)
+    if len(crossings) == 0 or along @ along == 0.0:
+        return None
+    k = int(crossings[-1])
+    denominator = side[k] - side[k + 1]
+    s = side[k] / denominator if denominator != 0 else 0.5
+    point = path[k] + s * (path[k + 1] - path[k])
+    fraction = float((point - one) @ along / (along @ along))
+    if 0.0 < fraction < 1.0:
+        return "between"
+    way = path[-1] - path[0]
+    offset = point - 0.5 * (one + two)
+    return "around-left" if way[0] * offset[1] - way[1] * offset[0] > 0 else "around-right"
+
+
+FORMAT = "elastic-strips-result"
+FORMAT_VERSION = 1
+
+
+def result_document(result: RunResult) -> dict[str, Any]:
+    """A run as plain values, ready for JSON. Lengths in metres, angles in radians."""
+    check_type("result", result, RunResult)
+    report, robot, strip = result.report, result.robot, result.report.strip
+    paper = result.params.preset == "paper"
+    base = BaseKind.OMNI if paper and robot.base_kind is BaseKind.DIFF_DRIVE else robot.base_kind
+    ticks = 1e3 * result.tick_seconds
+    return {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "elastic_strips": __version__,
+        "scenario": result.scenario.name,
+        "preset": result.params.preset,
+        "robot": robot.name,
+        "seed": result.seed,
+        "status": report.status.value,
+        "reason": result.reason,
+        "certified": result.certified,
+        "segments": [bool(s) for s in report.certificate.segments],
+        "certified_clearance_m": result.params.clearance,
+        "clearance_m": float(result.clearance) if np.isfinite(result.clearance) else None,
+        "max_lateral_slip_m": float(strip.lateral_slip.max(initial=0.0)) if base is BaseKind.DIFF_DRIVE else 0.0,
+        "length_m": strip.length,
+        "nodes": len(strip),
+        "ticks": result.ticks,
+        "initial": result.method,
+        "time_to_certified_ms": None if result.time_to_certified is None else 1e3 * result.time_to_certified,
+        "tick_ms": {f"p{p}": float(np.percentile(ticks, p)) if len(ticks) else None for p in (50, 95, 99)},
+        "passage": result.passage,
+        "max_heading_step_rad": report.heading_step if paper else None,
+        "broken": None if result.certified or report.certificate.broken is None else _broken(report.certificate.broken),
+        "base": base.value,
+        "strip": {"joint_names": list(robot.joint_names), "q": strip.q.tolist()},
+        "locked": {name: float(value) for name, value in robot.locked.items()},
+        "obstacles": obstacle_documents(result.scenario.scene),
+        "urdf": None if robot.urdf_path is None else str(Path(robot.urdf_path).absolute()),
+        "params": result.params.as_dict(),
+    }
+
+
+def _broken(broken: BrokenSegment) -> dict[str, Any]:
+    return {
+        "segment": broken.segment,
+        "link": broken.link,
+        "obstacle": broken.obstacle,
+        "clearance": broken.clearance,
+        "kind": broken.kind,
+        "certain": broken.certain,
+    }

@@ -13,8 +13,8 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
 from elastic_strips.sim.baselines import BASE_METHODS, BaseLimits, BaseMethod, GoalParams, make_base_method
+from elastic_strips.sim.baselines.base_method import Helm
 from elastic_strips.sim.baselines.certainty_grid import SensedPoints, planar_rays
-from elastic_strips.sim.baselines.helm import Helm
 
 LIMITS = BaseLimits()
 NAMES = list(BASE_METHODS)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import RangeRing
 from elastic_strips.sim.baselines import BaseLimits, ForceField, ForceFieldParams
-from elastic_strips.sim.baselines.force_field import cell_forces, damped
+from elastic_strips.sim.baselines.force_fields import cell_forces, damped
 
 GOAL = np.array([5.05, 0.05, 0.0])
 HERE = np.array([0.05, 0.05, 0.0])

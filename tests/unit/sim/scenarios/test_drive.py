@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from elastic_strips.control import BaseController
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.sim import LASER_ASSUMPTIONS, SensedPerception, Simulation
+from elastic_strips.sim.baselines import BaseController
 from elastic_strips.sim.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
 from elastic_strips.sim.scenarios.scenario import Scenario
 from elastic_strips.sim.sensors import SensorConfig

@@ -9,7 +9,7 @@ from brute_force import configuration, random_chart
 
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.sim.sensors import sensor_frames
-from elastic_strips.sim.sensors.mounting import Mount, Posture
+from elastic_strips.sim.sensors.bodies import Mount, Posture
 
 
 def test_the_silvermate_has_its_sensors(silvermate):

@@ -7,8 +7,8 @@ import pytest
 from brute_force import random_chart
 from free_way import along, outside_robot
 
-from elastic_strips.sim.sensors.mounting import Mount, Posture
-from elastic_strips.sim.sensors.rays import OwnBody, Rays
+from elastic_strips.sim.sensors.bodies import Mount, OwnBody, Posture
+from elastic_strips.sim.sensors.rays import Rays
 
 REACH = 4.0
 

@@ -10,9 +10,8 @@ import pytest
 
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, World
 from elastic_strips.sim.sensors import InfraredParams, SonarParams
+from elastic_strips.sim.sensors.bodies import ObstacleRays, Posture
 from elastic_strips.sim.sensors.devices import SensorRing, cone_rays
-from elastic_strips.sim.sensors.mounting import Posture
-from elastic_strips.sim.sensors.rays import ObstacleRays
 
 SONAR = SonarParams(noise=0.0, noise_ratio=0.0, dropout=0.0, crosstalk=0.0, groups=1)
 INFRARED = InfraredParams(noise=0.0, noise_ratio=0.0, dropout=0.0)

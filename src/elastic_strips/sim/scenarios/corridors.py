@@ -1,7 +1,8 @@
-"""The moving corridor: a seeded generator of obstacles that appear, cross, come head-on and wander in the corridor.
+"""Seeded corridors: 8 m of clutter whose straight whole-body sweep is blocked; without movers, and with them.
 
-Nobody in it gives way: movers go their ways through the robot's, through each other's and through standing clutter. A
-robot that waits can pass in the end, for every mover leaves the corridor, by `DURATION` at the latest.
+In the moving corridor obstacles appear, cross, come head-on and wander. Nobody in it gives way: movers go their ways
+through the robot's, through each other's and through standing clutter. A robot that waits can pass in the end, for
+every mover leaves the corridor, by `DURATION` at the latest.
 
 In the *courteous* corridor the same movers stop for a robot that stands in their way, as people do, and go on when it
 is gone.
@@ -18,13 +19,144 @@ import numpy as np
 from elastic_strips.errors import ScenarioError
 from elastic_strips.io import PoseSpec
 from elastic_strips.named import SCENARIOS
-from elastic_strips.scene import Box, Cylinder, Keyframes, Motion, Obstacle, Scene, Sphere, World, Yielding, checks
+from elastic_strips.scene import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Keyframes,
+    Motion,
+    Obstacle,
+    Scene,
+    Sphere,
+    World,
+    Yielding,
+    checks,
+)
 
-from .corridor import HALF_WIDTH, LENGTH, PASSAGE, corridor_guide, corridor_scene
 from .scenario import Scenario
-from .to_rest import FINE, to_rest
 
-NAME = "moving-corridor"
+LENGTH = 8.0
+"""Distance [m] from start to goal, along x."""
+HALF_WIDTH = 2.0
+"""Half the distance [m] between the two walls."""
+_OBSTACLES = 32
+_BLOCKERS = 4
+PASSAGE = 0.56
+"""Half width [m] kept free about the guide curve: base radius, arm and room to turn."""
+_ENDS = 0.95  # radius [m] about start and goal kept free: robot and influence distance
+_STEPS = 400
+
+
+def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
+    """Two walls and boxes, cylinders, capsules, cones, hulls and spheres, standing and hanging, from x = 0 to x = 8 m.
+
+    A smooth random guide curve from start to goal is kept free, so that a way exists; some obstacles stand on the
+    straight line beside it. Start (0, 0) and goal (8, 0) keep a free disc.
+
+    Args:
+        seed: of the generator.
+        obstacles: number of obstacles, walls included.
+
+    Raises:
+        ScenarioError: fewer obstacles than walls and blockers.
+    """
+    if obstacles < 2 + _BLOCKERS:
+        raise ScenarioError(
+            f"corridor: obstacles={obstacles} must be at least {2 + _BLOCKERS}: two walls, {_BLOCKERS} blockers"
+        )
+    rng = np.random.default_rng(seed)
+    guide = _guide(rng)
+    items: list[Obstacle] = [
+        Box((LENGTH + 3.0, 0.1, 1.2), at=(LENGTH / 2, side * (HALF_WIDTH + 0.05), 0.6), name=name)
+        for side, name in ((1.0, "wall-left"), (-1.0, "wall-right"))
+    ]
+    blockers = 0
+    kinds = ("box", "cylinder", "capsule", "cone", "convex", "sphere", "hanging-box", "hanging-sphere")
+    for _attempt in range(20_000):
+        if len(items) == obstacles:
+            return Scene(items)
+        block = blockers < _BLOCKERS
+        kind = kinds[int(rng.integers(6 if block else len(kinds)))]
+        radius = float(rng.uniform(0.1, 0.28))
+        x = float(rng.uniform(0.0, LENGTH)) if not block else float(rng.uniform(1.2, LENGTH - 1.2))
+        y = float(rng.uniform(-0.12, 0.12)) if block else float(rng.uniform(-HALF_WIDTH, HALF_WIDTH))
+        free = np.min(np.hypot(guide[:, 0] - x, guide[:, 1] - y))
+        if free < radius + PASSAGE or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _ENDS:
+            continue
+        items.append(_obstacle(kind, radius, x, y, rng, f"{kind}-{len(items)}"))
+        blockers += block
+    raise ScenarioError(f"corridor: seed {seed} found no room for {obstacles} obstacles; ask for fewer")
+
+
+def corridor_guide(seed: int) -> np.ndarray:
+    """The curve (K, 2) [m] from start to goal about which the corridor of that seed is free."""
+    return _guide(np.random.default_rng(seed))
+
+
+def _guide(rng: np.random.Generator) -> np.ndarray:
+    """A smooth curve from start to goal that swings to both sides: (K, 2)."""
+    x = np.linspace(0.0, LENGTH, _STEPS)
+    envelope = np.sin(np.pi * x / LENGTH) ** 0.5
+    waves = rng.integers(1, 3)
+    y = envelope * float(rng.uniform(0.95, 1.25)) * np.sin(np.pi * waves * x / LENGTH + rng.uniform(-0.3, 0.3))
+    if rng.random() < 0.5:
+        y = -y
+    return np.column_stack((x, np.clip(y, -HALF_WIDTH + 0.62, HALF_WIDTH - 0.62)))
+
+
+def _obstacle(kind: str, radius: float, x: float, y: float, rng: np.random.Generator, name: str) -> Obstacle:
+    height = float(rng.uniform(0.35, 1.5))
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    quat = (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    side = radius * np.sqrt(2.0)
+    if kind == "box":
+        return Box((side, side, height), at=(x, y, height / 2), quat=quat, name=name)
+    if kind == "cylinder":
+        return Cylinder(radius, height, at=(x, y, height / 2), name=name)
+    if kind == "capsule":
+        return Capsule(radius, height, at=(x, y, radius + height / 2), name=name)
+    if kind == "cone":
+        return Cone(radius, height, at=(x, y, height / 2), name=name)
+    if kind == "convex":
+        angle = np.sort(rng.uniform(0, 2 * np.pi, 5)) + np.arange(5) * 1e-3
+        ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
+        ring = np.vstack((ring, radius * np.array([[1, 0], [-0.5, 0.8], [-0.5, -0.8]])))
+        low = np.column_stack((ring, np.full(len(ring), -height / 2)))
+        high = np.column_stack((0.6 * ring, np.full(len(ring), height / 2)))
+        return ConvexHull(np.vstack((low, high)), at=(x, y, height / 2), name=name)
+    if kind == "sphere":
+        return Sphere(radius, at=(x, y, radius), name=name)
+    if kind == "hanging-box":
+        return Box((side, side, 0.4), at=(x, y, float(rng.uniform(0.9, 1.5))), quat=quat, name=name)
+    return Sphere(radius, at=(x, y, float(rng.uniform(0.8, 1.4))), name=name)
+
+
+FINE = 10
+"""Pieces between two keyframes of such a track."""
+
+
+def to_rest(places: np.ndarray, frame: float, acceleration: float) -> np.ndarray:
+    """A track (K, 2) with a stop at its end, and smooth: each place is the mean over ``frame``, `FINE` of them a frame.
+
+    So the velocity changes in steps that are small beside what braking adds to them; no place moves by half a
+    millimetre.
+    """
+    velocity = (places[-1] - places[-2]) / frame
+    speed = float(np.hypot(*velocity))
+    slower = speed - acceleration * frame * np.arange(1, math.ceil(speed / (acceleration * frame)))
+    stop = places[-1] + frame * np.cumsum(np.outer(slower, velocity / speed), axis=0)
+    first, last = 2.0 * places[0] - places[1], stop[-1] if len(stop) else places[-1]
+    p = np.vstack((first, places, stop, last, last))
+    i = np.arange(FINE * (len(p) - 3) + 1)
+    k = (i + FINE // 2) // FINE
+    u = (i / FINE - k)[:, None]
+    bend = p[k + 2] - 2.0 * p[k + 1] + p[k]
+    return p[k + 1] + 0.5 * u * (p[k + 2] - p[k]) + (0.5 * u * u + 0.125) * bend
+
+
+MOVING = "moving-corridor"
 COURTEOUS = "courteous-corridor"
 """The name of the corridor in which movers yield."""
 ACCELERATION = 0.4
@@ -127,8 +259,8 @@ def moving_corridor(
             vanishes[obstacle.name] = end
     world = World(Scene(obstacles), appears, vanishes)
     return Scenario(
-        name=COURTEOUS if yielding else NAME,
-        summary=SCENARIOS[COURTEOUS if yielding else NAME],
+        name=COURTEOUS if yielding else MOVING,
+        summary=SCENARIOS[COURTEOUS if yielding else MOVING],
         scene=world.at(0.0),
         start=PoseSpec(0.0, 0.0, 0.0),
         goal=PoseSpec(LENGTH, 0.0, 0.0),
@@ -140,16 +272,16 @@ def moving_corridor(
 
 def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ScenarioError(f"{NAME}: seed={seed!r} must be an integer ≥ 0")
+        raise ScenarioError(f"{MOVING}: seed={seed!r} must be an integer ≥ 0")
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
     if count is not None and not (whole and COUNTS[0] <= count <= COUNTS[1]):
-        raise ScenarioError(f"{NAME}: count={count!r} must be an integer from {COUNTS[0]} to {COUNTS[1]}")
+        raise ScenarioError(f"{MOVING}: count={count!r} must be an integer from {COUNTS[0]} to {COUNTS[1]}")
     try:
         low, high = checks.array("speed", speed, (2,)).tolist()
     except ValueError as error:
-        raise ScenarioError(f"{NAME}: {error}") from None
+        raise ScenarioError(f"{MOVING}: {error}") from None
     if not SPEEDS[0] <= low <= high <= SPEEDS[1]:
-        raise ScenarioError(f"{NAME}: speed={speed!r} must be a range [low, high] within {SPEEDS} m/s")
+        raise ScenarioError(f"{MOVING}: speed={speed!r} must be a range [low, high] within {SPEEDS} m/s")
 
 
 def _mover(
@@ -178,7 +310,7 @@ def _mover(
         motion = Yielding(motion, YIELDING) if yielding else motion
         name = f"{role}-{body.kind}-{k}" if role else f"{body.kind}-{k}"
         return body.make(name, motion, (0.0, 0.0, math.sin(half), math.cos(half))), plan.begin, float(times[-1])
-    raise ScenarioError(f"{NAME}: found no course for mover {k} of at most {high:g} m/s; try another seed")
+    raise ScenarioError(f"{MOVING}: found no course for mover {k} of at most {high:g} m/s; try another seed")
 
 
 def _body(rng: np.random.Generator) -> _Body:

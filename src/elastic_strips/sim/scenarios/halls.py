@@ -1,4 +1,7 @@
-"""clutter: a seeded generator of rooms with pillars for the base, and tables, shelves and beams for the arm."""
+"""Static scenarios: a cluttered room (seeded), a side that closes, a narrow door, and a dead end.
+
+In the last two, methods that look only at what is near get stuck, as the paper says of them.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,11 @@ from elastic_strips.errors import ScenarioError
 from elastic_strips.io import PoseSpec
 from elastic_strips.named import SCENARIOS
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
+from elastic_strips.scene.motion import Twist
 
 from .scenario import Scenario
 
-NAME = "clutter"
+CLUTTER = "clutter"
 START, GOAL = (0.0, -1.2), (6.0, 1.2)
 """Where the base starts and ends [m], on two sides of the room."""
 HALF_WIDTH = 2.3
@@ -43,8 +47,8 @@ def clutter(seed: int = 0) -> Scenario:
         ScenarioError: no room was found for the obstacles.
     """
     return Scenario(
-        name=NAME,
-        summary=SCENARIOS[NAME],
+        name=CLUTTER,
+        summary=SCENARIOS[CLUTTER],
         scene=clutter_scene(seed),
         start=PoseSpec(*START, 0.0),
         goal=PoseSpec(*GOAL, 0.0, joints=REACH),
@@ -115,7 +119,7 @@ def _placed(kind: str, name: str, guide: Array, rng: np.random.Generator, seed: 
         quat = (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
         side = radius * np.sqrt(2.0)
         return [Box((side, side, height), at=(x, y, height / 2), quat=quat, name=name)]
-    raise ScenarioError(f"{NAME}: seed {seed} found no room for {name}")
+    raise ScenarioError(f"{CLUTTER}: seed {seed} found no room for {name}")
 
 
 def _table(name: str, x: float, y: float, yaw: float, size: tuple[float, ...], top: float) -> list[Obstacle]:
@@ -146,3 +150,91 @@ def _guide(rng: np.random.Generator) -> Array:
     straight[:, 1] = np.clip(straight[:, 1], -HALF_WIDTH + 0.6, HALF_WIDTH - 0.6)
     straight[[0, -1]] = START, GOAL
     return straight
+
+
+CLOSING = "closing-side"
+CLOSED = 6.0
+"""Time [s] from which the first side is closed."""
+_SPEED = 0.2
+
+
+def closing_side(seed: int = 0) -> Scenario:
+    """A box in a hall 3.6 m wide, a little off the line; a cabinet slides into the wider side at 0.2 m/s.
+
+    At the start both sides are open, the left one wider; after 6 s the gap there is too narrow for the base.
+
+    Args:
+        seed: not used; nothing here is random.
+    """
+    scene = Scene(
+        [
+            Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
+            Box((9.0, 0.1, 1.4), at=(3.0, -1.85, 0.7), name="wall-right"),
+            Box((0.7, 0.7, 1.4), at=(3.0, -0.15, 0.7), name="box"),
+            Box((0.6, 0.8, 1.4), at=(3.0, 2.4, 0.7), name="cabinet", motion=Twist(np.array([0.0, -_SPEED, 0.0]))),
+        ]
+    )
+    return Scenario(
+        name=CLOSING,
+        summary=SCENARIOS[CLOSING],
+        scene=scene,
+        start=PoseSpec(0.0, 0.0, 0.0),
+        goal=PoseSpec(6.0, 0.0, 0.0),
+        seed=seed,
+    )
+
+
+BOTTLENECK, DEAD_END = "bottleneck", "dead-end"
+DOOR = 0.75
+"""Width of the bottleneck [m]; the Silvermate's base is 0.54 m wide."""
+_HALL = 12.0  # [m] of wall on either side of the door: nobody finds a way around it
+_DEPTH, _WIDTH = 1.2, 1.8  # [m] of the dead end, inside
+_HEIGHT, _THICK = 1.2, 0.2  # [m]
+
+
+def bottleneck(seed: int = 0) -> Scenario:
+    """A wall across the way with a door, 0.3 m beside the line from start to goal.
+
+    Args:
+        seed: not used; nothing here is random.
+    """
+    return Scenario(
+        name=BOTTLENECK,
+        summary=SCENARIOS[BOTTLENECK],
+        scene=Scene(
+            [
+                _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
+                _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _HALL), across=_HALL),
+            ]
+        ),
+        start=PoseSpec(0.0, 0.0, 0.0),
+        goal=PoseSpec(6.0, 0.0, 0.0),
+        seed=seed,
+    )
+
+
+def dead_end(seed: int = 0) -> Scenario:
+    """Three walls around the way, open towards the start: the nearest point to the goal is a trap.
+
+    Args:
+        seed: not used; nothing here is random.
+    """
+    back = 3.2
+    middle = back - 0.5 * (_THICK + _DEPTH)
+    side = 0.5 * (_WIDTH + _THICK)
+    walls: list[Obstacle] = [_wall("back", x=back, y=0.0, across=_WIDTH + 2.0 * _THICK)]
+    for name, sign in (("left", 1.0), ("right", -1.0)):
+        at = (middle, sign * side, 0.5 * _HEIGHT)
+        walls.append(Box((_DEPTH, _THICK, _HEIGHT), at=at, name=name))
+    return Scenario(
+        name=DEAD_END,
+        summary=SCENARIOS[DEAD_END],
+        scene=Scene(walls),
+        start=PoseSpec(0.0, 0.0, 0.0),
+        goal=PoseSpec(6.0, 0.0, 0.0),
+        seed=seed,
+    )
+
+
+def _wall(name: str, *, x: float, y: float, across: float) -> Box:
+    return Box((_THICK, across, _HEIGHT), at=(x, y, 0.5 * _HEIGHT), name=name)
