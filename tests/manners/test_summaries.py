@@ -37,7 +37,7 @@ def values(silvermate) -> dict[str, Any]:
         "alternatives": plan_alternatives(silvermate, scene, silvermate.home(x=-1.0), silvermate.home(x=4.0), count=2),
         "scenario": drive.scenario, "run": es.run_scenario(es.get_scenario("case-1")), "drive": drive,
         "result": drive.result, "record": drive.result.record, "rows": drive.result.record.control,
-        "verdict": drive.verdict, "limits": MotionLimits.for_robot(silvermate),
+        "verdict": drive.evaluation, "limits": MotionLimits.for_robot(silvermate),
         "named": replace(silvermate, name=EVIL),
         "track": es.Keyframes(np.arange(500.0), np.zeros((500, 3))),
     }  # fmt: skip

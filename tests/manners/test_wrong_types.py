@@ -14,7 +14,7 @@ from elastic_strips.errors import InputError
 from elastic_strips.execution import DriveParams, MotionLimits, Retimer
 from elastic_strips.io import write_json, write_record
 from elastic_strips.perception import SceneEstimator
-from elastic_strips.sim import Fault, TaskSimulation, judge, simulation
+from elastic_strips.sim import Fault, TaskSimulation, evaluate, simulation
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sim.sensors import SensorSuite
 
@@ -77,7 +77,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "DeformParams": (es.DeformParams, {"preset": "paper", "mobile_only": True, "influence": 1.0, "max_ticks": 2}),
         "MotionLimits": (MotionLimits.for_robot, {"robot": robot}),
         "Retimer": (Retimer, {"robot": robot, "limits": None}),
-        "judge": (judge, {"run": "nothing", "robot": robot}),
+        "evaluate": (evaluate, {"run": "nothing", "robot": robot}),
         "write_record": (write_record, {"record": None, "path": "e.npz"}),
         "SceneEstimator": (SceneEstimator, {"params": None}),
         "Fault": (Fault.parse, {"text": "scene_frozen@2"}),

@@ -74,7 +74,7 @@ def test_each_world_is_a_fresh_one() -> None:
 def test_somebody_waits_and_nobody_is_run_over(outcome: DriveOutcome) -> None:
     """And all keep to the acceleration that the robot reckons with, in what they really did."""
     assert outcome.reached, outcome.result.reason
-    assert not outcome.verdict.contacts
+    assert not outcome.evaluation.contacts
     time = outcome.result.record.control.time
     world, late = outcome.result.record.world, 0.0
     for obstacle, motion in _movers(world):

@@ -47,7 +47,7 @@ def drive(
     processes: int | None,
     json_file: str | None,
 ) -> None:
-    """Drive a scenario of many seeds in the closed loop; each run is judged from its true states."""
+    """Drive a scenario of many seeds in the closed loop; each run is evaluated from its true states."""
     _writable(json_file)
     config = sensors_of(sensors)
     with LateProgress("driving", seeds) as bar:

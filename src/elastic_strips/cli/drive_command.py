@@ -1,4 +1,4 @@
-"""``elastic-strips drive``: the closed loop; what is driven is judged, recorded and shown."""
+"""``elastic-strips drive``: the closed loop; what is driven is evaluated, recorded and shown."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def drive(
                 result = driven.run(time_limit=time_limit)
         finally:
             driven.plant.close()
-    if record_file is not None:  # before the judge, who may take a while: what was driven is not to be lost
+    if record_file is not None:  # before the evaluation, which may take a while: what was driven is not to be lost
         write_record(result.record, record_file)
     outcome = conclude(problem, driven, result, plant=plant, seed=number)
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
@@ -146,7 +146,7 @@ def drive(
         write_page(lambda page: page.replay(model, result.record), html_file, title=problem.name)
     if interrupted:
         return EXIT_INTERRUPTED
-    return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
+    return EXIT_REACHED if outcome.reached and not outcome.evaluation.collisions else EXIT_NOT_REACHED
 
 
 def _shown(driven: Simulation[Any]) -> object:
@@ -177,7 +177,7 @@ def _stopping(driven: Simulation[Any]) -> Iterator[list[int]]:
 
 
 def _summary(outcome: DriveOutcome, reason: str) -> None:
-    result, verdict = outcome.result, outcome.verdict
+    result, evaluation = outcome.result, outcome.evaluation
     if outcome.reached:
         text = "reached"
     elif result.state is RunState.REACHED:
@@ -186,9 +186,9 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         text = f"not reached: {result.state.name.lower()}, {reason}"
     click.echo(f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: {text}")
     ticks = result.statistics.percentiles()
-    clearance = "none" if verdict.closest is None else f"{verdict.min_clearance_m:.3f} m"
+    clearance = "none" if evaluation.closest is None else f"{evaluation.min_clearance_m:.3f} m"
     click.echo(
-        f"  {verdict.time_s:.1f} s, {verdict.path_m:.2f} m, {len(verdict.collisions)} collisions, "
+        f"  {evaluation.time_s:.1f} s, {evaluation.path_m:.2f} m, {len(evaluation.collisions)} collisions, "
         f"least clearance {clearance}, {len(result.stops)} stops, {result.replans} times planned anew"
     )
     click.echo(
@@ -199,9 +199,9 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         click.echo(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
         click.echo(f"  {name} was in no laser's view in the second before it was touched")
-    for contact in verdict.rest_contacts:
+    for contact in evaluation.rest_contacts:
         click.echo(f"  {contact.obstacle} ran into {contact.link} at rest, from {contact.time:.1f} s on")
-    for contact in verdict.collisions:
+    for contact in evaluation.collisions:
         click.echo(f"  COLLISION of {contact.link} with {contact.obstacle} at {contact.speed:.2f} m/s")
     for event in result.events:
         if event.kind == "replanned" and event.reason.startswith("switched"):

@@ -103,7 +103,7 @@ def _summary(result: RunResult) -> None:
     click.echo(
         f"  clearance {result.clearance:.3f} m, length {report.strip.length:.2f} m, {len(report.strip)} nodes, "
         f"{result.ticks} ticks, first certified after {first}"
-        + (f", passes {result.passage}" if result.passage else "")
+        + (f", passes {result.passing_side}" if result.passing_side else "")
     )
     if not result.certified and report.certificate.broken is not None:
         click.echo(f"  {report.certificate.broken}")

@@ -10,16 +10,16 @@ from elastic_strips._late import late_names
 if TYPE_CHECKING:
     from .baselines import RawReadings, base_simulation
     from .closed_loop import MACHINE, Simulation, simulation
-    from .evaluation import Contact, Verdict, judge, protective_separation
+    from .evaluation import Contact, Evaluation, evaluate, protective_separation
     from .faults import FAULTS, Fault
     from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
-    from .plant import KinematicPlant, Plant, PlantParams, SensorParams
-    from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensedPerception
+    from .plant import KinematicPlant, OdometryParams, Plant, PlantParams
+    from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, ContactSensor, SensedPerception
     from .task import TaskResult, TaskSimulation
     from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
 
 __all__ = [
-    "Bumper",
+    "ContactSensor",
     "Contact",
     "DEFAULT_TRACKING_ERROR",
     "Displacement",
@@ -37,14 +37,14 @@ __all__ = [
     "PlantParams",
     "RawReadings",
     "SensedPerception",
-    "SensorParams",
+    "OdometryParams",
     "Simulation",
     "TaskResult",
     "TaskSimulation",
     "TrackingErrors",
-    "Verdict",
+    "Evaluation",
     "base_simulation",
-    "judge",
+    "evaluate",
     "measure_tracking",
     "protective_separation",
     "simulation",
@@ -54,12 +54,12 @@ __getattr__ = late_names(  # a scenario needs nothing of what driving it needs
     __name__,
     {
         "baselines": ("RawReadings", "base_simulation"),
-        "evaluation": ("Contact", "Verdict", "judge", "protective_separation"),
+        "evaluation": ("Contact", "Evaluation", "evaluate", "protective_separation"),
         "faults": ("FAULTS", "Fault"),
         "closed_loop": ("MACHINE", "Simulation", "simulation"),
         "perception": ("Perceiver", "Perception", "PerceptionError", "PerceptionParams"),
-        "plant": ("KinematicPlant", "Plant", "PlantParams", "SensorParams"),
-        "sensed_perception": ("LASER_ASSUMPTIONS", "LASER_EASE", "Bumper", "SensedPerception"),
+        "plant": ("KinematicPlant", "Plant", "PlantParams", "OdometryParams"),
+        "sensed_perception": ("LASER_ASSUMPTIONS", "LASER_EASE", "ContactSensor", "SensedPerception"),
         "task": ("TaskResult", "TaskSimulation"),
         "tracking_bound": ("DEFAULT_TRACKING_ERROR", "Displacement", "TrackingErrors", "measure_tracking"),
         "bench": (),

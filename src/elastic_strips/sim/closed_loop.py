@@ -24,10 +24,11 @@ from elastic_strips.execution.tracking import Command
 from elastic_strips.execution.trajectory import ReferenceState
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
+from elastic_strips.scene.yielding import copied
 from elastic_strips.validation import check_able, check_count, check_number, check_type
 
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
-from .pedestrians import Bystanders
+from .pedestrians import Pedestrians
 from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
 from .plant import KinematicPlant, Plant, PlantParams
 
@@ -41,7 +42,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-class Senses(Protocol):
+class _Senses(Protocol):
     """What tells a controller about the world; see :class:`Perceiver`."""
 
     @property
@@ -54,7 +55,7 @@ class Senses(Protocol):
         ...
 
 
-class Steers(Protocol):
+class _Controls(Protocol):
     """What is simulated: a :class:`Controller`, or another one that takes steps as it does."""
 
     robot: RobotModel
@@ -104,8 +105,8 @@ class Steers(Protocol):
     def step(self, t: float, measurement: Measurement | None, sensed: Any, /, *, trouble: str = ...) -> Command: ...
 
 
-Driver = TypeVar("Driver", bound=Steers)
-Controls = TypeVar("Controls", bound=Controller)
+Driver = TypeVar("Driver", bound=_Controls)
+StripDriver = TypeVar("StripDriver", bound=Controller)
 
 
 class Immediate(Executor):
@@ -122,6 +123,8 @@ class Immediate(Executor):
 
 class Simulation(Generic[Driver]):
     """Workspace: advances truth, movers and sensors, hands the controller what it may know, and writes everything down.
+
+    Obstacles of the world that yield begin anew, and from then on this simulation sets their clocks.
 
     Args:
         controller: what drives.
@@ -143,7 +146,7 @@ class Simulation(Generic[Driver]):
         controller: Driver,
         world: World,
         plant: Plant,
-        perception: Senses,
+        perception: _Senses,
         *,
         goal: Array | None = None,
         watch: Callable[[Any], object] | None = None,
@@ -156,7 +159,7 @@ class Simulation(Generic[Driver]):
         check_able("watch", watch)
         self.controller, self.world, self.plant, self.perception = controller, world, plant, perception
         self.robot, self.limits, self.params = controller.robot, controller.limits, controller.params
-        self.bystanders = Bystanders(self.robot, world)
+        self.pedestrians = Pedestrians(self.robot, world)
         self.watch, self.realtime = watch, realtime
         self.time = 0.0
         last = controller.goal if goal is None else goal
@@ -224,7 +227,7 @@ class Simulation(Generic[Driver]):
             state=int(controller.state),
         )  # fmt: skip
         self.perception.observe(t, plant.chart, controller.estimate)
-        self.bystanders.step(t, plant.chart, plant.v)
+        self.pedestrians.step(t, plant.chart, plant.v)
         measurement = plant.step(command, self.params.control_dt)
         contact = self.perception.contact
         self._measurement = replace(measurement, contact=contact) if contact else measurement
@@ -270,6 +273,37 @@ class Simulation(Generic[Driver]):
         )
 
 
+def begun(
+    robot: RobotModel,
+    world: World | Scene,
+    limits: MotionLimits,
+    plant: Plant | None,
+    seed: int,
+    *,
+    shared: bool = False,
+) -> tuple[World, Plant, np.random.Generator]:
+    """What each simulation begins with: its world, its machine, and the source of its perception's noise.
+
+    The world is the simulation's own: two simulations of one world do not touch each other. It is the one given where
+    somebody else, a machine with contact or a perception, was made for that one.
+
+    Args:
+        robot, limits: of the machine that is made where none is given.
+        world: the true obstacles.
+        plant: the machine, or None.
+        seed: of machine and perception.
+        shared: whether a perception was made for this very world.
+    """
+    check_able("plant", plant, "reset", "step")
+    check_count("seed", seed)
+    world = world if isinstance(world, World) else World(world)
+    if not shared and (plant is None or isinstance(plant, KinematicPlant)):
+        world = copied(world, history=False)
+    plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
+    machine = plant or KinematicPlant(robot, limits, MACHINE, seed=np.random.default_rng(plant_seed))
+    return world, machine, np.random.default_rng(sense_seed)
+
+
 def simulation(
     robot: RobotModel,
     world: World | Scene,
@@ -286,14 +320,15 @@ def simulation(
     realtime: bool = False,
     record: bool = True,
     metadata: dict[str, object] | None = None,
-    make: Callable[..., Controls] | None = None,
+    make: Callable[..., StripDriver] | None = None,
     **options: Any,
-) -> Simulation[Controls]:
+) -> Simulation[StripDriver]:
     """A controller of the elastic strip in a world, ready to run.
 
     Args:
         robot: the robot.
-        world: the true obstacles over time; a :class:`Scene` stands still or moves as its obstacles say.
+        world: the true obstacles over time; a :class:`Scene` stands still or moves as its obstacles say. Obstacles that
+            yield do so in a copy of it, ``Simulation.world``, which is what the result has to be evaluated in.
         start: configuration (nq,).
         goal: configuration (nq,), or several of them (G, nq), one after the other.
         limits, params, **options: of the :class:`Controller`.
@@ -311,25 +346,20 @@ def simulation(
     check_type("robot", robot, RobotModel, RobotError)
     check_type("params", params, DriveParams, none=True)
     check_type("limits", limits, MotionLimits, none=True)
-    check_able("plant", plant, "reset", "step")
     check_able("watch", watch)
     if not isinstance(perception, PerceptionParams):
         check_able("perception", perception, "known", "sense")
-    check_count("seed", seed)
     params, limits = params or DriveParams(), limits or MotionLimits.for_robot(robot)
-    world = world if isinstance(world, World) else World(world)
     wrong = FaultPlan(faults)
-    plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
-    machine = plant or KinematicPlant(robot, limits, MACHINE, seed=np.random.default_rng(plant_seed))
+    noise = PerceptionParams() if perception is None else perception
+    world, machine, rng = begun(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
     senses: Perceiver
-    if perception is None or isinstance(perception, PerceptionParams):
-        noise = perception or PerceptionParams()
-        senses = Perception(world, params.assumptions, noise, np.random.default_rng(sense_seed))
+    if isinstance(noise, PerceptionParams):
+        senses = Perception(world, params.assumptions, noise, rng)
     else:
-        senses = perception
-    Bystanders(robot, world)  # whoever has a clock of their own begins anew, before anything is seen of them
+        senses = noise
     if make is None:
-        make = partial(cast("type[Controls]", Controller), robot, start, goal)
+        make = partial(cast("type[StripDriver]", Controller), robot, start, goal)
     controller = make(
         senses.known(), params=params, limits=limits, seed=seed, executor=Immediate(),
         events=None if record else KEPT_EVENTS, **options,

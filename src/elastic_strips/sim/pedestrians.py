@@ -99,7 +99,7 @@ _SLOW = 0.1  # [m/s] the clock of what is slower than this changes no faster tha
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Courtesy:
+class YieldingPolicy:
     """How those who yield treat a robot.
 
     Attributes:
@@ -130,7 +130,7 @@ class Courtesy:
             raise ParameterError(f"{self}: room must be less than distance + onward, and pace at most 1")
 
 
-class Bystanders:
+class Pedestrians:
     """Workspace: sets the clocks of a world's yielding obstacles, one control step after another.
 
     They yield to a robot that stands: who would come too near to it brakes, in time if it can, waits, and goes on when
@@ -140,11 +140,11 @@ class Bystanders:
     Args:
         robot: who they yield to.
         world: what moves; most worlds hold nothing that yields, then a step costs nothing.
-        courtesy: how they do it.
+        policy: how they do it.
     """
 
-    def __init__(self, robot: RobotModel, world: World, courtesy: Courtesy | None = None) -> None:
-        self._courtesy, self._world = courtesy or Courtesy(), world
+    def __init__(self, robot: RobotModel, world: World, policy: YieldingPolicy | None = None) -> None:
+        self._policy, self._world = policy or YieldingPolicy(), world
         self._movers = [_Mover(o, o.motion) for o in world.scene if isinstance(o.motion, Yielding)]
         self._footprint = Footprint(robot) if self._movers else None
         self._moved, self._looked, self._time = -math.inf, -math.inf, math.nan
@@ -166,17 +166,17 @@ class Bystanders:
         """
         if self._footprint is None:
             return
-        courtesy, dt = self._courtesy, t - self._time
+        policy, dt = self._policy, t - self._time
         self._time = t
-        if np.abs(v).max(initial=0.0) >= courtesy.standing or self._moved == -math.inf:
+        if np.abs(v).max(initial=0.0) >= policy.standing or self._moved == -math.inf:
             self._moved = t
-        stands = t - self._moved >= courtesy.patience - _ROUNDING
-        if t - self._looked >= courtesy.look - _ROUNDING:
+        stands = t - self._moved >= policy.patience - _ROUNDING
+        if t - self._looked >= policy.look - _ROUNDING:
             self._looked = t
             self._footprint.place(chart)
             for mover in self._movers:
                 if self._world.exists(mover.name, t):
-                    mover.decide(t, stands, self._footprint, courtesy)
+                    mover.decide(t, stands, self._footprint, policy)
         for mover in self._movers:
             if dt > 0.0:
                 mover.turn(t, dt)
@@ -198,28 +198,28 @@ class _Mover:
         if rate != self.wish:
             self.motion.advance(t, self._towards(self.wish, self.motion.place(t), rate, dt))
 
-    def decide(self, t: float, stands: bool, footprint: Footprint, courtesy: Courtesy) -> None:
+    def decide(self, t: float, stands: bool, footprint: Footprint, policy: YieldingPolicy) -> None:
         """Whether to go on, to stop, or to step back."""
         if self._since is None and not stands:
             return
         place, rate = self.motion.place(t), self.motion.rate(t)
-        way = self._stop(place, rate, courtesy.look)
+        way = self._stop(place, rate, policy.look)
         if self._since is not None:
             pace = max(self._speed(way[-1]), _SLOW)
-            way += (way[-1] + np.linspace(0.1, 1.0, 10) * (courtesy.onward / pace)).tolist()
+            way += (way[-1] + np.linspace(0.1, 1.0, 10) * (policy.onward / pace)).tolist()
         near = footprint.distances(self._discs, self._poses(way))
         here = float(near[0])
-        limit = min(courtesy.distance, here - courtesy.aside)  # too near already: at least not nearer
+        limit = min(policy.distance, here - policy.aside)  # too near already: at least not nearer
         if near.min() >= limit:
             self.wish, self._since = 1.0, None
             return
         if self._since is None:
             self._since = t
         self.wish = 0.0
-        if stands and here < courtesy.room and t - self._since >= courtesy.wait and place > self._begin:
+        if stands and here < policy.room and t - self._since >= policy.wait and place > self._begin:
             back = self._poses([place, place - 0.25, place - 0.5])
-            if footprint.distances(self._discs, back).min() >= here - courtesy.aside:
-                self.wish = -courtesy.pace
+            if footprint.distances(self._discs, back).min() >= here - policy.aside:
+                self.wish = -policy.pace
 
     def _stop(self, place: float, rate: float, late: float) -> list[float]:
         """Places on the track [s], from the present one to where a stop ends that begins ``late`` [s] from now."""

@@ -23,7 +23,7 @@ _SLACK = 1e-9  # [s] times that differ by less are the same
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorParams:
+class OdometryParams:
     """Errors of encoders and localization. All noise is Gaussian, cut off at three standard deviations.
 
     Attributes:
@@ -56,9 +56,9 @@ class SensorParams:
             raise ParameterError("fix_period=0 must be positive; math.inf for no fixes")
 
     @staticmethod
-    def ideal() -> SensorParams:
+    def ideal() -> OdometryParams:
         """Exact readings; fixes come at once."""
-        return SensorParams(encoder_noise=0.0, joint_noise=0.0, fix_noise=0.0, fix_angle_noise=0.0, fix_latency=0.0)
+        return OdometryParams(encoder_noise=0.0, joint_noise=0.0, fix_noise=0.0, fix_angle_noise=0.0, fix_latency=0.0)
 
 
 def standard_normals(rng: np.random.Generator, block: int = 1024) -> Iterator[float]:
@@ -67,7 +67,7 @@ def standard_normals(rng: np.random.Generator, block: int = 1024) -> Iterator[fl
         yield from np.clip(rng.standard_normal(block), -3.0, 3.0).tolist()
 
 
-class Sensors:
+class Odometry:
     """Turns true states into measurements; shared by all plants.
 
     Args:
@@ -76,7 +76,7 @@ class Sensors:
         count: (k, n) numbers of drive coordinates and joints.
     """
 
-    def __init__(self, params: SensorParams, rng: np.random.Generator, count: tuple[int, int]) -> None:
+    def __init__(self, params: OdometryParams, rng: np.random.Generator, count: tuple[int, int]) -> None:
         self.params = params
         self._rng = rng
         self._normal = standard_normals(rng)
@@ -196,7 +196,7 @@ class PlantParams:
         slip_time: correlation time of that [s].
         slip_noise: standard deviation of further slip, drawn anew in every step.
         jitter: a command arrives late by up to this [s], evenly distributed; the one before holds meanwhile.
-        sensors: errors of what is measured.
+        odometry: errors of what is measured.
     """
 
     wheel_lag: float = 0.04
@@ -207,7 +207,7 @@ class PlantParams:
     slip_time: float = 1.0
     slip_noise: float = 0.002
     jitter: float = 0.002
-    sensors: SensorParams = field(default_factory=SensorParams)
+    odometry: OdometryParams = field(default_factory=OdometryParams)
 
     def __post_init__(self) -> None:
         """Check.
@@ -217,7 +217,7 @@ class PlantParams:
         """
         for f in fields(self):
             value = getattr(self, f.name)
-            if f.name == "sensors":
+            if f.name == "odometry":
                 continue
             low = 1.0 if f.name.endswith("margin") else 0.0
             if not value >= low or (math.isinf(value) and low == 0.0):
@@ -232,16 +232,16 @@ class PlantParams:
         """No lag, no limit of speed or acceleration, no slip, jitter, noise or latency: commands are driven exactly."""
         return PlantParams(
             wheel_lag=0.0, joint_lag=0.0, speed_margin=math.inf, acceleration_margin=math.inf, slip=0.0,
-            slip_noise=0.0, jitter=0.0, sensors=SensorParams.ideal(),
+            slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal(),
         )  # fmt: skip
 
-    def with_sensors(self, **values: float) -> PlantParams:
+    def with_odometry(self, **values: float) -> PlantParams:
         """The same with other sensor errors, by name."""
-        return replace(self, sensors=replace(self.sensors, **values))
+        return replace(self, odometry=replace(self.odometry, **values))
 
 
 class Plant(Protocol):
-    """A machine that takes commands and gives measurements; the truth is there for judges."""
+    """A machine that takes commands and gives measurements; the truth is there for the evaluation."""
 
     @property
     def time(self) -> float:
@@ -316,7 +316,7 @@ class KinematicPlant:
         self._joint_push = (limits.joint_acceleration * params.acceleration_margin).tolist()
         first = robot.space.base_nv
         self._lower, self._upper = robot.space.lower[first:].tolist(), robot.space.upper[first:].tolist()
-        self._sensors = Sensors(params.sensors, self._rng, (self._k, self._n))
+        self._odometry = Odometry(params.odometry, self._rng, (self._k, self._n))
         self.reset(robot.space.to_chart(robot.home_q))
 
     @property
@@ -356,7 +356,7 @@ class KinematicPlant:
         half = 0.5 * self.params.slip
         self._wander = [half * next(self._normal) for _ in range(self._k)]
         self._slip = [max(-2.0 * half, min(2.0 * half, s)) for s in self._wander]
-        self._sensors.reset(self._time, self._travel)
+        self._odometry.reset(self._time, self._travel)
 
     def step(self, command: Command, dt: float) -> Measurement:
         """Hold a command for ``dt`` [s]; it arrives late by the jitter.
@@ -384,11 +384,11 @@ class KinematicPlant:
             self._advance(dt)
         self._time += dt
         pose = self._pose if self._k else None
-        return self._sensors.measure(self._time, self._travel, np.array(self._joints), pose)
+        return self._odometry.measure(self._time, self._travel, np.array(self._joints), pose)
 
     def lost_odometry(self, until: float) -> None:
         """From now on to the time ``until`` [s], no encoder travel and no fix comes."""
-        self._sensors.lose_odometry(until)
+        self._odometry.lose_odometry(until)
 
     def close(self) -> None:
         """Nothing to give back."""

@@ -20,7 +20,7 @@ from .sensors import SensorConfig, SensorSuite
 _NEAR = 0.02  # [m] what is further off is not measured
 
 
-class Bumper:
+class ContactSensor:
     """Workspace: what a robot touches.
 
     Args:
@@ -89,7 +89,7 @@ class SensedPerception:
         look: float = 1.5,
         bumper: bool = True,
     ) -> None:
-        self._world, self._bumper = world, Bumper(robot) if bumper else None
+        self._world, self._bumper = world, ContactSensor(robot) if bumper else None
         self._looked, self._touched = -np.inf, ""
         self.suite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
         if params is None:

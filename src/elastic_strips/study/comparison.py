@@ -16,7 +16,7 @@ from ..robot import RobotModel, load_robot
 from ..sim import Simulation
 from ..sim.baselines import BASE_METHODS
 from ..sim.baselines.base_controller import PATIENCE
-from ..sim.bench.measure import cached, spread
+from ..sim.bench.measure import cached, parallel_map
 from ..sim.scenarios import STRIP, drive_scenario, get_scenario
 from ..sim.sensors import SensorConfig
 
@@ -90,7 +90,7 @@ def compare(
     check_methods(methods)
     trials = [Trial(case, method, seed) for case in cases for method in methods for seed in seeds]
     rows: dict[Trial, Row] = {}
-    for found in spread(_attempt, trials, processes):
+    for found in parallel_map(_attempt, trials, processes):
         row = Row(**found)
         rows[Trial(row.case, row.method, row.seed)] = row
         step(f"{row.case}, {row.method}")
@@ -118,13 +118,13 @@ def attempt(trial: Trial) -> Row:
     except ElasticStripsError as error:
         nothing = float("nan")
         return Row(trial.case, trial.method, trial.seed, False, (), nothing, 0.0, 0.0, 0.0, nothing, str(error))
-    record, reason, verdict = outcome.result.record, outcome.result.reason, outcome.verdict
+    record, reason, evaluation = outcome.result.record, outcome.result.reason, outcome.evaluation
     rows = record.control
     turning, roughness = _turns(rows.time, rows.chart[:, 2])
-    touched = tuple(dict.fromkeys(contact.obstacle for contact in verdict.contacts))
+    touched = tuple(dict.fromkeys(contact.obstacle for contact in evaluation.contacts))
     return Row(
-        trial.case, trial.method, trial.seed, bool(verdict.reached), touched, float(verdict.min_clearance_m),
-        verdict.path_m, verdict.time_s, turning, roughness, reason,
+        trial.case, trial.method, trial.seed, bool(evaluation.reached), touched, float(evaluation.min_clearance_m),
+        evaluation.path_m, evaluation.time_s, turning, roughness, reason,
     )  # fmt: skip
 
 

@@ -208,7 +208,7 @@ def _figures(
         record = drive.result.record
         draw_drive(right, drive.robot, scenario.scene, run.line, record.control.chart, arm=case == "case-7")
         driven = "reached" if drive.reached else "not reached"
-        right.set_title(f"{case}, preset default: {driven} in {drive.verdict.time_s:.1f} s", fontsize=9)
+        right.set_title(f"{case}, preset default: {driven} in {drive.evaluation.time_s:.1f} s", fontsize=9)
         name = f"fig-{_FIGURES[case]:02d}-{case}.png"
         files[name] = _drawn(figure)
         document.heading(f"Fig. {_FIGURES[case]}: {case}", 3)
@@ -218,7 +218,8 @@ def _figures(
         summary.append(
             [
                 case, run.outcome.value, _mm(run.clearance), _mm(run.length),
-                driven, _mm(drive.verdict.min_clearance_m), _mm(drive.verdict.path_m), f"{drive.verdict.time_s:.1f}",
+                driven, _mm(drive.evaluation.min_clearance_m), _mm(drive.evaluation.path_m),
+                f"{drive.evaluation.time_s:.1f}",
             ]
         )  # fmt: skip
     document.heading("All cases", 3)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..robot import RobotModel
-from ..sim.bench.measure import cached, spread
+from ..sim.bench.measure import cached, parallel_map
 from ..sim.scenarios import get_scenario
 from .reactive import Outcome, paper_reactively
 
@@ -64,7 +64,7 @@ def parameter_map(
     """
     tasks = [(case, r, c, s) for s in safe for r in k_r for c in k_c]
     found: dict[tuple[float, float, float], Cell] = {}
-    for result in spread(_cell, tasks, processes):
+    for result in parallel_map(_cell, tasks, processes):
         cell = Cell(**{**result, "outcome": Outcome(result["outcome"])})
         found[cell.k_r, cell.k_c, cell.safe] = cell
         step(f"k_r {cell.k_r:g}, k_c {cell.k_c:g}, safe distance {cell.safe:g} m")

@@ -14,9 +14,9 @@ from elastic_strips.execution.estimation import Estimator, EstimatorParams
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.measurement import Measurement
 from elastic_strips.execution.tracking import Command
-from elastic_strips.sim.plant import KinematicPlant, PlantParams, SensorParams
+from elastic_strips.sim.plant import KinematicPlant, OdometryParams, PlantParams
 
-EXACT = replace(PlantParams(), slip=0.0, slip_noise=0.0, sensors=SensorParams.ideal())
+EXACT = replace(PlantParams(), slip=0.0, slip_noise=0.0, odometry=OdometryParams.ideal())
 
 
 def limits_of(robot) -> MotionLimits:
@@ -52,7 +52,7 @@ def test_exact_sensors_give_the_truth_on_every_kind_of_base(robot):
 
 def test_a_late_fix_is_compared_with_the_past(silvermate):
     """At 1 m/s, a fix that is 0.1 s old and taken for new would pull the robot back by centimetres."""
-    params = replace(EXACT, sensors=replace(SensorParams.ideal(), fix_latency=0.1))
+    params = replace(EXACT, odometry=replace(OdometryParams.ideal(), fix_latency=0.1))
     estimator = Estimator(silvermate, limits_of(silvermate), EstimatorParams(fix_noise=1e-4, drift=0.1))
     plant = KinematicPlant(silvermate, limits_of(silvermate), params)
     errors, estimator = run(silvermate, plant, curve(silvermate, 300, (1.0, 0.9)), estimator)
@@ -76,13 +76,13 @@ def test_steady_slip_is_learned(silvermate):
     limits = limits_of(silvermate)
 
     def errors(sensors, seed) -> np.ndarray:
-        params = replace(PlantParams(), slip_time=1e9, slip_noise=0.0, sensors=sensors)
+        params = replace(PlantParams(), slip_time=1e9, slip_noise=0.0, odometry=sensors)
         plant = KinematicPlant(silvermate, limits, params, seed)
         plant._wander = [0.02, -0.02]
         return run(silvermate, plant, curve(silvermate, 800, (0.8, 0.8)))[0]
 
-    blind = errors(replace(SensorParams(), fix_period=math.inf), 0)
-    seen = np.concatenate([errors(SensorParams(), seed)[-400:] for seed in range(5)])
+    blind = errors(replace(OdometryParams(), fix_period=math.inf), 0)
+    seen = np.concatenate([errors(OdometryParams(), seed)[-400:] for seed in range(5)])
     assert np.abs(blind[-1, :3]).max() > 0.3  # 4 % between the wheels over 6.4 m
     assert np.abs(seen[:, :2]).max() < 0.006
     assert np.abs(seen[:, 2]).max() < 0.008
@@ -106,7 +106,7 @@ def test_fixes_are_worth_their_while(silvermate):
     limits = limits_of(silvermate)
     with_fixes, without = [], []
     for seed in range(6):
-        for params, out in ((PlantParams(), with_fixes), (PlantParams().with_sensors(fix_period=math.inf), without)):
+        for params, out in ((PlantParams(), with_fixes), (PlantParams().with_odometry(fix_period=math.inf), without)):
             errors, _ = run(silvermate, KinematicPlant(silvermate, limits, params, seed), curve(silvermate, 800))
             out.append(np.hypot(errors[-1, 0], errors[-1, 1]))
     assert np.mean(without) > 5.0 * np.mean(with_fixes)
@@ -116,7 +116,7 @@ def test_a_loss_is_timed_until_a_fix_tells_of_after_it(silvermate):
     limits = limits_of(silvermate)
     plant, estimator = KinematicPlant(silvermate, limits, EXACT), Estimator(silvermate, limits)
     estimator.reset(plant.chart)
-    latency = replace(EXACT, sensors=replace(SensorParams.ideal(), fix_latency=0.02))
+    latency = replace(EXACT, odometry=replace(OdometryParams.ideal(), fix_latency=0.02))
     plant = KinematicPlant(silvermate, limits, latency)
     lost = {}
     for i, c in enumerate(curve(silvermate, 100)):

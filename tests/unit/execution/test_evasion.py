@@ -18,7 +18,7 @@ from elastic_strips.planning import straight_line
 from elastic_strips.proximity import Forecast
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
-from elastic_strips.sim import Simulation, judge, simulation
+from elastic_strips.sim import Simulation, evaluate, simulation
 from elastic_strips.strip import Strip
 
 PART = 0.9
@@ -109,7 +109,7 @@ def test_nothing_that_moves_nothing_to_evade(jackal_box):
 
 
 def drive(robot, obstacles, *, evasion: EvasionParams | None, seconds: float, **options):
-    """Drive to (6, 0); the runner, its proposals, and the verdict."""
+    """Drive to (6, 0); the runner, its proposals, and the evaluation."""
     proposals = []
 
     def watch(runner: Simulation[Controller]) -> None:
@@ -121,7 +121,7 @@ def drive(robot, obstacles, *, evasion: EvasionParams | None, seconds: float, **
         params=replace(DriveParams(), evasion=evasion), watch=watch, **options,
     )  # fmt: skip
     result = runner.run(time_limit=seconds)
-    return runner, proposals, judge(result.record, robot, runner.world, runner.limits)
+    return runner, proposals, evaluate(result.record, robot, runner.world, runner.limits)
 
 
 def test_a_still_scene_is_driven_as_without(jackal_box):
@@ -147,8 +147,8 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
             watch=lambda r, seen=proposals: seen.append(r.controller.proposal),
         )  # fmt: skip
         result = runner.run(time_limit=13.0)
-        verdict = judge(result.record, jackal_box, runner.world, runner.limits)
-        hit[evasion is not None] = len(verdict.contacts)
+        evaluation = evaluate(result.record, jackal_box, runner.world, runner.limits)
+        hit[evasion is not None] = len(evaluation.contacts)
         accepted = [p for p in proposals if p is not None and p.accepted]
         assert all(p.certificate is not None and p.certificate.certified for p in accepted)
         assert all(p.motion is not None and p.motion.at_rest_at_end for p in accepted)

@@ -13,7 +13,7 @@ from elastic_strips.execution.replanning import SwitchingReplanner, slow
 from elastic_strips.planning import FamilyParams
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim import simulation
-from elastic_strips.sim.evaluation import judge
+from elastic_strips.sim.evaluation import evaluate
 
 WALLS = [
     Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
@@ -84,7 +84,7 @@ def test_a_drive_changes_sides(silvermate):
     )
     result = runner.run(time_limit=60.0)
     assert result.state is RunState.REACHED, result.reason
-    assert judge(result.record, silvermate, world, runner.limits).collisions == ()
+    assert evaluate(result.record, silvermate, world, runner.limits).collisions == ()
     reasons = [event.reason for event in result.events if event.kind == "replanned"]
     assert any(reason.startswith("switched from left of box to right of it") for reason in reasons), reasons
 

@@ -17,7 +17,7 @@ from elastic_strips.sim.plant import KinematicPlant, PlantParams
 from elastic_strips.sim.tracking_bound import follow
 
 EXACT = TrackingGains(wheel_lag=0.0, joint_lag=0.0, hold=0.005)
-QUIET = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, sensors=PlantParams.ideal().sensors)
+QUIET = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, odometry=PlantParams.ideal().odometry)
 
 
 def limits_of(robot) -> MotionLimits:

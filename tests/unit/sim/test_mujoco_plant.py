@@ -30,13 +30,13 @@ from elastic_strips.scene import (
 from elastic_strips.scene.world import World
 from elastic_strips.sim.mujoco.model import LINK, ROLLING
 from elastic_strips.sim.mujoco.plant import MujocoPlant
-from elastic_strips.sim.plant import PlantParams, SensorParams
+from elastic_strips.sim.plant import OdometryParams, PlantParams
 from elastic_strips.sim.scenarios.corridors import corridor_scene
 from elastic_strips.sim.tracking_bound import follow, tracking_errors
 from elastic_strips.strip import Strip
 from elastic_strips.tunnel import strip_clearance
 
-EXACT = PlantParams(jitter=0.0, sensors=SensorParams.ideal())
+EXACT = PlantParams(jitter=0.0, odometry=OdometryParams.ideal())
 
 
 def limits_of(robot) -> MotionLimits:
@@ -126,7 +126,7 @@ def test_joints_turn_as_they_are_told(machine):
 def test_joints_lag_as_the_parameters_say(silvermate):
     ways = []
     for lag in (0.03, 0.08):
-        params = PlantParams(jitter=0.0, joint_lag=lag, sensors=SensorParams.ideal())
+        params = PlantParams(jitter=0.0, joint_lag=lag, odometry=OdometryParams.ideal())
         plant = MujocoPlant(silvermate, limits_of(silvermate), params=params)
         begin = plant.chart
         drive(plant, 1.0, joints=0.15)

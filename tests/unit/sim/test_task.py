@@ -8,7 +8,7 @@ import pinocchio as pin
 from elastic_strips.control import DriveTo, Order, ReachHand
 from elastic_strips.execution import DriveParams
 from elastic_strips.scene import Box, Scene, Unknown, World
-from elastic_strips.sim import TaskSimulation, judge
+from elastic_strips.sim import TaskSimulation, evaluate
 
 SHELF = Box((0.5, 0.8, 0.05), at=(1.6, 0.0, 0.6), name="shelf")
 
@@ -22,7 +22,7 @@ def test_a_hand_reaches_what_is_far(silvermate):
     assert result.drive is not None
     assert task.control is not None
     record = result.drive.record
-    assert judge(record, silvermate).collisions == ()
+    assert evaluate(record, silvermate).collisions == ()
     q = silvermate.space.from_chart(record.control.chart[-1:])[0]
     data = silvermate.model.createData()
     pin.forwardKinematics(silvermate.model, data, q)

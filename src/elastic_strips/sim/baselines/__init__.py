@@ -6,8 +6,8 @@ from __future__ import annotations
 from .base_controller import BASE_METHODS, BaseController, RawReadings, base_simulation, make_base_method
 from .base_method import BaseCommand, BaseLimits, BaseMethod, GoalParams
 from .certainty_grid import CV_MAX, BayesGrid, CertaintyGrid, GridParams, HistogramGrid, make_grid
-from .elastic_band import ElasticBand, ElasticBandParams, Planner, SensedWay
-from .force_fields import ForceField, ForceFieldParams, PotentialField, PotentialFieldParams
+from .elastic_band import ElasticBand, ElasticBandParams, Planner, SensedPath
+from .force_fields import PotentialField, PotentialFieldParams, VirtualForceField, VirtualForceFieldParams
 from .histogram import HistogramParams, VectorFieldHistogram
 
 __all__ = [
@@ -28,12 +28,12 @@ __all__ = [
     "CV_MAX",
     "PotentialField",
     "PotentialFieldParams",
-    "ForceField",
-    "ForceFieldParams",
+    "VirtualForceField",
+    "VirtualForceFieldParams",
     "VectorFieldHistogram",
     "HistogramParams",
     "ElasticBand",
     "ElasticBandParams",
     "Planner",
-    "SensedWay",
+    "SensedPath",
 ]

@@ -28,25 +28,24 @@ from elastic_strips.execution.estimation import Estimator
 from elastic_strips.perception import Reading
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene, World
-from elastic_strips.validation import check_able, check_count, check_type
+from elastic_strips.validation import check_able, check_type
 
-from ..closed_loop import MACHINE, Simulation
-from ..pedestrians import Bystanders
-from ..plant import KinematicPlant, Plant
-from ..sensed_perception import Bumper
+from ..closed_loop import Simulation, begun
+from ..plant import Plant
+from ..sensed_perception import ContactSensor
 from ..sensors import SensorConfig, SensorSuite
 from .base_method import BaseCommand, BaseLimits, BaseMethod
-from .elastic_band import ElasticBand, SensedWay
-from .force_fields import ForceField, PotentialField
+from .elastic_band import ElasticBand, SensedPath
+from .force_fields import PotentialField, VirtualForceField
 from .histogram import VectorFieldHistogram
 
 
 def _band(limits: BaseLimits) -> BaseMethod:
-    return ElasticBand(limits, planner=SensedWay(limits.radius))
+    return ElasticBand(limits, planner=SensedPath(limits.radius))
 
 
 BASE_METHODS: Mapping[str, Callable[[BaseLimits], BaseMethod]] = MappingProxyType(
-    {"apf": PotentialField, "vff": ForceField, "vfh": VectorFieldHistogram, "band": _band}
+    {"apf": PotentialField, "vff": VirtualForceField, "vfh": VectorFieldHistogram, "band": _band}
 )
 """Name → factory of the method with its default parameters; the band's planner knows what is sensed, and no more."""
 
@@ -237,7 +236,7 @@ class RawReadings:
         seed: int | np.random.Generator = 0,
     ) -> None:
         self.suite = SensorSuite(robot, world, sensors, seed=seed)
-        self._world, self._plant, self._bumper = world, plant, Bumper(robot)
+        self._world, self._plant, self._bumper = world, plant, ContactSensor(robot)
 
     @property
     def contact(self) -> str:
@@ -278,16 +277,11 @@ def base_simulation(
         seed: of the machine and the sensors.
         watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
     """
-    check_able("plant", plant, "reset", "step")
     check_able("watch", watch)
-    check_count("seed", seed)
     controller = BaseController(robot, start, goal, method, limits=limits, **options)
-    world = world if isinstance(world, World) else World(world)
-    plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
-    machine = plant or KinematicPlant(robot, controller.limits, MACHINE, seed=np.random.default_rng(plant_seed))
+    world, machine, rng = begun(robot, world, controller.limits, plant, seed)
     machine.reset(controller.estimate)
-    Bystanders(robot, world)  # whoever has a clock of their own begins anew
-    senses = RawReadings(robot, world, machine, sensors, seed=np.random.default_rng(sense_seed))
+    senses = RawReadings(robot, world, machine, sensors, seed=rng)
     return Simulation(
         controller, world, machine, senses, watch=watch, realtime=realtime,
         metadata={"method": method, **(metadata or {})},

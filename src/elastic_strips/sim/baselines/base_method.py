@@ -144,7 +144,7 @@ class GoalParams:
         check_numbers(self)
 
 
-class Helm:
+class CommandLimiter:
     """Turns what a method wants into a command that the base can follow.
 
     Args:

@@ -19,7 +19,7 @@ from elastic_strips.perception import Reading
 from elastic_strips.planning.grid_path import cheapest_way, resample
 from elastic_strips.validation import check_numbers
 
-from .base_method import BaseCommand, BaseLimits, GoalParams, Helm, angle_between
+from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import SensedPoints
 
 
@@ -199,7 +199,7 @@ class ElasticBandParams:
             raise ParameterError(f"ElasticBandParams.overlap={self.overlap!r} must be ≤ 1")
 
 
-class SensedWay:
+class SensedPath:
     """Plans a way on a grid among the sensed points alone; what was not seen counts as free.
 
     Args:
@@ -260,7 +260,7 @@ class ElasticBand:
         goal: GoalParams | None = None,
     ) -> None:
         self.params = ElasticBandParams() if params is None else params
-        self.limits, self._planner, self._helm = limits, planner, Helm(limits, goal)
+        self.limits, self._planner, self._limiter = limits, planner, CommandLimiter(limits, goal)
         self._sensed = SensedPoints()
         self._given = None if path is None else _checked_path(path)
         self._forget()
@@ -276,7 +276,7 @@ class ElasticBand:
 
     def reset(self) -> None:
         """Forget all that was sensed and done."""
-        self._helm.reset()
+        self._limiter.reset()
         self._sensed.reset()
         self._forget()
 
@@ -290,7 +290,7 @@ class ElasticBand:
 
     def command(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand:
         """Speed and yaw rate now."""
-        done = self._helm.at_goal(t, pose, velocity, goal)
+        done = self._limiter.at_goal(t, pose, velocity, goal)
         if done is not None:
             return done
         position, target = np.array(pose[:2], dtype=float), np.array(goal[:2], dtype=float)
@@ -302,7 +302,7 @@ class ElasticBand:
         if self.chain is None:
             self.chain = self._planned(t, position, target, free)
         if self.chain is None:
-            return self._helm.halt(t, velocity, "the band is broken")
+            return self._limiter.halt(t, velocity, "the band is broken")
         return self._follow(t, pose, velocity, self.chain, free)
 
     def _deformed(self, position: Array, target: Array, free: FreeDistance) -> Array | None:
@@ -335,7 +335,7 @@ class ElasticBand:
         way = self._planner(self._sensed.points, position, target)
         if way is None:
             return None
-        self._helm.restart_watch()
+        self._limiter.restart_watch()
         return self._settled(np.concatenate((position[None], way[1:-1], target[None])), free)
 
     def _follow(self, t: float, pose: Array, velocity: Array, chain: Array, free: FreeDistance) -> BaseCommand:
@@ -348,12 +348,12 @@ class ElasticBand:
         alpha = angle_between(math.atan2(to[1], to[0]), float(pose[2]))
         remaining = float(length[-1])
         if abs(alpha) > p.turn_in_place:
-            return self._helm.drive(t, velocity, 0.0, p.turn_gain * alpha, remaining)
+            return self._limiter.drive(t, velocity, 0.0, p.turn_gain * alpha, remaining)
         room = float(rho[: int(np.searchsorted(length, p.look_ahead)) + 1].min())
-        speed = min(max(room / p.bubble_time, p.min_speed), self._helm.approach_speed(remaining))
+        speed = min(max(room / p.bubble_time, p.min_speed), self._limiter.approach_speed(remaining))
         bend = 2.0 * math.sin(alpha) / max(float(np.hypot(*to)), 1e-6)
         speed = min(speed, limits.max_speed, limits.max_turn / max(abs(bend), 1e-9))
-        return self._helm.drive(t, velocity, speed, bend * speed, remaining)
+        return self._limiter.drive(t, velocity, speed, bend * speed, remaining)
 
 
 def _checked_path(path: npt.ArrayLike) -> Array:

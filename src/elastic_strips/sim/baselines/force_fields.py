@@ -20,7 +20,7 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.validation import check_numbers
 
-from .base_method import BaseCommand, BaseLimits, GoalParams, Helm, angle_between
+from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import GridParams, SensedPoints, make_grid
 
 _BINS = 72  # sectors of 5 degrees in which only the nearest point counts
@@ -110,12 +110,12 @@ class PotentialField:
         self, limits: BaseLimits, params: PotentialFieldParams | None = None, *, goal: GoalParams | None = None
     ) -> None:
         self.params = PotentialFieldParams() if params is None else params
-        self.limits, self._helm, self._sensed = limits, Helm(limits, goal), SensedPoints()
+        self.limits, self._limiter, self._sensed = limits, CommandLimiter(limits, goal), SensedPoints()
         self._damping = self.params.attraction * self.params.conic / limits.max_speed
 
     def reset(self) -> None:
         """Forget all that was sensed and done."""
-        self._helm.reset()
+        self._limiter.reset()
         self._sensed.reset()
 
     def update(self, reading: Reading, pose: Array) -> None:
@@ -133,14 +133,14 @@ class PotentialField:
 
     def command(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand:
         """Speed and yaw rate now."""
-        done = self._helm.at_goal(t, pose, velocity, goal)
+        done = self._limiter.at_goal(t, pose, velocity, goal)
         if done is not None:
             return done
         wanted = self.force(pose, goal) / self._damping
         speed = min(float(np.hypot(*wanted)), self.limits.max_speed)
         error = angle_between(math.atan2(wanted[1], wanted[0]), float(pose[2])) if speed > 1e-6 else 0.0
         remaining = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
-        return self._helm.drive(
+        return self._limiter.drive(
             t, velocity, speed * max(math.cos(error), 0.0), self.params.turn_gain * error, remaining
         )
 
@@ -149,7 +149,7 @@ _MIN_CELL_DISTANCE = 0.05  # [m] a cell that is nearer counts as this near
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ForceFieldParams:
+class VirtualForceFieldParams:
     """Parameters.
 
     Attributes:
@@ -178,12 +178,12 @@ class ForceFieldParams:
     def __post_init__(self) -> None:
         check_numbers(self, zero=("repulsion", "weight", "filter_time", "full_force", "min_speed"))
         if self.active % 2 != 1:
-            raise ParameterError(f"ForceFieldParams.active={self.active!r} must be odd")
+            raise ParameterError(f"VirtualForceFieldParams.active={self.active!r} must be odd")
         if self.weight > 1.0:
-            raise ParameterError(f"ForceFieldParams.weight={self.weight!r} must be ≤ 1")
+            raise ParameterError(f"VirtualForceFieldParams.weight={self.weight!r} must be ≤ 1")
 
 
-def cell_forces(offsets: Array, certainty: Array, width: float, params: ForceFieldParams) -> Array:
+def cell_forces(offsets: Array, certainty: Array, width: float, params: VirtualForceFieldParams) -> Array:
     """(K, 2) F_cr · CV · Wⁿ/dⁿ, each away from its cell.
 
     Args:
@@ -211,7 +211,7 @@ def damped(force: Array, heading: Array, weight: float) -> Array:
     return (weight + (1.0 - weight) * max(-cosine(heading, force), 0.0)) * force
 
 
-class ForceField:
+class VirtualForceField:
     """Borenstein and Koren's virtual force field.
 
     The base is steered by Ω = K_s (δ − θ), δ the direction of the resultant of the attraction and the damped
@@ -230,18 +230,18 @@ class ForceField:
     def __init__(
         self,
         limits: BaseLimits,
-        params: ForceFieldParams | None = None,
+        params: VirtualForceFieldParams | None = None,
         *,
         grid: GridParams | None = None,
         goal: GoalParams | None = None,
     ) -> None:
-        self.params = ForceFieldParams() if params is None else params
-        self.limits, self.grid, self._helm = limits, make_grid(grid), Helm(limits, goal)
+        self.params = VirtualForceFieldParams() if params is None else params
+        self.limits, self.grid, self._limiter = limits, make_grid(grid), CommandLimiter(limits, goal)
         self._turn = 0.0
 
     def reset(self) -> None:
         """Forget all that was sensed and done."""
-        self._helm.reset()
+        self._limiter.reset()
         self.grid.reset()
         self._turn = 0.0
 
@@ -258,8 +258,8 @@ class ForceField:
 
     def command(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand:
         """Speed and yaw rate now."""
-        p, helm, yaw = self.params, self._helm, float(pose[2])
-        done = helm.at_goal(t, pose, velocity, goal)
+        p, limiter, yaw = self.params, self._limiter, float(pose[2])
+        done = limiter.at_goal(t, pose, velocity, goal)
         if done is not None:
             self._turn = 0.0
             return done
@@ -267,10 +267,10 @@ class ForceField:
         heading = np.array([math.cos(yaw), math.sin(yaw)])
         total = attraction + damped(repulsion, heading, p.weight)
         wanted = p.turn_gain * angle_between(math.atan2(total[1], total[0]), yaw)
-        share = min(helm.period(t) / max(p.filter_time, 1e-9), 1.0)
+        share = min(limiter.period(t) / max(p.filter_time, 1e-9), 1.0)
         self._turn += share * (wanted - self._turn)
         remaining = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
         strength = min(float(np.hypot(*repulsion)) / max(p.full_force, 1e-9), 1.0)
         speed = self.limits.max_speed * (1.0 - strength * abs(cosine(heading, repulsion)))
-        speed = min(max(speed, p.min_speed), helm.approach_speed(remaining))
-        return helm.drive(t, velocity, speed, self._turn, remaining)
+        speed = min(max(speed, p.min_speed), limiter.approach_speed(remaining))
+        return limiter.drive(t, velocity, speed, self._turn, remaining)

@@ -20,7 +20,7 @@ from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.perception import Reading
 from elastic_strips.validation import check_numbers
 
-from .base_method import BaseCommand, BaseLimits, GoalParams, Helm, angle_between
+from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import Flags, GridParams, make_grid
 
 
@@ -260,7 +260,7 @@ class VectorFieldHistogram:
         goal: GoalParams | None = None,
     ) -> None:
         self.params = HistogramParams() if params is None else params
-        self.limits, self.grid, self._helm = limits, make_grid(grid), Helm(limits, goal)
+        self.limits, self.grid, self._limiter = limits, make_grid(grid), CommandLimiter(limits, goal)
         self._forget()
 
     def _forget(self) -> None:
@@ -269,7 +269,7 @@ class VectorFieldHistogram:
 
     def reset(self) -> None:
         """Forget all that was sensed and done."""
-        self._helm.reset()
+        self._limiter.reset()
         self.grid.reset()
         self._forget()
 
@@ -279,8 +279,8 @@ class VectorFieldHistogram:
 
     def command(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand:
         """Speed and yaw rate now."""
-        p, helm, yaw = self.params, self._helm, float(pose[2])
-        done = helm.at_goal(t, pose, velocity, goal)
+        p, limiter, yaw = self.params, self._limiter, float(pose[2])
+        done = limiter.at_goal(t, pose, velocity, goal)
         if done is not None:
             self.direction = None
             return done
@@ -303,16 +303,18 @@ class VectorFieldHistogram:
             found, stop = candidates(self.blocked, target, p.wide), True
         if not found:
             self.direction = None
-            return helm.halt(t, velocity, "no direction is open")
+            return limiter.halt(t, velocity, "no direction is open")
         last = yaw / sector if self.direction is None else self.direction
         weighed = [(p.target_weight, target), (p.heading_weight, yaw / sector), (p.previous_weight, last)]
         self.direction = cheapest(found, weighed, p.sectors)
         turn = p.turn_gain * angle_between(self.direction * sector, yaw)
         if stop:
-            return helm.drive(t, velocity, 0.0, turn, remaining, "stops to turn")
+            return limiter.drive(t, velocity, 0.0, turn, remaining, "stops to turn")
         here = round(yaw / sector) % p.sectors
-        speed = min(self._speed(float(density[here]), turn, bool(self.blocked[here])), helm.approach_speed(remaining))
-        return helm.drive(t, velocity, speed, turn, remaining)
+        speed = min(
+            self._speed(float(density[here]), turn, bool(self.blocked[here])), limiter.approach_speed(remaining)
+        )
+        return limiter.drive(t, velocity, speed, turn, remaining)
 
     def _density(self, offsets: Array, certainty: Array, enlarged: float) -> Array:
         """(K,) the density of each direction, of the variant."""

@@ -23,7 +23,7 @@ from ..faults import FAULTS, Fault
 from ..perception import PerceptionParams
 from ..scenarios import STRIP, drive_scenario, get_scenario, make_simulation
 from ..sensors import SensorConfig
-from .measure import cached, machine, percentiles, spread
+from .measure import cached, machine, parallel_map, percentiles
 
 CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
 """Classes of the movers' largest speed [m/s]."""
@@ -48,7 +48,7 @@ class DriveTask:
 
 
 def drive_once(task: DriveTask) -> dict[str, Any]:
-    """Drive and judge; a worker's task."""
+    """Drive and evaluate; a worker's task."""
     robot = cached(task.robot, lambda: load_robot(task.robot))
     faults = []
     if task.fault:
@@ -79,7 +79,7 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
             "collisions": 0,
             "collisions_seen": 0,
         }
-    result, verdict = outcome.result, outcome.verdict
+    result, evaluation = outcome.result, outcome.evaluation
     rows = result.record.control
     return {
         "seed": task.seed,
@@ -88,20 +88,20 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
         "movers": len(scenario.world.names_moving),
         "state": result.state.name.lower(),
         "reached": outcome.reached,
-        "collisions": len(verdict.collisions),
+        "collisions": len(evaluation.collisions),
         "collisions_seen": outcome.seen_collisions,
         "unseen": list(outcome.unseen),
-        "contacts": verdict.as_dict()["collisions"],
-        "contacts_at_rest": len(verdict.rest_contacts),
-        "min_clearance_m": verdict.min_clearance_m if verdict.closest else None,
-        "time_s": verdict.time_s,
-        "path_m": verdict.path_m,
+        "contacts": evaluation.as_dict()["collisions"],
+        "contacts_at_rest": len(evaluation.rest_contacts),
+        "min_clearance_m": evaluation.min_clearance_m if evaluation.closest else None,
+        "time_s": evaluation.time_s,
+        "path_m": evaluation.path_m,
         "stops": [[time, reason] for time, reason in result.stops],
         "stops_without_reason": sum(not reason for _, reason in result.stops),
         "at_rest_at_end": bool(np.abs(rows.v[-1]).max() < 0.01),
         "replans": result.replans,
-        "limit_excess": dict(verdict.excess),
-        "max_lateral_slip": verdict.max_lateral_slip_m,
+        "limit_excess": dict(evaluation.excess),
+        "max_lateral_slip": evaluation.max_lateral_slip_m,
         "tracking_m": outcome.tracking_error,
         "physical_contacts": list(outcome.physical_contacts),
         "tick_ms": result.statistics.percentiles(),
@@ -131,7 +131,7 @@ def bench_drive(
         DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors) for seed in seeds
     ]
     runs = []
-    for run in spread(drive_once, tasks, processes):
+    for run in parallel_map(drive_once, tasks, processes):
         runs.append(run)
         step(f"seed {run['seed']}: {'reached' if run['reached'] else 'not reached'}")
     runs.sort(key=lambda r: r["seed"])
@@ -166,7 +166,7 @@ def bench_faults(
     """Each kind of fault in many seeded runs: at rest or at the goal in the end, no contact at speed, fault named."""
     tasks = [DriveTask(scenario, int(s), robot, fault=kind, time_limit=45.0) for kind in FAULTS for s in seeds]
     runs = []
-    for run in spread(drive_once, tasks, processes):
+    for run in parallel_map(drive_once, tasks, processes):
         runs.append(run)
         step(f"{run['fault']}, seed {run['seed']}")
     kinds = {}

@@ -41,7 +41,7 @@ def machine() -> dict[str, Any]:
 _WORK: dict[str, Any] = {}
 
 
-def spread(
+def parallel_map(
     work: Callable[[Any], dict[str, Any]], tasks: Sequence[Any], processes: int | None = None
 ) -> Iterator[dict[str, Any]]:
     """Results of ``work`` on each task, in the order in which they are ready.

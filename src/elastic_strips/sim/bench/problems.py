@@ -17,8 +17,8 @@ from elastic_strips.robot import RobotModel, load_robot
 
 from ..closed_loop import simulation
 from ..datasets import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
-from ..evaluation import judge
-from .measure import cached, machine, percentiles, spread
+from ..evaluation import evaluate
+from .measure import cached, machine, parallel_map, percentiles
 
 BARN_SPEED = 2.0
 """Largest speed [m/s] of the robot of BARN's record, which its score is made for."""
@@ -38,7 +38,7 @@ class ProblemTask:
 
 
 def drive_problem(task: ProblemTask) -> dict[str, Any]:
-    """Drive and judge one problem; a worker's task."""
+    """Drive and evaluate one problem; a worker's task."""
     robot = cached(task.robot, lambda: load_robot(task.robot))
     folder = Path(task.root) / task.kind
     problem = load_barn(folder, task.id) if task.kind == "barn" else load_dynabarn(folder, task.id)
@@ -79,22 +79,22 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> dict[str, An
     near = np.hypot(*(rows.chart[:, :2] - goal[:2]).T) <= problem.goal_tolerance
     arrived = int(np.argmax(near)) if near.any() else len(rows) - 1
     end = max(arrived, 1) + 1
-    verdict = judge(
+    evaluation = evaluate(
         (rows.time[:end], rows.chart[:end], rows.v[:end]), robot, problem.world, limits, goal=goal,
         tolerance=Tolerance(position=problem.goal_tolerance, yaw=np.pi, joints=np.pi),
     )  # fmt: skip
-    passive = bool(near.any()) and not verdict.collisions
-    success = passive and not verdict.rest_contacts  # the problems count any contact, the robot's fault or not
+    passive = bool(near.any()) and not evaluation.collisions
+    success = passive and not evaluation.rest_contacts  # the problems count any contact, the robot's fault or not
     time = float(rows.time[arrived] - rows.time[0])
     row = {
         "success": success,
         "success_passive": passive,
         "reached": bool(near.any()),
-        "collisions": len(verdict.collisions),
-        "contacts_at_rest": len(verdict.rest_contacts),
-        "min_clearance_m": verdict.min_clearance_m,
+        "collisions": len(evaluation.collisions),
+        "contacts_at_rest": len(evaluation.rest_contacts),
+        "min_clearance_m": evaluation.min_clearance_m,
         "time_s": time,
-        "path_m": verdict.path_m,
+        "path_m": evaluation.path_m,
         "planned_by": plan.method if plan else "",
         "plan_s": plan.seconds if plan else None,
         "replans": result.replans,
@@ -139,7 +139,7 @@ def bench_problems(
         ids = [i for i in barn_ids(folder) if i % 6 == 0] if kind == "barn" else list(dynabarn_ids(folder))
     tasks = [ProblemTask(kind, str(root), int(i), seed, robot) for i in ids for seed in range(seeds)]
     runs = []
-    for run in spread(drive_problem, tasks, processes):
+    for run in parallel_map(drive_problem, tasks, processes):
         runs.append(run)
         step(f"world {run['id']}, seed {run['seed']}: {'success' if run['success'] else 'failed'}")
     runs.sort(key=lambda r: (r["id"], r["seed"]))
@@ -201,17 +201,17 @@ def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) 
     limits = MotionLimits.for_robot(model, **problem.limits)
     driven = simulation(model, problem.world, start, np.array(goals), seed=seed, limits=limits)
     result = driven.run(time_limit=240.0)
-    verdict = judge(result.record, model, problem.world, driven.limits)
+    evaluation = evaluate(result.record, model, problem.world, driven.limits)
     return {
         "benchmark": "bridge",
         "machine": machine(),
         "robot": robot,
         "legs": legs,
-        "reached": bool(verdict.reached),
-        "collisions": len(verdict.collisions),
-        "min_clearance_m": verdict.min_clearance_m,
-        "time_s": verdict.time_s,
-        "path_m": verdict.path_m,
+        "reached": bool(evaluation.reached),
+        "collisions": len(evaluation.collisions),
+        "min_clearance_m": evaluation.min_clearance_m,
+        "time_s": evaluation.time_s,
+        "path_m": evaluation.path_m,
         "stops": [[time, reason] for time, reason in result.stops],
         "replans": result.replans,
     }

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from .drive_evaluation import REST_SPEED, Contact, Verdict, judge, protective_separation
+from .drive_evaluation import REST_SPEED, Contact, Evaluation, evaluate, protective_separation
 from .visibility import Visibility, seen_obstacles, unseen_contacts, visible_to
 
 __all__ = [
     "REST_SPEED",
     "Contact",
-    "Verdict",
+    "Evaluation",
     "Visibility",
-    "judge",
+    "evaluate",
     "protective_separation",
     "seen_obstacles",
     "unseen_contacts",

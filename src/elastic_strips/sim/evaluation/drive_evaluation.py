@@ -21,7 +21,7 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import check_number, check_type, shown
 
 from ..perception import PerceptionParams
-from .sweep import Approach, Sweep
+from .clearance_search import ClearanceSearch, ClosestApproach
 
 REST_SPEED = 0.01
 """A robot is at rest while none of its control points is faster [m/s]."""
@@ -52,7 +52,7 @@ class Contact:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Verdict(Summary):
+class Evaluation(Summary):
     """What a run did.
 
     Attributes:
@@ -76,7 +76,7 @@ class Verdict(Summary):
 
     min_clearance_m: float
     accuracy_m: float
-    closest: Approach | None
+    closest: ClosestApproach | None
     contacts: tuple[Contact, ...]
     max_lateral_slip_m: float
     excess: Mapping[str, float] = field(default_factory=dict)
@@ -125,7 +125,7 @@ def _contact(c: Contact) -> dict[str, Any]:
 _SAME_EPISODE = 0.25  # [s]
 
 
-def judge(
+def evaluate(
     run: Record | Sequence[npt.ArrayLike],
     robot: RobotModel,
     world: World | None = None,
@@ -134,7 +134,7 @@ def judge(
     goal: npt.ArrayLike | None = None,
     tolerance: Tolerance | None = None,
     accuracy: float = 1e-3,
-) -> Verdict:
+) -> Evaluation:
     """Check the true motion of a run against the true obstacles, and its commands against the limits.
 
     The robot's pieces are measured against all parts of all obstacles while these exist. Between two samples the
@@ -168,14 +168,14 @@ def judge(
     if world is None:
         raise ParameterError("there is no world; a motion without a record needs world=World(Scene([…]))")
     speed = _speeds(robot, chart, v)
-    sweep = Sweep(robot, time, chart, world)
-    closest = sweep.closest(accuracy)
-    contacts = () if closest is None or closest.distance > 0.0 else _episodes(sweep, time, speed)
+    search = ClearanceSearch(robot, time, chart, world)
+    closest = search.closest(accuracy)
+    contacts = () if closest is None or closest.distance > 0.0 else _episodes(search, time, speed)
     arrived = None if goal is None else _arrival(robot, time, chart, goal, tolerance or Tolerance())
     travel = robot.space.difference(chart[:-1], chart[1:])
     moved = np.hypot(travel[:, 0], travel[:, 1]) if robot.space.planar else np.linalg.norm(travel, axis=1)
     resting = speed <= REST_SPEED
-    return Verdict(
+    return Evaluation(
         min_clearance_m=np.inf if closest is None else closest.distance,
         accuracy_m=accuracy,
         closest=closest,
@@ -187,7 +187,7 @@ def judge(
         rest_s=float(np.diff(time)[resting[:-1] & resting[1:]].sum()),
         reached=None if goal is None else arrived is not None,
         reached_s=arrived,
-        asked=sweep.asked,
+        asked=search.asked,
     )
 
 
@@ -233,10 +233,10 @@ def _speeds(robot: RobotModel, chart: Array, v: Array) -> Array:
     return np.linalg.norm(velocity, axis=-1).max(axis=1, initial=0.0)
 
 
-def _episodes(sweep: Sweep, time: Array, speed: Array) -> list[Contact]:
+def _episodes(search: ClearanceSearch, time: Array, speed: Array) -> list[Contact]:
     """Contacts of each obstacle, joined where they follow each other closely."""
-    runs: dict[str, list[list[Approach]]] = {}
-    for moment in sweep.contacts():
+    runs: dict[str, list[list[ClosestApproach]]] = {}
+    for moment in search.contacts():
         own = runs.setdefault(moment.obstacle, [])
         if own:
             last = own[-1][-1]
@@ -248,7 +248,7 @@ def _episodes(sweep: Sweep, time: Array, speed: Array) -> list[Contact]:
     return sorted(found, key=lambda c: c.time)
 
 
-def _contact_of(moments: list[Approach], time: Array, speed: Array) -> Contact:
+def _contact_of(moments: list[ClosestApproach], time: Array, speed: Array) -> Contact:
     first, last = moments[0].time, moments[-1].time
     deepest = min(moments, key=lambda m: m.distance)
     begin = max(int(np.searchsorted(time, first, side="left")) - 1, 0)  # what stops the robot may stop it at once

@@ -18,7 +18,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
 
 from ..sensors import LaserParams, SensorConfig, SensorSuite
-from .drive_evaluation import Contact, Verdict
+from .drive_evaluation import Contact, Evaluation
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ _STEP = 0.1  # [s]
 
 
 def unseen_contacts(
-    record: Record, verdict: Verdict, robot: RobotModel, world: World, sensors: SensorConfig
+    record: Record, evaluation: Evaluation, robot: RobotModel, world: World, sensors: SensorConfig
 ) -> tuple[Contact, ...]:
     """The contacts with what had not been in view, noise aside.
 
@@ -122,7 +122,7 @@ def unseen_contacts(
     be told apart.
 
     Args:
-        record, verdict: of the run.
+        record, evaluation: of the run.
         robot: that drove.
         world: the true obstacles.
         sensors: the robot's; only its lasers count.
@@ -132,12 +132,12 @@ def unseen_contacts(
         for sensor in sensors.sensors
         if isinstance(sensor, LaserParams)
     )
-    if not verdict.contacts or not lasers:
-        return verdict.contacts
+    if not evaluation.contacts or not lasers:
+        return evaluation.contacts
     suite = SensorSuite(robot, world, SensorConfig(sensors=lasers, self_padding=sensors.self_padding))
     rows = record.control
     unseen = []
-    for contact in verdict.contacts:
+    for contact in evaluation.contacts:
         name, first = contact.obstacle, contact.time
         times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _STEP)
         looks = []

@@ -17,7 +17,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.scene.world import World
 
-from ..plant import PlantParams, Sensors, check_limits
+from ..plant import Odometry, PlantParams, check_limits
 from .model import FLOOR, LINK, OBSTACLE, ROLLING, MujocoModel, build_model, import_mujoco
 
 _SETTLE = 0.3  # [s] that a robot is given to sink into its tyres at a reset
@@ -108,7 +108,7 @@ class MujocoPlant:
         self._model: Any = self._layout.model
         self._data: Any = self._mujoco.MjData(self._model)
         self._rng = np.random.default_rng(seed)
-        self._sensors = Sensors(params.sensors, self._rng, (2, len(robot.joint_names)))
+        self._odometry = Odometry(params.odometry, self._rng, (2, len(robot.joint_names)))
         self._moving = [self._scene.obstacle(name) for name in self._layout.mocap]
         self._top = np.concatenate([limits.drive_speed / limits.wheel_radius, limits.joint_speed]) * params.speed_margin
         self._motor_sign = np.concatenate([self._layout.wheel_sign, np.ones(len(robot.joint_names))])
@@ -176,7 +176,7 @@ class MujocoPlant:
         mujoco.mj_forward(model, data)
         self._events.clear()
         self._wheels_at = data.qpos[layout.wheel_qpos].copy()
-        self._sensors.reset(self._time, (0.0, 0.0))
+        self._odometry.reset(self._time, (0.0, 0.0))
 
     def step(self, command: Command, dt: float) -> Measurement:
         """Hold a command for ``dt`` [s], a multiple of the time step; it arrives late by the jitter, in whole steps.
@@ -216,7 +216,7 @@ class MujocoPlant:
         turned = (data.qpos[layout.wheel_qpos] - self._wheels_at) * layout.wheel_sign
         chart = self.chart
         pose = (float(chart[0]), float(chart[1]), float(chart[2]))
-        return self._sensors.measure(self._time, (turned * self.limits.wheel_radius).tolist(), chart[3:], pose)
+        return self._odometry.measure(self._time, (turned * self.limits.wheel_radius).tolist(), chart[3:], pose)
 
     def contacts(self) -> tuple[Touch, ...]:
         """What the robot touches now; wheels and casters on the floor aside."""
@@ -240,7 +240,7 @@ class MujocoPlant:
 
     def lost_odometry(self, until: float) -> None:
         """From now on to the time ``until`` [s], no encoder travel and no fix comes."""
-        self._sensors.lose_odometry(until)
+        self._odometry.lose_odometry(until)
 
     def close(self) -> None:
         """Let go of the simulation; the plant cannot be used any more."""

@@ -7,7 +7,7 @@ from elastic_strips._late import late_names
 from .corridors import corridor_scene, moving_corridor
 from .halls import closing_side, clutter
 from .registry import get_scenario, scenario_names
-from .run import FORMAT, FORMAT_VERSION, RunResult, passage, result_document, run_scenario
+from .run import FORMAT, FORMAT_VERSION, RunResult, passing_side, result_document, run_scenario
 from .scenario import Scenario
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ __all__ = [
     "corridor_scene",
     "get_scenario",
     "moving_corridor",
-    "passage",
+    "passing_side",
     "run_scenario",
     "scenario_names",
 ]

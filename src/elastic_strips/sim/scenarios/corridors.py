@@ -137,7 +137,7 @@ FINE = 10
 """Pieces between two keyframes of such a track."""
 
 
-def to_rest(places: np.ndarray, frame: float, acceleration: float) -> np.ndarray:
+def smooth_stop(places: np.ndarray, frame: float, acceleration: float) -> np.ndarray:
     """A track (K, 2) with a stop at its end, and smooth: each place is the mean over ``frame``, `FINE` of them a frame.
 
     So the velocity changes in steps that are small beside what braking adds to them; no place moves by half a
@@ -303,7 +303,7 @@ def _mover(
             continue
         frame = FRAME
         if yielding:
-            track, frame = to_rest(track, FRAME, ACCELERATION), FRAME / FINE
+            track, frame = smooth_stop(track, FRAME, ACCELERATION), FRAME / FINE
         times = plan.begin + frame * np.arange(len(track))
         half = 0.5 * math.atan2(plan.velocity[1], plan.velocity[0])
         motion = Keyframes(times, np.column_stack((track, np.full(len(track), body.height))))

@@ -22,7 +22,7 @@ from elastic_strips.validation import check_choice, check_count, check_type
 
 from ..baselines import BASE_METHODS, BaseController, base_simulation
 from ..closed_loop import MACHINE, Simulation, simulation
-from ..evaluation import Contact, Verdict, judge, protective_separation
+from ..evaluation import Contact, Evaluation, evaluate, protective_separation
 from ..evaluation.visibility import unseen_contacts
 from ..faults import Fault
 from ..perception import Perceiver
@@ -45,14 +45,14 @@ class DriveOutcome(Summary):
     Attributes:
         scenario, robot, plant, seed: what was driven.
         result: of the loop, with its record.
-        verdict: of the judge, who knows the true states.
+        evaluation: from the true states.
         separation: protective separation distance [m] at the robot's largest speed; None of a method that promises no
             stop.
         method: what steered, of `DRIVE_METHODS`.
         sensors: names of the simulated sensors that the robot drove by; empty where it knew the scene.
         physical_contacts: what a physical plant saw the robot touch, wheels and casters on the floor aside.
         unseen: obstacles of contacts before which they were not in a laser's view.
-        seen_collisions: contacts at speed with what was in view, or known; see `sight.unseen_contacts`.
+        seen_collisions: contacts at speed with what was in view, or known; see `unseen_contacts`.
     """
 
     scenario: Scenario
@@ -60,7 +60,7 @@ class DriveOutcome(Summary):
     plant: str
     seed: int
     result: DriveResult
-    verdict: Verdict
+    evaluation: Evaluation
     separation: float | None
     method: str = STRIP
     sensors: tuple[str, ...] = ()
@@ -69,11 +69,11 @@ class DriveOutcome(Summary):
     seen_collisions: int = 0
 
     def _summary(self) -> dict[str, object]:
-        clearance = f"{self.verdict.min_clearance_m:.3f} m"
+        clearance = f"{self.evaluation.min_clearance_m:.3f} m"
         return {
             "scenario": self.scenario.name, "robot": self.robot.name, "plant": self.plant, "method": self.method,
-            "reached": self.reached, "collisions": len(self.verdict.collisions), "least_clearance": clearance,
-            "time": f"{self.verdict.time_s:.1f} s", "stops": len(self.result.stops), "reason": self.result.reason,
+            "reached": self.reached, "collisions": len(self.evaluation.collisions), "least_clearance": clearance,
+            "time": f"{self.evaluation.time_s:.1f} s", "stops": len(self.result.stops), "reason": self.result.reason,
         }  # fmt: skip
 
     @property
@@ -87,7 +87,7 @@ class DriveOutcome(Summary):
     @property
     def reached(self) -> bool:
         """Whether the robot stands at the goal, by its own account and in truth."""
-        return self.result.reached and bool(self.verdict.reached)
+        return self.result.reached and bool(self.evaluation.reached)
 
 
 def make_simulation(
@@ -211,9 +211,9 @@ class _Problem:
 def conclude(
     scenario: Scenario, driven: Simulation[Any], result: DriveResult, *, plant: str, seed: int
 ) -> DriveOutcome:
-    """Judge a run."""
+    """Evaluate a run."""
     controller, perception = driven.controller, driven.perception
-    verdict = judge(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
+    evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
     suite: SensorSuite | None = getattr(perception, "suite", None)
     separation = None
     if controller.method == STRIP:
@@ -221,12 +221,12 @@ def conclude(
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
     if suite is not None:
-        unseen = unseen_contacts(result.record, verdict, driven.robot, driven.world, suite.config)
+        unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
     return DriveOutcome(
-        scenario, driven.robot, plant, seed, result, verdict, separation, method=controller.method,
+        scenario, driven.robot, plant, seed, result, evaluation, separation, method=controller.method,
         physical_contacts=touched, sensors=() if suite is None else suite.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
-        seen_collisions=sum(contact not in unseen for contact in verdict.collisions),
+        seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
     )  # fmt: skip
 
 
@@ -240,7 +240,7 @@ def drive_scenario(
     time_limit: float | None = None,
     **options: Any,
 ) -> DriveOutcome:
-    """Drive a scenario from start to goal, and judge it.
+    """Drive a scenario from start to goal, and evaluate it.
 
     Args:
         scenario: the problem.
@@ -270,8 +270,8 @@ DRIVE_FORMAT_VERSION = 1
 def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
     """A drive as plain values, ready for JSON. Lengths in metres, angles in radians, times in seconds."""
     check_type("outcome", outcome, DriveOutcome)
-    result, verdict = outcome.result, outcome.verdict
-    judged = verdict.as_dict()
+    result, evaluation = outcome.result, outcome.evaluation
+    figures = evaluation.as_dict()
     return {
         "format": DRIVE_FORMAT,
         "version": DRIVE_FORMAT_VERSION,
@@ -285,21 +285,21 @@ def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
         "state": result.state.name.lower(),
         "reason": result.reason,
         "reached": outcome.reached,
-        "collisions": len(verdict.collisions),
-        "contacts": judged["collisions"],
+        "collisions": len(evaluation.collisions),
+        "contacts": figures["collisions"],
         "unseen_contacts": list(outcome.unseen),
-        "contacts_at_rest": judged["rest_contacts"],
+        "contacts_at_rest": figures["rest_contacts"],
         "physical_contacts": list(outcome.physical_contacts),
-        "min_clearance_m": judged["min_clearance_m"],
-        "time_s": verdict.time_s,
-        "path_m": verdict.path_m,
+        "min_clearance_m": figures["min_clearance_m"],
+        "time_s": evaluation.time_s,
+        "path_m": evaluation.path_m,
         "stops": [{"time_s": time, "reason": reason} for time, reason in result.stops],
         "replans": result.replans,
         "tick_ms": {k: _number(v) for k, v in result.statistics.percentiles().items()},
         "ticks": len(result.statistics.seconds),
         "deadline_misses": result.statistics.misses,
-        "max_lateral_slip": verdict.max_lateral_slip_m,
-        "limit_excess": judged["excess"],
+        "max_lateral_slip": evaluation.max_lateral_slip_m,
+        "limit_excess": figures["excess"],
         "max_tracking_error_m": outcome.tracking_error,
         "protective_separation_m": outcome.separation,
         "events": [{"time_s": e.time, "kind": e.kind, "reason": e.reason} for e in result.events],

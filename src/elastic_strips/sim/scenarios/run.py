@@ -37,7 +37,7 @@ class RunResult(Summary):
         report: last report; its strip is the result.
         method: where the initial strip came from: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
         reason: what happened, for people.
-        passage: see :func:`passage`.
+        passing_side: see :func:`passing_side`.
         seed: of the planner.
         ticks: all ticks; tick_seconds: the duration of each.
         time_to_certified: from nothing to the first certified strip [s], or None.
@@ -51,7 +51,7 @@ class RunResult(Summary):
     report: DeformReport
     method: str
     reason: str
-    passage: str | None
+    passing_side: str | None
     seed: int
     ticks: int
     tick_seconds: Array
@@ -62,7 +62,7 @@ class RunResult(Summary):
         return {
             "scenario": self.scenario.name, "robot": self.robot.name, "preset": self.params.preset,
             "status": self.report.status.value, "certified": self.certified, "reason": self.reason,
-            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passage,
+            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passing_side,
         }  # fmt: skip
 
     def _measured(self) -> dict[str, object]:
@@ -136,7 +136,7 @@ def run_scenario(
         raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
     return RunResult(
         scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
-        passage=passage(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
+        passing_side=passing_side(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
         tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
     )  # fmt: skip
 
@@ -231,7 +231,7 @@ def _run_paper(
     return initial, report, method, reason, first[0] if first and certified else None
 
 
-def passage(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str | None:
+def passing_side(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str | None:
     """``"between"`` two obstacles, ``"around-left"`` or ``"around-right"`` of both (seen along the way), or None.
 
     The base's path is followed across the straight line through the obstacles' centres; its last crossing decides.
@@ -290,7 +290,7 @@ def result_document(result: RunResult) -> dict[str, Any]:
         "initial": result.method,
         "time_to_certified_ms": None if result.time_to_certified is None else 1e3 * result.time_to_certified,
         "tick_ms": {f"p{p}": float(np.percentile(ticks, p)) if len(ticks) else None for p in (50, 95, 99)},
-        "passage": result.passage,
+        "passage": result.passing_side,
         "max_heading_step_rad": report.heading_step if paper else None,
         "broken": None if result.certified or report.certificate.broken is None else _broken(report.certificate.broken),
         "base": base.value,

@@ -91,7 +91,7 @@ class Posture:
             self.T_base_world[:3, 3] = -T[:3, :3].T @ T[:3, 3]
 
 
-class Mount:
+class SensorMount:
     """Sensors that are fixed to links of a robot.
 
     Args:
@@ -334,7 +334,7 @@ def _meshes(obstacle: Obstacle) -> list[Corners]:
 _FAR = 1e3  # [m] beyond any robot
 
 
-class OwnBody:
+class SelfFilter:
     """Workspace: a robot's own collision bodies before the beams of one sensor or ring.
 
     Bodies that are fixed to the joint that carries a sensor never move before it: they are looked at once, as they are.

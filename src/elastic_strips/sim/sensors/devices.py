@@ -15,7 +15,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
 from elastic_strips.validation import check_count, check_type
 
-from .bodies import Mount, ObstacleRays, OwnBody, Posture
+from .bodies import ObstacleRays, Posture, SelfFilter, SensorMount
 from .params import LaserParams, RangeParams, RingParams, SensorConfig
 from .rays import Rays
 
@@ -23,7 +23,7 @@ CUT = 3.0
 """Noise is cut off at this many standard deviations."""
 
 
-def measured(distance: Array, params: RangeParams, rng: np.random.Generator) -> Array:
+def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator) -> Array:
     """Ranges (R,) [m] that a device reports.
 
     As many random numbers are drawn whatever the distances are, so that one range does not change the noise of another.
@@ -71,13 +71,13 @@ class LaserRangefinder:
         self_padding: float,
     ) -> None:
         self.params, self._obstacles, self._rng = params, obstacles, rng
-        self._mount = Mount(posture, (params.frame,))
+        self._mount = SensorMount(posture, (params.frame,))
         half, full = 0.5 * params.field_of_view, params.field_of_view >= 2.0 * math.pi - 1e-9
         self.angles = np.linspace(-half, half, params.rays, endpoint=not full) if params.rays > 1 else np.zeros(1)
         fan = np.stack((np.cos(self.angles), np.sin(self.angles), np.zeros(params.rays)), axis=1)
         self._local = Rays(np.zeros((1, 3)), fan)
         joint = np.full(params.rays, self._mount.joint[0])
-        self._own = OwnBody(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
+        self._own = SelfFilter(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
 
     def measure(self, t: float) -> LaserScan:
         """The scan at time ``t`` [s] from where the robot was placed.
@@ -90,7 +90,7 @@ class LaserRangefinder:
         distance = self._obstacles.cast(t, rays, p.range_max).distance
         own = self._own.distances(rays, p.range_max)
         distance[np.isfinite(own) & (own <= distance)] = NO_ANSWER
-        ranges = measured(distance, p, self._rng)
+        ranges = noisy_ranges(distance, p, self._rng)
         return LaserScan(p.name, t, T_base_sensor[0], self.angles, ranges, p.range_min, p.range_max)
 
 
@@ -109,7 +109,7 @@ def cone_rays(half_angle: float, count: int) -> Array:
     return np.stack((np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)), axis=1)
 
 
-class SensorRing:
+class SonarArray:
     """Workspace: one ring of sonars or infrared sensors on a robot; one group of them fires at a time.
 
     Args:
@@ -132,14 +132,14 @@ class SensorRing:
         self_padding: float,
     ) -> None:
         self.params, self._obstacles, self._rng = params, obstacles, rng
-        self._mount = Mount(posture, params.frames)
+        self._mount = SensorMount(posture, params.frames)
         self._cone = cone_rays(params.half_angle, params.rays)
-        self._groups: list[tuple[npt.NDArray[np.intp], OwnBody]] = []
+        self._groups: list[tuple[npt.NDArray[np.intp], SelfFilter]] = []
         for g in range(params.groups):
             members = np.arange(g, len(params.frames), params.groups)
             joint = np.repeat(self._mount.joint[members], params.rays)
             local = self._rays(self._mount.T_joint_sensor[members])
-            self._groups.append((members, OwnBody(posture, joint, local, self_padding)))
+            self._groups.append((members, SelfFilter(posture, joint, local, self_padding)))
         self.restart()
 
     def restart(self) -> None:
@@ -157,7 +157,7 @@ class SensorRing:
         T_world_sensor, T_base_sensor = self._mount.poses()
         distance = self._distances(t, self._rays(T_world_sensor[members]), own)
         ranges = np.full(len(p.frames), NO_ANSWER)
-        ranges[members] = measured(self._overheard(distance), p, self._rng)
+        ranges[members] = noisy_ranges(self._overheard(distance), p, self._rng)
         return RangeRing(p.name, p.kind, t, T_base_sensor, ranges, p.half_angle, p.range_min, p.range_max)
 
     def _rays(self, T: Array) -> Rays:
@@ -165,7 +165,7 @@ class SensorRing:
         direction = np.matmul(self._cone, T[:, :3, :3].transpose(0, 2, 1)).reshape(-1, 3)
         return Rays(np.repeat(T[:, :3, 3], self.params.rays, axis=0), direction)
 
-    def _distances(self, t: float, rays: Rays, own: OwnBody) -> Array:
+    def _distances(self, t: float, rays: Rays, own: SelfFilter) -> Array:
         """Nearest true echo (S,) [m] of each sensor; infinite without one, NaN where it is the robot's own."""
         p = self.params
         met = self._obstacles.cast(t, rays, p.range_max, normals=True)
@@ -197,7 +197,7 @@ _SLACK = 1e-9  # [s] times that differ by less are the same
 class _Clocked:
     """A sensor and when it fires: at whole periods after the start."""
 
-    device: LaserRangefinder | SensorRing
+    device: LaserRangefinder | SonarArray
     period: float
     due: float = 0.0
 
@@ -238,7 +238,7 @@ class SensorSuite:
         streams = np.random.default_rng(seed).spawn(len(self.config.sensors))
         self._sensors: list[_Clocked] = []
         for params, rng in zip(self.config.sensors, streams, strict=True):
-            make = LaserRangefinder if isinstance(params, LaserParams) else SensorRing
+            make = LaserRangefinder if isinstance(params, LaserParams) else SonarArray
             device = make(params, self._posture, obstacles, rng, self.config.self_padding)  # type: ignore[arg-type]
             self._sensors.append(_Clocked(device, 1.0 / params.rate))
         self.reset(time)
@@ -258,7 +258,7 @@ class SensorSuite:
         self._pending: list[tuple[float, int, float, Reading]] = []  # time, sensor, arrival, reading
         for sensor in self._sensors:
             sensor.due = self._start
-            if isinstance(sensor.device, SensorRing):
+            if isinstance(sensor.device, SonarArray):
                 sensor.device.restart()
 
     def observe(self, t: float, chart: Array) -> tuple[Reading, ...]:

@@ -13,7 +13,7 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
 from elastic_strips.sim.baselines import BASE_METHODS, BaseLimits, BaseMethod, GoalParams, make_base_method
-from elastic_strips.sim.baselines.base_method import Helm
+from elastic_strips.sim.baselines.base_method import CommandLimiter
 from elastic_strips.sim.baselines.certainty_grid import SensedPoints, planar_rays
 
 LIMITS = BaseLimits()
@@ -136,45 +136,47 @@ def test_only_some_pass_the_narrow_door():
 
 
 def test_helm_ramps_and_brakes():
-    helm = Helm(BaseLimits(acceleration=1.0, turn_acceleration=2.0))
+    limiter = CommandLimiter(BaseLimits(acceleration=1.0, turn_acceleration=2.0))
     goal, still = np.array([9.0, 0.0, 0.0]), np.zeros(2)
     out, velocity = [], still
     for k in range(4):
-        assert helm.at_goal(0.1 * k, np.zeros(3), velocity, goal) is None
-        command = helm.drive(0.1 * k, velocity, 0.25, -9.0, 9.0)
+        assert limiter.at_goal(0.1 * k, np.zeros(3), velocity, goal) is None
+        command = limiter.drive(0.1 * k, velocity, 0.25, -9.0, 9.0)
         velocity = np.array([command.v, command.omega])
         out.append(velocity)
     np.testing.assert_allclose(out, [[0.1, -0.2], [0.2, -0.4], [0.25, -0.6], [0.25, -0.8]])
-    assert helm.halt(0.4, velocity, "why").v == pytest.approx(0.15)
-    assert helm.halt(0.5, velocity, "why").reason == "why"
+    assert limiter.halt(0.4, velocity, "why").v == pytest.approx(0.15)
+    assert limiter.halt(0.5, velocity, "why").reason == "why"
     # a base that was stopped by something else starts from where it is, not from the last command
-    assert helm.drive(0.6, np.array([-2.0, 0.0]), 0.6, 0.0, 9.0).v < 0.0
+    assert limiter.drive(0.6, np.array([-2.0, 0.0]), 0.6, 0.0, 9.0).v < 0.0
 
 
 def test_goal_tolerances_and_turning():
-    helm = Helm(LIMITS, GoalParams(position_tolerance=0.1, yaw_tolerance=0.1))
+    limiter = CommandLimiter(LIMITS, GoalParams(position_tolerance=0.1, yaw_tolerance=0.1))
     goal = np.array([1.0, 0.0, 3.0])
-    assert helm.at_goal(0.0, np.array([0.89, 0.0, 0.0]), np.zeros(2), goal) is None
-    turning = helm.at_goal(0.1, np.array([0.91, 0.0, -3.0]), np.zeros(2), goal)
+    assert limiter.at_goal(0.0, np.array([0.89, 0.0, 0.0]), np.zeros(2), goal) is None
+    turning = limiter.at_goal(0.1, np.array([0.91, 0.0, -3.0]), np.zeros(2), goal)
     assert turning is not None
     assert (turning.status, turning.v) == ("moving", 0.0)
     assert turning.omega < 0.0  # −3 → 3 rad is shorter clockwise
-    drifted = helm.at_goal(0.2, np.array([0.85, 0.0, 2.95]), np.zeros(2), goal)
+    drifted = limiter.at_goal(0.2, np.array([0.85, 0.0, 2.95]), np.zeros(2), goal)
     assert drifted is not None  # once there, twice the tolerance
-    done = helm.at_goal(2.0, np.array([0.85, 0.0, 2.95]), np.zeros(2), goal)
+    done = limiter.at_goal(2.0, np.array([0.85, 0.0, 2.95]), np.zeros(2), goal)
     assert done is not None
     assert (done.status, done.v, done.omega) == ("arrived", 0.0, 0.0)
-    anywhere = Helm(LIMITS).at_goal(0.0, np.array([1.0, 0.0, 0.0]), np.zeros(2), np.array([1.0, 0.0, math.nan]))
+    anywhere = CommandLimiter(LIMITS).at_goal(
+        0.0, np.array([1.0, 0.0, 0.0]), np.zeros(2), np.array([1.0, 0.0, math.nan])
+    )
     assert anywhere is not None
     assert anywhere.status == "arrived"
 
 
 def test_no_progress_is_blocked_until_there_is():
-    helm, still = Helm(LIMITS, GoalParams(progress=0.1, patience=2.0)), np.zeros(2)
-    status = [helm.drive(t, still, 0.1, 0.0, 5.0).status for t in (0.0, 1.0, 2.0, 2.1)]
+    limiter, still = CommandLimiter(LIMITS, GoalParams(progress=0.1, patience=2.0)), np.zeros(2)
+    status = [limiter.drive(t, still, 0.1, 0.0, 5.0).status for t in (0.0, 1.0, 2.0, 2.1)]
     assert status == ["moving", "moving", "moving", "blocked"]
-    assert helm.drive(2.2, still, 0.1, 0.0, 4.95).status == "blocked"
-    assert helm.drive(2.3, still, 0.1, 0.0, 4.8).status == "moving"
+    assert limiter.drive(2.2, still, 0.1, 0.0, 4.95).status == "blocked"
+    assert limiter.drive(2.3, still, 0.1, 0.0, 4.8).status == "moving"
 
 
 def test_rays_in_the_plane():

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.sim.baselines import BaseLimits, ElasticBand, ElasticBandParams, SensedWay
+from elastic_strips.sim.baselines import BaseLimits, ElasticBand, ElasticBandParams, SensedPath
 from elastic_strips.sim.baselines.elastic_band import (
     FreeDistance,
     connected,
@@ -136,7 +136,7 @@ def test_what_appears_on_the_band_breaks_it_and_the_planner_is_asked():
 
     def planner(points, start, goal):
         asked.append(len(points))
-        return SensedWay(0.27)(points, start, goal)
+        return SensedPath(0.27)(points, start, goal)
 
     method = ElasticBand(BaseLimits(), planner=planner)
     method.command(0.0, np.zeros(3), np.zeros(2), GOAL)
@@ -164,14 +164,14 @@ def test_a_given_path_is_taken():
 
 @pytest.mark.parametrize("start", [(0.6, 0.0, 0.0), (0.6, 0.4, -0.3)])
 def test_it_passes_a_narrow_door(start):
-    method = ElasticBand(BaseLimits(), planner=SensedWay(0.27))
+    method = ElasticBand(BaseLimits(), planner=SensedPath(0.27))
     run = drive(method, door(0.8), start, GOAL, seconds=18.0, rate=10.0)
     assert run.arrived
     assert run.clearance > 0.0
 
 
 def test_it_leaves_a_trap_by_its_planner():
-    method = ElasticBand(BaseLimits(), planner=SensedWay(0.27))
+    method = ElasticBand(BaseLimits(), planner=SensedPath(0.27))
     run = drive(method, trap(), (0.0, 0.0, 0.0), GOAL, seconds=20.0, rate=10.0)
     assert run.arrived
     assert run.clearance > 0.0
@@ -179,7 +179,7 @@ def test_it_leaves_a_trap_by_its_planner():
 
 def test_the_planner_finds_no_way_where_there_is_none():
     ring = np.array([[math.cos(a), math.sin(a)] for a in np.arange(0.0, 6.3, 0.05)])
-    assert SensedWay(0.27)(ring, np.zeros(2), GOAL[:2]) is None
+    assert SensedPath(0.27)(ring, np.zeros(2), GOAL[:2]) is None
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def test_the_laser_is_all_that_the_planner_knows(silvermate):
     assert driven.params.assumptions == LASER_ASSUMPTIONS
     outcome = drive_scenario(scenario(PILLAR), robot=silvermate, sensors=LASER, time_limit=20.0)
     assert outcome.reached, outcome.result.reason
-    assert not outcome.verdict.contacts
+    assert not outcome.evaluation.contacts
     assert (outcome.sensors, outcome.unseen) == (("laser",), ())
     assert outcome.separation is not None
     assert outcome.separation > 0.0
@@ -42,7 +42,7 @@ def test_the_laser_is_all_that_the_planner_knows(silvermate):
 
 def test_what_hangs_above_the_laser_is_told_apart(silvermate):
     outcome = drive_scenario(scenario(BEAM), robot=silvermate, sensors=LASER, time_limit=20.0)
-    assert [contact.obstacle for contact in outcome.verdict.collisions] == ["beam"]
+    assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["beam"]
     assert outcome.unseen == ("beam",)
     assert outcome.seen_collisions == 0
     document = drive_document(outcome)
@@ -63,7 +63,7 @@ def test_what_was_seen_is_no_excuse(silvermate):
     made = make_base_simulation(problem, "vfh", robot=silvermate, sensors=LASER)
     driven = Simulation(Blind(silvermate, *problem.ends(silvermate), "vfh"), made.world, made.plant, made.perception)
     outcome = conclude(problem, driven, driven.run(time_limit=20.0), plant="kinematic", seed=0)
-    assert [contact.obstacle for contact in outcome.verdict.collisions] == ["wall"]
+    assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["wall"]
     assert outcome.unseen == ()
     assert outcome.seen_collisions == 1
 

@@ -1,4 +1,4 @@
-"""Bystanders stop for a robot that stands, not for one that moves, and never brake harder than they may."""
+"""Pedestrians stop for a robot that stands, not for one that moves, and never brake harder than they may."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.execution import MotionLimits
 from elastic_strips.execution.tracking import Command
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World, Yielding
-from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, judge, simulation
-from elastic_strips.sim.pedestrians import Bystanders, Courtesy
+from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, evaluate, simulation
+from elastic_strips.sim.pedestrians import Pedestrians, YieldingPolicy
 
 DT = 0.01
 LIMIT = 0.48
@@ -24,14 +24,14 @@ def walker(speed: float = 1.0, y: float = 0.0, height: float = 0.85, ahead: floa
     return World(Scene([Cylinder(0.25, 1.7, name="walker", motion=motion)]))
 
 
-def watch(robot, world: World, seconds: float, speed=lambda t: 0.0, shift=lambda t: 0.0, courtesy=None) -> np.ndarray:
+def watch(robot, world: World, seconds: float, speed=lambda t: 0.0, shift=lambda t: 0.0, policy=None) -> np.ndarray:
     """Places (T, 3) of the walker while the robot is at the origin, shifted along y, and moves at ``speed``."""
-    bystanders = Bystanders(robot, world, courtesy)
+    pedestrians = Pedestrians(robot, world, policy)
     chart, v, places = robot.space.to_chart(robot.home_q), np.zeros(robot.nv), []
     for k in range(round(seconds / DT)):
         t = k * DT
         v[0], chart[1] = speed(t), shift(t)
-        bystanders.step(t, chart, v)
+        pedestrians.step(t, chart, v)
         places.append(world.at(t).obstacle("walker").pose[:3, 3])
     return np.array(places)
 
@@ -52,7 +52,7 @@ def acceleration(places: np.ndarray) -> float:
 @pytest.mark.parametrize("speed", [0.3, 1.0, 1.5])
 def test_stops_before_a_robot_that_stands(silvermate, speed):
     world = walker(speed)
-    places = watch(silvermate, world, 6.0 / speed + 4.0, courtesy=Courtesy(room=0.0))
+    places = watch(silvermate, world, 6.0 / speed + 4.0, policy=YieldingPolicy(room=0.0))
     assert np.linalg.norm(places[-1] - places[-50]) < 1e-9
     assert 0.2 < gap(silvermate, world, 6.0 / speed + 4.0) < 0.5
     assert 0.3 < acceleration(places) <= LIMIT + 0.02
@@ -107,11 +107,11 @@ def test_a_turn_and_braking_together_stay_within_the_bound(silvermate):
     circle = np.column_stack((1.6 * (1 - np.cos(angle)), 1.6 * np.sin(angle), np.full(len(angle), 0.85)))
     motion = Yielding(Keyframes(angle / 0.5, circle), LIMIT)
     world = World(Scene([Cylinder(0.25, 1.7, name="walker", motion=motion)]))
-    bystanders, chart = Bystanders(silvermate, world), _home(silvermate)
+    pedestrians, chart = Pedestrians(silvermate, world), _home(silvermate)
     chart[:2] = 3.2, 0.0
     places = []
     for k in range(1200):
-        bystanders.step(k * DT, chart, np.zeros(silvermate.nv))
+        pedestrians.step(k * DT, chart, np.zeros(silvermate.nv))
         places.append(world.at(k * DT).obstacle("walker").pose[:3, 3])
     assert motion.rate(11.9) < 1.0
     assert motion.place(11.9) < 6.0
@@ -122,7 +122,7 @@ def test_making_the_workspace_begins_anew(silvermate):
     world = walker()
     one = watch(silvermate, world, 8.0)
     np.testing.assert_array_equal(one, watch(silvermate, world, 8.0))
-    assert not len(Bystanders(silvermate, World(Scene([Box((1, 1, 1), at=(5, 0, 0))]))))
+    assert not len(Pedestrians(silvermate, World(Scene([Box((1, 1, 1), at=(5, 0, 0))]))))
 
 
 class Blind:
@@ -154,12 +154,24 @@ def test_the_loop_asks_them_and_the_record_keeps_what_they_did(silvermate):
             silvermate, world, silvermate.home(), silvermate.home(x=-3.0), plant=plant, perception=Blind(world), seed=1
         )
         records.append(standing.run(time_limit=8.0).record)
-    first, second = (judge(r, silvermate) for r in records)
+    first, second = (evaluate(r, silvermate) for r in records)
     assert first.min_clearance_m == second.min_clearance_m > 0.15
     assert records[0].world is not records[1].world
     times = records[0].control.time
     dense = min(gap(silvermate, records[0].world, float(t)) for t in times[::5])
     assert abs(first.min_clearance_m - dense) <= first.accuracy_m + 1e-4
+
+
+def test_two_simulations_of_one_world_do_not_touch_each_other(silvermate):
+    """In the first one somebody stops the walker; in the second one, and in the world itself, it goes on."""
+    world = walker()
+    first, second = (
+        simulation(silvermate, world, silvermate.home(), silvermate.home(x=-3.0), seed=1) for _ in range(2)
+    )
+    first.world.scene.obstacle("walker").motion.advance(0.5, 0.0)
+    second.run(time_limit=1.0)
+    places = [each.at(1.0).obstacle("walker").pose[0, 3] for each in (first.world, second.world, world)]
+    assert places == pytest.approx([5.5, 5.0, 5.0])
 
 
 def test_mujoco_carries_them_as_their_clocks_say(silvermate):
@@ -170,11 +182,11 @@ def test_mujoco_carries_them_as_their_clocks_say(silvermate):
     world = walker()
     plant = MujocoPlant(silvermate, MotionLimits.for_robot(silvermate), world, PlantParams.ideal(), seed=0)
     plant.reset(_home(silvermate))
-    bystanders = Bystanders(silvermate, world)
+    pedestrians = Pedestrians(silvermate, world)
     still = Command(np.zeros(2), np.zeros(len(silvermate.joint_names)))
     carried = []
     for k in range(700):
-        bystanders.step(k * DT, plant.chart, plant.v)
+        pedestrians.step(k * DT, plant.chart, plant.v)
         plant.step(still, DT)
         carried.append(np.array(plant._data.mocap_pos[0]))
     times = np.arange(1, 701) * DT - plant.timestep  # it is carried before each step of the simulation
@@ -190,4 +202,4 @@ def test_mujoco_carries_them_as_their_clocks_say(silvermate):
 @pytest.mark.parametrize("wrong", [{"distance": -1.0}, {"room": 2.0}, {"pace": 1.5}, {"look": 0.0}])
 def test_wrong_courtesy_is_refused(wrong):
     with pytest.raises(ParameterError):
-        Courtesy(**wrong)
+        YieldingPolicy(**wrong)

@@ -9,7 +9,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.execution import RunState
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
-from elastic_strips.sim import base_simulation, judge
+from elastic_strips.sim import base_simulation, evaluate
 
 PILLAR = Cylinder(0.3, 1.3, at=(2.0, 0.15, 0.65), name="pillar")
 
@@ -19,9 +19,9 @@ def test_reaches_a_goal_behind_a_pillar(silvermate, method):
     runner = base_simulation(silvermate, Scene([PILLAR]), silvermate.home(), silvermate.home(x=4.0), method, seed=3)
     result = runner.run(time_limit=40.0)
     assert result.state is RunState.REACHED, result.reason
-    verdict = judge(result.record, silvermate, runner.world, runner.limits)
-    assert not verdict.contacts
-    assert verdict.max_lateral_slip_m < 1e-5
+    evaluation = evaluate(result.record, silvermate, runner.world, runner.limits)
+    assert not evaluation.contacts
+    assert evaluation.max_lateral_slip_m < 1e-5
     np.testing.assert_allclose(result.record.control.chart[-1, :2], (4.0, 0.0), atol=0.15)
     assert result.record.metadata["method"] == method
 
@@ -36,7 +36,7 @@ def test_a_closed_room_blocks(silvermate):
     assert result.state is RunState.STOPPED
     assert "blocked" in result.reason
     assert np.abs(result.record.control.v[-1]).max() < 0.01  # the plant comes to rest after the last sample
-    assert not judge(result.record, silvermate, runner.world, runner.limits).contacts
+    assert not evaluate(result.record, silvermate, runner.world, runner.limits).contacts
 
 
 def test_equal_seeds_give_equal_runs(silvermate):

@@ -1,10 +1,10 @@
-"""Sweep: where every link of the robot was, and how near it came to obstacles, at all times between.
+"""Where every link of the robot was, and how near it came to obstacles, at all times between.
 
-Part of the judge: by Pinocchio alone, without the batched kinematics and the motion bounds that plans are made with.
+By Pinocchio alone, without the batched kinematics and the motion bounds that plans are made with.
 
 Branch and bound over time, for all pairs of a link and an obstacle's part at once. Between two moments at which a pair
 is d_a and d_b apart it cannot come nearer than (d_a + d_b − w) / 2, where w bounds what both travelled in between.
-Distances are Coal's at Pinocchio's placements. This room judges what proximity and certificate promised, so it shares
+Distances are Coal's at Pinocchio's placements. This room checks what proximity and certificate promised, so it shares
 no code with them: not the culling, not the motion bounds, not the way Coal is asked.
 """
 
@@ -62,7 +62,7 @@ class Link:
             joint = model.parents[joint]
 
 
-class Course:
+class LinkMotion:
     """Workspace: poses of all links along recorded samples; between two of them the robot moves by ``pin.interpolate``.
 
     A *place* is a number in [0, T − 1]: a sample, or with a fraction a moment between two samples.
@@ -172,7 +172,7 @@ _FINEST = 1e-6  # share of a sample interval that is not split any more, as wher
 
 
 @dataclass(frozen=True, slots=True)
-class Approach:
+class ClosestApproach:
     """A moment of a pair: time [s], place among the samples (a fraction is between two), link, obstacle, distance [m].
 
     A negative distance is a depth of penetration.
@@ -185,11 +185,11 @@ class Approach:
     distance: float
 
 
-class Sweep:
+class ClearanceSearch:
     """Workspace: a motion among obstacles, and the exact distances that were asked for.
 
     Attributes:
-        course: the robot's motion, with samples added where obstacles appear or vanish.
+        motion: the robot's motion, with samples added where obstacles appear or vanish.
         asked: exact distances measured so far.
     """
 
@@ -204,14 +204,14 @@ class Sweep:
         self._poses: dict[tuple[int, float], Array] = {}
         self._boxes: dict[int, tuple[Array, Array]] = {}
         events = np.array([t for t in world.event_times if time[0] < t < time[-1]])
-        self.course = Course(robot, time, chart, events)
-        time = self.course.time
+        self.motion = LinkMotion(robot, time, chart, events)
+        time = self.motion.time
         last = len(time) - 1
         cuts = sorted({0, last, *range(0, last, _BLOCK), *np.searchsorted(time, events).tolist()})
         self._blocks = np.array(list(pairwise(cuts)) or [(0, 0)])
         self._lower = self._bounds(np.array(cuts))
 
-    def closest(self, accuracy: float) -> Approach | None:
+    def closest(self, accuracy: float) -> ClosestApproach | None:
         """The moment of least distance, to within ``accuracy`` [m]; None if no obstacle existed meanwhile.
 
         Whether anything touched is settled to `TOUCH`, however coarse the accuracy.
@@ -248,9 +248,9 @@ class Sweep:
                     heapq.heappush(heap, (least, g, p, u, w))
         return None if where is None else self._approach(*where)
 
-    def contacts(self) -> list[Approach]:
+    def contacts(self) -> list[ClosestApproach]:
         """All samples at which a pair touches, and a moment of each contact between two samples; in order of time."""
-        found: dict[tuple[int, int, float], Approach] = {}
+        found: dict[tuple[int, int, float], ClosestApproach] = {}
         for block, g, p in np.argwhere(self._lower <= TOUCH).tolist():
             first, last = self._blocks[block].tolist()
             stack: list[tuple[float, float]] = [(float(first), float(last))]
@@ -267,12 +267,12 @@ class Sweep:
         return sorted(found.values(), key=lambda c: (c.time, c.distance))
 
     def distance(self, link: int, part: int, place: float) -> float:
-        """Signed distance [m] of a link and a part at a place of the course."""
+        """Signed distance [m] of a link and a part at a place of the motion."""
         key = (link, part, place)
         known = self._known.get(key)
         if known is None:
             T = self._pose(int(self._owner[part]), place) @ self._parts[part].T_obstacle_part
-            known = self._known[key] = self._ask(self.course.links[link], self.course.pose(link, place), part, T)
+            known = self._known[key] = self._ask(self.motion.links[link], self.motion.pose(link, place), part, T)
         return known
 
     def _ask(self, link: Link, at: coal.Transform3s, part: int, T: Array) -> float:
@@ -305,9 +305,9 @@ class Sweep:
         self._result.clear()  # an older, smaller distance would stay
         return float(coal.distance(shape, at, other, transform(T), self._request, self._result))
 
-    def _approach(self, g: int, p: int, u: float) -> Approach:
+    def _approach(self, g: int, p: int, u: float) -> ClosestApproach:
         name = str(self._obstacles[self._owner[p]].name)
-        return Approach(self.course.moment(u), u, self.course.links[g].name, name, self.distance(g, p, u))
+        return ClosestApproach(self.motion.moment(u), u, self.motion.links[g].name, name, self.distance(g, p, u))
 
     def _pose(self, k: int, u: float) -> Array:
         """Pose (4, 4) of an obstacle at a place, also at the moment when it vanishes."""
@@ -316,32 +316,32 @@ class Sweep:
             return obstacle.pose
         pose = self._poses.get((k, u))
         if pose is None:
-            pose = self._poses[k, u] = obstacle.at(self.course.moment(u)).pose
+            pose = self._poses[k, u] = obstacle.at(self.motion.moment(u)).pose
         return pose
 
     def _moved(self, g: int, p: int, a: float, b: float) -> float:
         """Most that any points of link and part travelled between two places [m]."""
-        return self.course.moved(g, a, b) + self._obstacle_moved(int(self._owner[p]), a, b)
+        return self.motion.moved(g, a, b) + self._obstacle_moved(int(self._owner[p]), a, b)
 
     def _obstacle_moved(self, k: int, a: float, b: float) -> float:
         obstacle = self._obstacles[k]
         if obstacle.motion is None or obstacle.motion.still or a == b:
             return 0.0
-        begin, end = self.course.moment(a), self.course.moment(b)
+        begin, end = self.motion.moment(a), self.motion.moment(b)
         return obstacle.speed_bound(start=begin, end=end) * (end - begin)
 
     def _bounds(self, cuts: Indices) -> Array:
         """Lower bounds (B, G, P) [m] of the distances in each block; infinite where the obstacle does not exist."""
-        course, links = self.course, self.course.links
+        motion, links = self.motion, self.motion.links
         first, last = self._blocks.T
         apart = np.empty((len(cuts), len(links), len(self._parts)))
-        rotation, translation = course.poses[cuts][..., :3, :3], course.poses[cuts][..., :3, 3]
+        rotation, translation = motion.poses[cuts][..., :3, :3], motion.poses[cuts][..., :3, 3]
         centre = np.matmul(rotation, np.array([link.centre for link in links])[..., None])[..., 0] + translation
         radius = np.array([link.radius for link in links])
         for p, part in enumerate(self._parts):
             apart[..., p] = _apart(centre, self._course_of(int(self._owner[p]), cuts), part) - radius
         places = np.searchsorted(cuts, first), np.searchsorted(cuts, last)
-        own = np.array([course.travelled(a, b) for a, b in self._blocks])
+        own = np.array([motion.travelled(a, b) for a, b in self._blocks])
         way = np.array([[self._obstacle_moved(k, a, b) for k in range(len(self._obstacles))] for a, b in self._blocks])
         there = np.array([self._exists(k, first, last) for k in range(len(self._obstacles))]).reshape(-1, len(first)).T
         moved = own[:, :, None] + way.reshape(len(first), -1)[:, None, self._owner]
@@ -355,7 +355,7 @@ class Sweep:
         return np.array([self._pose(k, float(u)) for u in cuts])
 
     def _exists(self, k: int, first: Indices, last: Indices) -> Mask:
-        name, time = str(self._obstacles[k].name), self.course.time
+        name, time = str(self._obstacles[k].name), self.motion.time
         begin, end = self._world.appears.get(name, -np.inf), self._world.vanishes.get(name, np.inf)
         return (begin <= time[first]) & (time[first] < end) & (time[last] <= end)
 

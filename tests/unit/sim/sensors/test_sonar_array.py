@@ -11,7 +11,7 @@ import pytest
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, World
 from elastic_strips.sim.sensors import InfraredParams, SonarParams
 from elastic_strips.sim.sensors.bodies import ObstacleRays, Posture
-from elastic_strips.sim.sensors.devices import SensorRing, cone_rays
+from elastic_strips.sim.sensors.devices import SonarArray, cone_rays
 
 SONAR = SonarParams(noise=0.0, noise_ratio=0.0, dropout=0.0, crosstalk=0.0, groups=1)
 INFRARED = InfraredParams(noise=0.0, noise_ratio=0.0, dropout=0.0)
@@ -25,7 +25,7 @@ def ring(robot, obstacles, params=SONAR, joints=None, seed=0):
         chart[3:] = joints
     posture.place(chart)
     world = ObstacleRays(World(Scene(obstacles)))
-    return SensorRing(params, posture, world, np.random.default_rng(seed), 0.01)
+    return SonarArray(params, posture, world, np.random.default_rng(seed), 0.01)
 
 
 def ball(sensor: int, distance: float, radius: float = 0.1, away: float = 0.0) -> Sphere:

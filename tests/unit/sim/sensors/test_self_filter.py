@@ -7,7 +7,7 @@ import pytest
 from brute_force import random_chart
 from free_way import along, outside_robot
 
-from elastic_strips.sim.sensors.bodies import Mount, OwnBody, Posture
+from elastic_strips.sim.sensors.bodies import Posture, SelfFilter, SensorMount
 from elastic_strips.sim.sensors.rays import Rays
 
 REACH = 4.0
@@ -16,11 +16,11 @@ REACH = 4.0
 def beams_of(robot, link: str, count: int, padding: float, rng):
     """Posture, mount, beams in all directions from 5 cm before a link's origin, and the body before them."""
     posture = Posture(robot)
-    mount = Mount(posture, [link])
+    mount = SensorMount(posture, [link])
     direction = rng.normal(size=(count, 3))
     local = Rays(np.zeros((1, 3)), direction / np.linalg.norm(direction, axis=1, keepdims=True))
     T = mount.T_joint_sensor[0]
-    own = OwnBody(posture, np.full(count, mount.joint[0]), local.moved(T), padding)
+    own = SelfFilter(posture, np.full(count, mount.joint[0]), local.moved(T), padding)
     return posture, mount, local, own
 
 

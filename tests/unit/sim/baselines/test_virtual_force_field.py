@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import RangeRing
-from elastic_strips.sim.baselines import BaseLimits, ForceField, ForceFieldParams
+from elastic_strips.sim.baselines import BaseLimits, VirtualForceField, VirtualForceFieldParams
 from elastic_strips.sim.baselines.force_fields import cell_forces, damped
 
 GOAL = np.array([5.05, 0.05, 0.0])
@@ -20,7 +20,7 @@ HERE = np.array([0.05, 0.05, 0.0])
 
 
 def test_forces_of_cells_by_hand():
-    p = ForceFieldParams(repulsion=0.1)
+    p = VirtualForceFieldParams(repulsion=0.1)
     force = cell_forces(np.array([[0.0, 2.0], [3.0, 4.0]]), np.array([6.0, 15.0]), 0.5, p)
     np.testing.assert_allclose(force[0], [0.0, -0.1 * 6.0 * 0.25 / 4.0])
     np.testing.assert_allclose(force[1], 0.1 * 15.0 * 0.25 / 25.0 * np.array([-0.6, -0.8]))
@@ -28,14 +28,14 @@ def test_forces_of_cells_by_hand():
 
 @given(st.floats(0.1, 3.0), st.floats(-3.0, 3.0), st.floats(1.0, 3.0))
 def test_twice_the_distance_is_a_force_weaker_by_the_power(distance, angle, power):
-    p = ForceFieldParams(power=power)
+    p = VirtualForceFieldParams(power=power)
     at = distance * np.array([math.cos(angle), math.sin(angle)])
     near, far = cell_forces(np.stack((at, 2.0 * at)), np.array([15.0, 15.0]), 0.54, p)
     np.testing.assert_allclose(near, far * 2.0**power, rtol=1e-9, atol=1e-12)
 
 
 def test_attraction_is_constant():
-    method = ForceField(BaseLimits())
+    method = VirtualForceField(BaseLimits())
     for goal in (GOAL, np.array([0.05, 9.0, 0.0])):
         assert np.hypot(*method.forces(HERE, goal)[1]) == pytest.approx(1.0)
 
@@ -50,7 +50,7 @@ def test_damping_by_the_direction():
 
 
 def test_a_seen_cell_repels():
-    method = ForceField(BaseLimits(radius=0.25), ForceFieldParams(repulsion=0.1))
+    method = VirtualForceField(BaseLimits(radius=0.25), VirtualForceFieldParams(repulsion=0.1))
     method.update(RangeRing("s", "sonar", 0.0, np.eye(4)[None], [1.0], 0.2, 0.0, 2.0), HERE)
     np.testing.assert_allclose(method.forces(HERE, GOAL)[0], [-0.1 * 3.0 * 0.25, 0.0], atol=1e-12)
 
@@ -58,7 +58,7 @@ def test_a_seen_cell_repels():
 def test_speed_falls_with_the_cosine():
     limits = BaseLimits(acceleration=100.0)
     for bearing, share in ((0.5 * math.pi, 1.0), (math.pi / 3.0, 0.5)):
-        method = ForceField(limits, ForceFieldParams(full_force=0.0, min_speed=0.0))
+        method = VirtualForceField(limits, VirtualForceFieldParams(full_force=0.0, min_speed=0.0))
         T = placed(0.0, 0.0, bearing)[None]
         method.update(RangeRing("s", "sonar", 0.0, T, [1.0], 0.2, 0.0, 2.0), HERE)
         force = method.forces(HERE, GOAL)[0]
@@ -69,7 +69,9 @@ def test_speed_falls_with_the_cosine():
 
 
 def test_the_yaw_rate_is_low_pass_filtered():
-    method = ForceField(BaseLimits(turn_acceleration=1000.0), ForceFieldParams(turn_gain=1.0, filter_time=0.4))
+    method = VirtualForceField(
+        BaseLimits(turn_acceleration=1000.0), VirtualForceFieldParams(turn_gain=1.0, filter_time=0.4)
+    )
     pose = np.array([0.0, 0.0, -0.5])  # the goal is 0.5 rad to the left
     goal = np.array([5.0, 0.0, 0.0])
     rates = [method.command(0.1 * k, pose, np.zeros(2), goal).omega for k in range(3)]
@@ -79,7 +81,13 @@ def test_the_yaw_rate_is_low_pass_filtered():
 def test_it_does_not_pass_a_narrow_door():
     start, goal = (0.6, 0.0, 0.0), (5.0, 0.0, 0.0)
     run = drive(
-        ForceField(BaseLimits()), door(0.8), start, goal, seconds=patience(start, goal), rate=10.0, until_blocked=True
+        VirtualForceField(BaseLimits()),
+        door(0.8),
+        start,
+        goal,
+        seconds=patience(start, goal),
+        rate=10.0,
+        until_blocked=True,
     )
     assert not run.arrived
     assert run.blocked
@@ -91,14 +99,20 @@ def test_it_does_not_pass_a_narrow_door():
 
 def test_it_passes_a_wide_gap():
     run = drive(
-        ForceField(BaseLimits()), door(3.0), (0.0, 0.0, 0.0), np.array([5.0, 0.0, 0.0]), seconds=20.0, rate=10.0
+        VirtualForceField(BaseLimits()), door(3.0), (0.0, 0.0, 0.0), np.array([5.0, 0.0, 0.0]), seconds=20.0, rate=10.0
     )
     assert run.poses[-1, 0] > 3.0
     assert run.clearance > 0.0
 
 
 def test_without_repulsion_it_drives_straight():
-    run = drive(ForceField(BaseLimits(), ForceFieldParams(repulsion=0.0)), World(), (0, 0, 0), GOAL - HERE, rate=10.0)
+    run = drive(
+        VirtualForceField(BaseLimits(), VirtualForceFieldParams(repulsion=0.0)),
+        World(),
+        (0, 0, 0),
+        GOAL - HERE,
+        rate=10.0,
+    )
     assert run.arrived
     assert np.abs(run.poses[:, 1]).max() < 1e-9
 
@@ -113,4 +127,4 @@ def test_without_repulsion_it_drives_straight():
 )
 def test_parameters_are_checked(given_, message):
     with pytest.raises(ParameterError, match=message):
-        ForceFieldParams(**given_)
+        VirtualForceFieldParams(**given_)
