@@ -114,9 +114,11 @@ def public(name: str) -> bool:
     parts = name.split(".")
     if any(part.startswith("_") for part in parts):
         return False
-    room = importlib.import_module(f"{PACKAGE}.{parts[0]}")
-    inside = isinstance(getattr(room, parts[1], None), ModuleType)
-    return inside or parts[1] in getattr(room, "__all__", [parts[1]])
+    room, k = importlib.import_module(f"{PACKAGE}.{parts[0]}"), 1
+    while hasattr(getattr(room, parts[k], None), "__path__"):  # a room below it
+        room, k = getattr(room, parts[k]), k + 1
+    inside = isinstance(getattr(room, parts[k], None), ModuleType)
+    return inside or parts[k] in getattr(room, "__all__", [parts[k]])
 
 
 def of(section: str) -> dict[str, Row]:

@@ -32,7 +32,7 @@ FAULTS = {
     "lost_odometry": "neither wheel travel nor position is measured",
     "viewer_killed": "the viewer's process dies",
 }
-SCENE_DELAY = 0.3
+_SCENE_DELAY = 0.3
 """Lateness [s] of the fault ``scene_late``."""
 
 
@@ -122,7 +122,7 @@ class FaultyPerception:
         if self._faults.active("nan_obstacle", t):
             raise PerceptionError("the sensed scene holds a pose that is not finite")
         if self._last is None or not self._faults.active("scene_frozen", t):
-            self._last = self.inner.sense(t - (SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
+            self._last = self.inner.sense(t - (_SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
         return self._last
 
 

@@ -61,7 +61,7 @@ class OdometryParams:
         return OdometryParams(encoder_noise=0.0, joint_noise=0.0, fix_noise=0.0, fix_angle_noise=0.0, fix_latency=0.0)
 
 
-def standard_normals(rng: np.random.Generator, block: int = 1024) -> Iterator[float]:
+def _standard_normals(rng: np.random.Generator, block: int = 1024) -> Iterator[float]:
     """Endless standard normal numbers cut off at ±3, drawn in blocks: a number costs as much as a list's next."""
     while True:
         yield from np.clip(rng.standard_normal(block), -3.0, 3.0).tolist()
@@ -79,7 +79,7 @@ class Odometry:
     def __init__(self, params: OdometryParams, rng: np.random.Generator, count: tuple[int, int]) -> None:
         self.params = params
         self._rng = rng
-        self._normal = standard_normals(rng)
+        self._normal = _standard_normals(rng)
         self._drives, self._joints = count
         self._lost_until = -math.inf
         self.reset(0.0, (0.0,) * self._drives)
@@ -308,7 +308,7 @@ class KinematicPlant:
         check_limits(robot, limits)
         self.robot, self.limits, self.params = robot, limits, params
         self._rng = np.random.default_rng(seed)
-        self._normal = standard_normals(self._rng)
+        self._normal = _standard_normals(self._rng)
         self._k, self._n = len(limits.drive_speed), len(limits.joint_speed)
         self._top = (limits.drive_speed * params.speed_margin).tolist()
         self._push = (limits.drive_acceleration * params.acceleration_margin).tolist()

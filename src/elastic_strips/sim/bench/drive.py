@@ -23,16 +23,16 @@ from ..faults import FAULTS, Fault
 from ..perception import PerceptionParams
 from ..scenarios import STRIP, drive_scenario, get_scenario, make_simulation
 from ..sensors import SensorConfig
-from .measure import cached, machine, parallel_map, percentiles
+from .measure import Figures, Note, cached, head, parallel_map, percentiles, unheard
 
-CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
+_CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
 """Classes of the movers' largest speed [m/s]."""
-FAULT_SECONDS = {"lost_odometry": 0.5, "scene_frozen": 2.0, "slow_tick": 1.0}
+_FAULT_SECONDS = {"lost_odometry": 0.5, "scene_frozen": 2.0, "slow_tick": 1.0}
 """Durations of the faults; one second for the others."""
 
 
 @dataclass(frozen=True, slots=True)
-class DriveTask:
+class _DriveTask:
     """One run: scenario, seed, robot, plant, perhaps a fault, whether it evades, its longest time [s], method, sensors
     (the robot knows the scene where None)."""
 
@@ -47,15 +47,15 @@ class DriveTask:
     sensors: SensorConfig | None = None
 
 
-def drive_once(task: DriveTask) -> dict[str, Any]:
+def _drive_once(task: _DriveTask) -> Figures:
     """Drive and evaluate; a worker's task."""
     robot = cached(task.robot, lambda: load_robot(task.robot))
     faults = []
     if task.fault:
         start = float(np.random.default_rng(task.seed).uniform(1.0, 6.0))
-        faults = [Fault(task.fault, start, FAULT_SECONDS.get(task.fault, 1.0))]
+        faults = [Fault(task.fault, start, _FAULT_SECONDS.get(task.fault, 1.0))]
     scenario = get_scenario(task.scenario, seed=task.seed)
-    options: dict[str, Any] = {"sensors": task.sensors}
+    options: Figures = {"sensors": task.sensors}
     if task.method == STRIP:
         options |= {"evade": task.evade, "faults": faults}
     if task.fault == "viewer_killed":
@@ -113,7 +113,7 @@ def drive_once(task: DriveTask) -> dict[str, Any]:
 def bench_drive(
     robot: str,
     seeds: Sequence[int],
-    step: Callable[[str], object] = lambda note: None,
+    step: Note = unheard,
     *,
     scenario: str = "moving-corridor",
     plant: str = "kinematic",
@@ -121,29 +121,27 @@ def bench_drive(
     method: str = STRIP,
     sensors: SensorConfig | None = None,
     processes: int | None = None,
-) -> dict[str, Any]:
+) -> Figures:
     """Drive a scenario of many seeds.
 
     Returns:
         Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
     """
     tasks = [
-        DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors) for seed in seeds
+        _DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors) for seed in seeds
     ]
     runs = []
-    for run in parallel_map(drive_once, tasks, processes):
+    for run in parallel_map(_drive_once, tasks, processes):
         runs.append(run)
         step(f"seed {run['seed']}: {'reached' if run['reached'] else 'not reached'}")
     runs.sort(key=lambda r: r["seed"])
     classes = []
-    for low, high in CLASSES:
+    for low, high in _CLASSES:
         mine = [r for r in runs if r.get("speed_class") and low <= r["speed_class"] < high + (high == 1.5) * 1e-6]
         if mine:
             classes.append({"from": low, "to": high, **_summary(mine)})
     return {
-        "benchmark": "drive",
-        "machine": machine(),
-        "robot": robot,
+        **head("drive", robot=robot),
         "scenario": scenario,
         "plant": plant,
         "evade": evade,
@@ -158,15 +156,15 @@ def bench_drive(
 def bench_faults(
     robot: str,
     seeds: Sequence[int],
-    step: Callable[[str], object] = lambda note: None,
+    step: Note = unheard,
     *,
     scenario: str = "moving-corridor",
     processes: int | None = None,
-) -> dict[str, Any]:
+) -> Figures:
     """Each kind of fault in many seeded runs: at rest or at the goal in the end, no contact at speed, fault named."""
-    tasks = [DriveTask(scenario, int(s), robot, fault=kind, time_limit=45.0) for kind in FAULTS for s in seeds]
+    tasks = [_DriveTask(scenario, int(s), robot, fault=kind, time_limit=45.0) for kind in FAULTS for s in seeds]
     runs = []
-    for run in parallel_map(drive_once, tasks, processes):
+    for run in parallel_map(_drive_once, tasks, processes):
         runs.append(run)
         step(f"{run['fault']}, seed {run['seed']}")
     kinds = {}
@@ -177,10 +175,10 @@ def bench_faults(
             "at_rest_or_goal": float(np.mean([r.get("at_rest_at_end", False) for r in mine])),
             "named": float(np.mean([bool(r.get("faults")) for r in mine])),
         }
-    return {"benchmark": "faults", "machine": machine(), "robot": robot, "kinds": kinds, "runs": runs}
+    return head("faults", robot=robot, kinds=kinds, runs=runs)
 
 
-def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+def _summary(runs: list[Figures]) -> Figures:
     """Figures of some runs."""
     done = [r for r in runs if "error" not in r]
     return {
@@ -231,10 +229,10 @@ _HALF_WIDTH = 0.27
 def bench_reaction(
     robot: RobotModel,
     seeds: Sequence[int],
-    step: Callable[[str], object] = lambda note: None,
+    step: Note = unheard,
     *,
     depth: float = 0.1,
-) -> dict[str, Any]:
+) -> Figures:
     """Planning at 100 Hz: a post appears on the strip; ticks until a motion along a new certified strip is followed.
 
     The post stands beside the way and reaches ``depth`` [m] into what the base sweeps, left or right by seed; every
@@ -254,9 +252,7 @@ def bench_reaction(
         rows.append(row)
     good = [r for r in rows if "ticks" in r]
     return {
-        "benchmark": "reaction",
-        "machine": machine(),
-        "robot": robot.name,
+        **head("reaction", robot=robot.name),
         "depth_m": depth,
         "count": len(rows),
         "reacted": len(good),
@@ -267,10 +263,10 @@ def bench_reaction(
     }
 
 
-def _once(robot: RobotModel, seed: int, depth: float) -> dict[str, Any]:
+def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
     params = replace(DriveParams(), plan_every=1, latency=1)
     scenario = get_scenario("corridor", seed=seed)
-    options: dict[str, Any] = {
+    options: Figures = {
         "robot": robot,
         "seed": seed,
         "params": params,
@@ -286,7 +282,7 @@ def _once(robot: RobotModel, seed: int, depth: float) -> dict[str, Any]:
     at = (x - side * np.sin(yaw), y + side * np.cos(yaw), 0.5 * height)
     post = Cylinder(_RADIUS, height, at=at, name="post")
     world = World(Scene([*scenario.scene, post]), appears={"post": appears})
-    seen: dict[str, Any] = {}
+    seen: Figures = {}
 
     def watch(driven: Simulation[Controller]) -> None:
         proposal = driven.controller.proposal
@@ -311,9 +307,7 @@ _WINDOW = 120.0
 """Simulated time [s] that one row of figures stands for."""
 
 
-def bench_soak(
-    robot: RobotModel, hours: float = 1.0, step: Callable[[str], object] = lambda note: None, *, seed: int = 0
-) -> dict[str, Any]:
+def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = unheard, *, seed: int = 0) -> Figures:
     """Drive to and fro for ``hours`` of simulated time.
 
     Returns:
@@ -322,7 +316,7 @@ def bench_soak(
     """
     world = _world(seed)
     ends = [robot.home(x=-3.5), robot.home(x=3.5)]
-    rows: list[dict[str, Any]] = []
+    rows: list[Figures] = []
     params = DriveParams(deform=DeformParams(max_nodes=200), time_limit=3600.0 * hours)
     begin = {"tick": 0, "time": 0.0}
     legs = 0
@@ -348,9 +342,7 @@ def bench_soak(
         controller.retarget(ends[legs % 2])
     warm = rows[max(len(rows) // 10, 1) - 1] if rows else None
     return {
-        "benchmark": "soak",
-        "machine": machine(),
-        "robot": robot.name,
+        **head("soak", robot=robot.name),
         "hours": driven.time / 3600.0,
         "legs": legs,
         "stops": len(controller.stops),

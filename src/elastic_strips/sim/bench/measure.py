@@ -6,15 +6,26 @@ import multiprocessing
 import os
 import platform
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips._version import __version__
 
+Figures: TypeAlias = dict[str, Any]
+"""What was measured: names and numbers, texts, lists and figures in it, ready for JSON."""
+Note: TypeAlias = Callable[[str], object]
+"""Called after each piece of work with a few words, for a progress bar."""
+_Task = TypeVar("_Task")
+_Made = TypeVar("_Made")
 
-def percentiles(values: Sequence[float] | npt.NDArray[np.float64], *, scale: float = 1.0) -> dict[str, Any]:
+
+def unheard(note: str) -> None:
+    """A :data:`Note` that goes nowhere."""
+
+
+def percentiles(values: Sequence[float] | npt.NDArray[np.float64], *, scale: float = 1.0) -> Figures:
     """p50, p90, p95, p99 and max of values, times ``scale``."""
     array = np.asarray(values, dtype=float) * scale
     if len(array) == 0:
@@ -22,12 +33,12 @@ def percentiles(values: Sequence[float] | npt.NDArray[np.float64], *, scale: flo
     return {f"p{p}": float(np.percentile(array, p)) for p in (50, 90, 95, 99)} | {"max": float(array.max())}
 
 
-def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+def head(benchmark: str, **what: object) -> Figures:
+    """How the figures of a benchmark begin: its name, what they were measured on, and what was measured."""
     import coal
     import pinocchio as pin
 
-    return {
+    machine = {
         "elastic_strips": __version__,
         "python": platform.python_version(),
         "cores": os.cpu_count(),
@@ -36,14 +47,15 @@ def machine() -> dict[str, Any]:
         "coal": coal.__version__,
         "numpy": np.__version__,
     }
+    return {"benchmark": benchmark, "machine": machine, **what}
 
 
-_WORK: dict[str, Any] = {}
+_WORK: Figures = {}
 
 
 def parallel_map(
-    work: Callable[[Any], dict[str, Any]], tasks: Sequence[Any], processes: int | None = None
-) -> Iterator[dict[str, Any]]:
+    work: Callable[[_Task], _Made], tasks: Sequence[_Task], processes: int | None = None
+) -> Iterator[_Made]:
     """Results of ``work`` on each task, in the order in which they are ready.
 
     Args:
@@ -68,7 +80,7 @@ def _quiet() -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
-def cached(key: str, make: Callable[[], Any]) -> Any:
+def cached(key: str, make: Callable[[], _Made]) -> _Made:
     """What a worker keeps from task to task: made once under a key."""
     if key not in _WORK:
         _WORK[key] = make()

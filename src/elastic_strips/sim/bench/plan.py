@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
 from elastic_strips.arrays import Array
@@ -17,14 +14,14 @@ from elastic_strips.strip import Strip
 from elastic_strips.tunnel import strip_clearance
 
 from ..scenarios import get_scenario
-from .measure import machine, percentiles
+from .measure import Figures, Note, head, percentiles, unheard
 
-SOON = 2.0
+_SOON = 2.0
 """Time [s] within which a strip should be certified."""
 
 
-def planned_corridors(
-    robot: RobotModel, seeds: int, step: Callable[[str], object], *, scenario: str = "corridor", grid: bool = True
+def _planned_corridors(
+    robot: RobotModel, seeds: int, step: Note, *, scenario: str = "corridor", grid: bool = True
 ) -> list[tuple[int, Scene, PlanReport]]:
     """Plan the corridors of seeds 0 … ``seeds`` − 1, each with a new workspace; one warm-up is not counted."""
     _plan(robot, 10_000, scenario, grid)
@@ -44,9 +41,9 @@ def _plan(robot: RobotModel, seed: int, scenario: str, grid: bool) -> tuple[Scen
 
 
 def bench_plan(
-    robot: RobotModel, seeds: int, step: Callable[[str], object] = lambda note: None, *, scenario: str = "corridor",
+    robot: RobotModel, seeds: int, step: Note = unheard, *, scenario: str = "corridor",
     grid: bool = True,
-) -> dict[str, Any]:  # fmt: skip
+) -> Figures:  # fmt: skip
     """Success, time to the first certified strip, clearance and slip on a seeded scenario.
 
     Args:
@@ -57,7 +54,7 @@ def bench_plan(
         grid: whether a way over a grid is tried before OMPL.
     """
     runs = []
-    for seed, scene, report in planned_corridors(robot, seeds, step, scenario=scenario, grid=grid):
+    for seed, scene, report in _planned_corridors(robot, seeds, step, scenario=scenario, grid=grid):
         strip = report.strip
         runs.append(
             {
@@ -77,15 +74,11 @@ def bench_plan(
         )
     good = [r for r in runs if r["certified"]]
     return {
-        "benchmark": "plan",
-        "scenario": scenario,
-        "grid": grid,
-        "machine": machine(),
-        "robot": robot.name,
+        **head("plan", robot=robot.name, scenario=scenario, grid=grid),
         "base": robot.base_kind.value,
         "seeds": seeds,
         "certified": len(good) / max(len(runs), 1),
-        "certified_within_2_s": sum(r["ms"] <= 1e3 * SOON for r in good) / max(len(runs), 1),
+        "certified_within_2_s": sum(r["ms"] <= 1e3 * _SOON for r in good) / max(len(runs), 1),
         "line_alone": sum(r["method"] == "line" for r in runs) / max(len(runs), 1),
         "time_to_certified_ms": percentiles([r["ms"] for r in good]),
         "clearance_m": {
@@ -99,26 +92,26 @@ def bench_plan(
     }
 
 
-PUSH = 0.05
+_PUSH = 0.05
 """How far the obstacle is pushed each time [m]."""
-PUSHES = 4
+_PUSHES = 4
 _MAX_TICKS = 40
 
 
-def bench_replan(robot: RobotModel, seeds: int, step: Callable[[str], object] = lambda note: None) -> dict[str, Any]:
+def bench_replan(robot: RobotModel, seeds: int, step: Note = unheard) -> Figures:
     """From each certified corridor strip: push the nearest obstacle 5 cm towards it, 4 times; time to certified again.
 
     The time is that of all ticks from the push to the first certified strip, one tick at least. The jump is the largest
     displacement of any control point at the same node (or, where nodes came or went, at the same share of the path).
     """
     runs = []
-    for seed, scene, report in planned_corridors(robot, seeds, step):
+    for seed, scene, report in _planned_corridors(robot, seeds, step):
         if not report.certified:
             continue
         deformer = Deformer(robot)
         strip = deformer.settle(report.strip, scene, max_ticks=10).strip
-        for push in range(PUSHES):
-            moved = push_nearest(deformer, strip, scene)
+        for push in range(_PUSHES):
+            moved = _push_nearest(deformer, strip, scene)
             if moved is None:
                 break
             scene = moved
@@ -132,7 +125,7 @@ def bench_replan(robot: RobotModel, seeds: int, step: Callable[[str], object] = 
                     "certified": last.certified,
                     "ms": 1e3 * seconds,
                     "ticks": ticks,
-                    "jump_m": jump(robot, before, strip),
+                    "jump_m": _jump(robot, before, strip),
                     "clearance_m": float(strip_clearance(strip, scene)),
                     "reason": last.reason,
                 }
@@ -141,9 +134,7 @@ def bench_replan(robot: RobotModel, seeds: int, step: Callable[[str], object] = 
                 break
     good = [r for r in runs if r["certified"]]
     return {
-        "benchmark": "replan",
-        "machine": machine(),
-        "robot": robot.name,
+        **head("replan", robot=robot.name),
         "seeds": seeds,
         "pushes": len(runs),
         "certified": len(good) / max(len(runs), 1),
@@ -167,7 +158,7 @@ def _recover(deformer: Deformer, strip: Strip, scene: Scene) -> tuple[float, int
     return seconds, _MAX_TICKS, report
 
 
-def push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: float = PUSH) -> Scene | None:
+def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: float = _PUSH) -> Scene | None:
     """The scene with the obstacle nearest to the strip moved ``distance`` [m] towards it; None where none is near."""
     deformer.assess(strip, scene)
     contacts = deformer.workspace.obstacles.contacts()
@@ -184,7 +175,7 @@ def push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: float
     return scene.moved(name, pose)
 
 
-def jump(robot: RobotModel, before: Strip, after: Strip) -> float:
+def _jump(robot: RobotModel, before: Strip, after: Strip) -> float:
     """Largest displacement [m] of any control point between two strips."""
     one, two = _points(robot, before.chart), _points(robot, after.chart)
     if len(one) != len(two):

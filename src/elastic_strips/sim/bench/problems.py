@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,16 +17,16 @@ from elastic_strips.robot import RobotModel, load_robot
 from ..closed_loop import simulation
 from ..datasets import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from ..evaluation import evaluate
-from .measure import cached, machine, parallel_map, percentiles
+from .measure import Figures, Note, cached, head, parallel_map, percentiles, unheard
 
-BARN_SPEED = 2.0
+_BARN_SPEED = 2.0
 """Largest speed [m/s] of the robot of BARN's record, which its score is made for."""
-DWA = {"success": 0.85, "collisions": 0.056, "score": 0.159}
+_DWA = {"success": 0.85, "collisions": 0.056, "score": 0.159}
 """What the reference planner of the data's own log reaches on the official worlds."""
 
 
 @dataclass(frozen=True, slots=True)
-class ProblemTask:
+class _ProblemTask:
     """One run of one problem: its kind, the folder of the data, its id, a seed, and the robot."""
 
     kind: str
@@ -37,22 +36,22 @@ class ProblemTask:
     robot: str
 
 
-def drive_problem(task: ProblemTask) -> dict[str, Any]:
+def _drive_problem(task: _ProblemTask) -> Figures:
     """Drive and evaluate one problem; a worker's task."""
     robot = cached(task.robot, lambda: load_robot(task.robot))
     folder = Path(task.root) / task.kind
     problem = load_barn(folder, task.id) if task.kind == "barn" else load_dynabarn(folder, task.id)
-    row: dict[str, Any] = {"id": task.id, "seed": task.seed, "difficulty": problem.difficulty}
+    row: Figures = {"id": task.id, "seed": task.seed, "difficulty": problem.difficulty}
     try:
         return row | _driven(problem, robot, task.seed)
     except ElasticStripsError as error:
         return row | {"success": False, "collisions": 0, "reason": str(error), "time_s": None}
 
 
-def problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParams, MotionLimits]:
+def _problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParams, MotionLimits]:
     """Parameters for a problem: as fast as the robot is, and a clearance that narrow ways allow."""
-    speed = BARN_SPEED if robot.name.startswith("jackal") else None
-    values: dict[str, Any] = {"wheel_speed": speed, "wheel_acceleration": 2.0, **problem.limits}
+    speed = _BARN_SPEED if robot.name.startswith("jackal") else None
+    values: Figures = {"wheel_speed": speed, "wheel_acceleration": 2.0, **problem.limits}
     limits = MotionLimits.for_robot(robot, **values)
     moving = any(o.motion is not None for o in problem.world.scene)
     params = DriveParams(
@@ -65,8 +64,8 @@ def problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParam
     return params, limits
 
 
-def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> dict[str, Any]:
-    params, limits = problem_params(problem, robot)
+def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> Figures:
+    params, limits = _problem_params(problem, robot)
     start, *goals = problem.configurations(robot)
     driven = simulation(
         robot, problem.world, start, np.array(goals), params=params, limits=limits, seed=seed, grid=True,
@@ -104,7 +103,7 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> dict[str, An
         "wall_s": result.seconds,
     }
     if problem.path_length:
-        best = problem.path_length / BARN_SPEED
+        best = problem.path_length / _BARN_SPEED
         for name, low in (("score", 4.0), ("score_2_8", 2.0)):
             row[name] = float(success) * best / float(np.clip(time, low * best, 8.0 * best))
     return row
@@ -113,13 +112,13 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> dict[str, An
 def bench_problems(
     kind: str,
     root: str | Path,
-    step: Callable[[str], object] = lambda note: None,
+    step: Note = unheard,
     *,
     robot: str = "jackal-box",
     seeds: int = 1,
     ids: Sequence[int] | None = None,
     processes: int | None = None,
-) -> dict[str, Any]:
+) -> Figures:
     """Drive the BARN or DynaBARN problems of a folder.
 
     Args:
@@ -137,28 +136,26 @@ def bench_problems(
     folder = Path(root) / kind
     if ids is None:
         ids = [i for i in barn_ids(folder) if i % 6 == 0] if kind == "barn" else list(dynabarn_ids(folder))
-    tasks = [ProblemTask(kind, str(root), int(i), seed, robot) for i in ids for seed in range(seeds)]
+    tasks = [_ProblemTask(kind, str(root), int(i), seed, robot) for i in ids for seed in range(seeds)]
     runs = []
-    for run in parallel_map(drive_problem, tasks, processes):
+    for run in parallel_map(_drive_problem, tasks, processes):
         runs.append(run)
         step(f"world {run['id']}, seed {run['seed']}: {'success' if run['success'] else 'failed'}")
     runs.sort(key=lambda r: (r["id"], r["seed"]))
     groups = sorted({r["difficulty"] for r in runs if r["difficulty"]})
     return {
-        "benchmark": kind,
-        "machine": machine(),
-        "robot": robot,
+        **head(kind, robot=robot),
         "worlds": len(ids),
         **_figures(runs),
         "by_difficulty": {g: _figures([r for r in runs if r["difficulty"] == g]) for g in groups},
-        "reference": {"DWA": DWA} if kind == "barn" else {},
+        "reference": {"DWA": _DWA} if kind == "barn" else {},
         "runs": runs,
     }
 
 
-def _figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
+def _figures(runs: list[Figures]) -> Figures:
     good = [r for r in runs if r["success"]]
-    figures: dict[str, Any] = {
+    figures: Figures = {
         "count": len(runs),
         "success": len(good) / max(len(runs), 1),
         "success_passive": sum(r.get("success_passive", False) for r in runs) / max(len(runs), 1),
@@ -174,7 +171,7 @@ def _figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return figures
 
 
-def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) -> dict[str, Any]:
+def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) -> Figures:
     """Plan both legs of the bridge, and drive them one after the other.
 
     Raises:
@@ -203,9 +200,7 @@ def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) 
     result = driven.run(time_limit=240.0)
     evaluation = evaluate(result.record, model, problem.world, driven.limits)
     return {
-        "benchmark": "bridge",
-        "machine": machine(),
-        "robot": robot,
+        **head("bridge", robot=robot),
         "legs": legs,
         "reached": bool(evaluation.reached),
         "collisions": len(evaluation.collisions),

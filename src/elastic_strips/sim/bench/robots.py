@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -21,15 +20,15 @@ from elastic_strips.robot import RobotModel, load_robot, robot_names
 from elastic_strips.scene import Scene, Sphere
 from elastic_strips.strip import Strip
 
-from .measure import machine
+from .measure import Figures, Note, head, unheard
 
-DRIVEN = (1.5, 0.2)
+_DRIVEN = (1.5, 0.2)
 """Where a base that moves is sent [m]."""
 TURN = 0.6
 """A joint is sent at most this far [rad], or as large a part of its range."""
-RADII = (0.1, 0.06, 0.03, 0.015)
+_RADII = (0.1, 0.06, 0.03, 0.015)
 """Radii [m] of the sphere in the way; the first that leaves start and goal free."""
-PATIENCE = 20.0
+_PATIENCE = 20.0
 """Longest time [s] that a strip gets to settle."""
 
 
@@ -71,9 +70,7 @@ def robot_cases(names: Sequence[str] = (), data: str | Path | None = None) -> li
     return cases
 
 
-def bench_robots(
-    cases: Sequence[RobotCase], step: Callable[[str], object] = lambda note: None, *, timeout: float = 10.0
-) -> dict[str, Any]:
+def bench_robots(cases: Sequence[RobotCase], step: Note = unheard, *, timeout: float = 10.0) -> Figures:
     """Load each robot, plan from home to another posture with a sphere in the way, settle the strip.
 
     Args:
@@ -88,20 +85,20 @@ def bench_robots(
         row["warnings"] = list(warnings)
         rows.append(row)
         step(f"{case.name}: {row['refused'] or row['settle']}")
-    return {"benchmark": "robots", "machine": machine(), "timeout_s": timeout, "robots": rows}
+    return head("robots", timeout_s=timeout, robots=rows)
 
 
-BEGIN, END = "<!-- table: elastic-strips bench robots -->\n", "<!-- end of table -->\n"
+_BEGIN, _END = "<!-- table: elastic-strips bench robots -->\n", "<!-- end of table -->\n"
 
 
 def with_table(page: str, table: str) -> str:
-    """A page with its table replaced: what stands between ``BEGIN`` and ``END``; the table alone for another page."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    return f"{before}{BEGIN}{table}{END}{after}" if begin and end else table
+    """A page with its table replaced: what stands between the two comments; the table alone for another page."""
+    before, begin, rest = page.partition(_BEGIN)
+    _, end, after = rest.partition(_END)
+    return f"{before}{_BEGIN}{table}{_END}{after}" if begin and end else table
 
 
-def robots_table(figures: dict[str, Any]) -> str:
+def robots_table(figures: Figures) -> str:
     """The figures of :func:`bench_robots` as a Markdown table."""
     lines = [
         "| robot | base | joints planned | pieces | loads, ms | warnings | plan | settle |",
@@ -119,8 +116,8 @@ def robots_table(figures: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _tried(case: RobotCase, timeout: float) -> dict[str, Any]:
-    row: dict[str, Any] = {
+def _tried(case: RobotCase, timeout: float) -> Figures:
+    row: Figures = {
         "name": case.name,
         "refused": None,
         "plan": "–",
@@ -143,7 +140,7 @@ def _tried(case: RobotCase, timeout: float) -> dict[str, Any]:
     if robot.nv == 0:
         return row | {"plan": "nothing moves"}
     try:
-        scene, goal = small_problem(robot)
+        scene, goal = _small_problem(robot)
         report = plan_report(robot, scene, robot.home(), goal, timeout=timeout)
         row |= {"plan": "certified" if report.certified else report.reason, "plan_ms": 1e3 * report.seconds}
         if report.certified:
@@ -157,13 +154,13 @@ class _Impatient(Exception):
     """A strip has had its time."""
 
 
-def _settled(robot: RobotModel, strip: Strip, scene: Scene) -> dict[str, Any]:
+def _settled(robot: RobotModel, strip: Strip, scene: Scene) -> Figures:
     begin, status = perf_counter(), "no tick"
 
     def watch(report: DeformReport) -> None:
         nonlocal status
         status = f"{report.status.value}, {'certified' if report.certified else 'not certified'}, still moving"
-        if perf_counter() - begin > PATIENCE:
+        if perf_counter() - begin > _PATIENCE:
             raise _Impatient
 
     with suppress(_Impatient):
@@ -174,7 +171,7 @@ def _settled(robot: RobotModel, strip: Strip, scene: Scene) -> dict[str, Any]:
     return {"settle": status, "settle_ms": 1e3 * (perf_counter() - begin)}
 
 
-def small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
+def _small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
     """A sphere in the way from home, and a goal (nq,): the sphere sits where the part that moves most passes.
 
     Raises:
@@ -188,7 +185,7 @@ def small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
     for _ in range(60):
         chart = home + rng.uniform(-1.0, 1.0, space.nv) * np.minimum(TURN, 0.4 * span)
         if space.planar:
-            chart[:3] = (*DRIVEN, 0.0)
+            chart[:3] = (*_DRIVEN, 0.0)
         goal = space.from_chart(np.clip(chart, space.lower, space.upper))
         try:
             check_ends(robot, Scene([]), robot.home(), goal, params)
@@ -196,7 +193,7 @@ def small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
             continue
         easy = easy or (Scene([]), goal)
         at = _passing(robot, robot.home(), goal)
-        for radius in RADII:
+        for radius in _RADII:
             scene = Scene([Sphere(radius, at=tuple(at), name="ball")])
             try:
                 check_ends(robot, scene, robot.home(), goal, params)

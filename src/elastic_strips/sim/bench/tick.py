@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +14,7 @@ from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.strip import Strip
 
 from ..scenarios import get_scenario
-from .measure import machine, percentiles
+from .measure import Figures, Note, head, percentiles, unheard
 
 STEP = 0.02
 """How far the obstacle moves in a tick [m]."""
@@ -25,9 +23,7 @@ _NODES = (32, 64, 128, 256)
 _OBSTACLES = (10, 100, 1000, 10_000, 60_000)
 
 
-def bench_tick(
-    robot: RobotModel, ticks: int = 200, step: Callable[[str], object] = lambda note: None, *, scaling: bool = True
-) -> dict[str, Any]:
+def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = unheard, *, scaling: bool = True) -> Figures:
     """A whole tick, certificate included, with an obstacle that moves 2 cm in each, on 64 nodes and 32 obstacles.
 
     After every tenth tick, in the same loop: ``pin.computeDistances`` over every pair on the nodes of the same strip
@@ -43,10 +39,8 @@ def bench_tick(
     strip = _strip(robot, scene, 64)
     main = _measure(robot, strip, scene, ticks, baseline=True)
     step("tick")
-    document: dict[str, Any] = {
-        "benchmark": "tick",
-        "machine": machine(),
-        "robot": robot.name,
+    document: Figures = {
+        **head("tick", robot=robot.name),
         "nodes": len(strip),
         "obstacles": len(scene),
         "links": len(robot.geometries),
@@ -102,7 +96,7 @@ def _strip(robot: RobotModel, scene: Scene, nodes: int) -> Strip:
     return strip
 
 
-def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, baseline: bool = False) -> dict[str, Any]:
+def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, baseline: bool = False) -> Figures:
     deformer = Deformer(robot, _params(len(strip)))
     name, direction = _mover(deformer, strip, scene)
     every_pair = _EveryPair(robot, scene) if baseline else None
@@ -128,7 +122,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
             phases.setdefault(phase, []).append(value)
         if every_pair is not None and k % _EVERY == 0:
             base.append(every_pair.seconds(strip, name, pose))
-    out: dict[str, Any] = {
+    out: Figures = {
         "tick_ms": percentiles(seconds, scale=1e3),
         "certified": certified / ticks,
         "queries_per_tick": asked / ticks,

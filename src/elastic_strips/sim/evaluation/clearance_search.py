@@ -165,7 +165,7 @@ def _with_samples(robot: RobotModel, time: Array, chart: Array, more: Array) -> 
     return times, np.array(rows)
 
 
-TOUCH = 1e-5
+_TOUCH = 1e-5
 """Nearer than this [m] counts as touching: Coal may see shapes that touch this far apart."""
 _BLOCK = 32  # samples that are bounded at once
 _FINEST = 1e-6  # share of a sample interval that is not split any more, as where an obstacle jumps
@@ -214,12 +214,12 @@ class ClearanceSearch:
     def closest(self, accuracy: float) -> ClosestApproach | None:
         """The moment of least distance, to within ``accuracy`` [m]; None if no obstacle existed meanwhile.
 
-        Whether anything touched is settled to `TOUCH`, however coarse the accuracy.
+        Whether anything touched is settled to `_TOUCH`, however coarse the accuracy.
         """
         best, where = np.inf, None
 
         def settled(bound: float) -> bool:
-            return bound >= best - accuracy and (bound > TOUCH or best <= TOUCH)
+            return bound >= best - accuracy and (bound > _TOUCH or best <= _TOUCH)
 
         order = np.argsort(self._lower, axis=None)
         bounds = self._lower.ravel()[order]
@@ -251,18 +251,18 @@ class ClearanceSearch:
     def contacts(self) -> list[ClosestApproach]:
         """All samples at which a pair touches, and a moment of each contact between two samples; in order of time."""
         found: dict[tuple[int, int, float], ClosestApproach] = {}
-        for block, g, p in np.argwhere(self._lower <= TOUCH).tolist():
+        for block, g, p in np.argwhere(self._lower <= _TOUCH).tolist():
             first, last = self._blocks[block].tolist()
             stack: list[tuple[float, float]] = [(float(first), float(last))]
             while stack:
                 a, b = stack.pop()
                 d, e = self.distance(g, p, a), self.distance(g, p, b)
                 for u, x in ((a, d), (b, e)):
-                    if x <= TOUCH:
+                    if x <= _TOUCH:
                         found[g, p, u] = self._approach(g, p, u)
                 middle = _middle(a, b)
-                known = b - a <= 1.0 and min(d, e) <= TOUCH  # that they touch in this interval
-                if middle is not None and not known and 0.5 * (d + e - self._moved(g, p, a, b)) <= TOUCH:
+                known = b - a <= 1.0 and min(d, e) <= _TOUCH  # that they touch in this interval
+                if middle is not None and not known and 0.5 * (d + e - self._moved(g, p, a, b)) <= _TOUCH:
                     stack += [(middle, b), (a, middle)]
         return sorted(found.values(), key=lambda c: (c.time, c.distance))
 

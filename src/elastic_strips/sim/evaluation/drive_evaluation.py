@@ -315,7 +315,7 @@ def _arrival(robot: RobotModel, time: Array, chart: Array, goal: npt.ArrayLike, 
     return float(time[late[-1] + 1 if len(late) else 0] - time[0])
 
 
-WALKING_SPEED = 1.6
+_WALKING_SPEED = 1.6
 """Speed of an approaching person [m/s] that the figure is made for (ISO/TS 15066 takes it from ISO 13855)."""
 
 
@@ -325,7 +325,7 @@ def protective_separation(
     perception: PerceptionParams,
     *,
     speed: float | None = None,
-    approach: float = WALKING_SPEED,
+    approach: float = _WALKING_SPEED,
 ) -> float:
     """S_p = S_h + S_r + S_s + C + Z_d + Z_r [m] of ISO/TS 15066, with C = 0.
 

@@ -26,7 +26,7 @@ from ..plant import PlantParams
 FLOOR, ROLLING, LINK, OBSTACLE = range(4)
 """Kinds of geoms: the floor; wheels and casters; the robot's other links; obstacles."""
 
-_WITH_OBSTACLES, WITH_FLOOR = 1, 2  # bits of contype and conaffinity
+_WITH_OBSTACLES, _WITH_FLOOR = 1, 2  # bits of contype and conaffinity
 _TYRE = 0.02  # [m] half the width of a driven wheel
 _TYRE_CONTACT = (0.006, 1.0)  # solref: time constant [s], damping ratio
 # Softer, as if on springs: the driven wheels carry nine tenths of the weight. On four rigid points its share is left
@@ -35,7 +35,7 @@ _CASTER_CONTACT = (0.02, 1.0)
 _CONE_SIDES = 64
 
 
-def add_robot(mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, wheels: list[str]) -> None:
+def _add_robot(mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, wheels: list[str]) -> None:
     """The robot's pieces, its wheels and its casters; nothing of the robot touches the robot."""
     root = spec.worldbody.first_body()
     first = 2  # joint 1 is the planar root
@@ -45,8 +45,8 @@ def add_robot(mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, w
         carried = piece.joint >= first
         body = spec.joint(robot.model.names[piece.joint]).parent if carried else root
         # what the base carries may include wheels in one hull, so only the arm can touch the floor
-        bits = _WITH_OBSTACLES | (WITH_FLOOR if carried else 0)
-        for values in shape_geoms(mujoco, spec, piece.geometry, piece.placement, f"robot:{piece.name}"):
+        bits = _WITH_OBSTACLES | (_WITH_FLOOR if carried else 0)
+        for values in _shape_geoms(mujoco, spec, piece.geometry, piece.placement, f"robot:{piece.name}"):
             body.add_geom(name=_name(spec, f"{LINK}|{_link(piece)}"), contype=bits, conaffinity=0, mass=0.0, **values)
     # Tyres are crowned: one point of contact each, half a track off the middle. A cylinder touches along a line, whose
     # two ends MuJoCo takes as points that cannot both roll in a turn: measured, the robot turned a quarter too slowly.
@@ -56,7 +56,7 @@ def add_robot(mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, w
         mujoco.mju_quatZ2Vec(quat, np.array(joint.axis))
         joint.parent.add_geom(
             name=_name(spec, f"{ROLLING}|{joint.parent.name}"), type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, quat=quat,
-            size=[limits.wheel_radius, limits.wheel_radius, _TYRE], contype=_WITH_OBSTACLES | WITH_FLOOR,
+            size=[limits.wheel_radius, limits.wheel_radius, _TYRE], contype=_WITH_OBSTACLES | _WITH_FLOOR,
             conaffinity=0, mass=0.0, priority=1, condim=3, friction=[1.0, 0.005, 0.0001], solref=_TYRE_CONTACT,
         )  # fmt: skip
     casters = [b for b in spec.bodies if "caster" in b.name.lower() and b.first_body() is None]
@@ -70,12 +70,12 @@ def add_robot(mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, w
         if height > 0.0:
             body.add_geom(
                 name=_name(spec, f"{ROLLING}|{body.name}"), type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[height, 0.0, 0.0],
-                contype=_WITH_OBSTACLES | WITH_FLOOR, conaffinity=0, mass=0.0, priority=2, condim=1,
+                contype=_WITH_OBSTACLES | _WITH_FLOOR, conaffinity=0, mass=0.0, priority=2, condim=1,
                 solref=_CASTER_CONTACT,
             )  # fmt: skip
 
 
-def add_obstacle(mujoco: Any, spec: Any, name: str, obstacle: Obstacle) -> bool:
+def _add_obstacle(mujoco: Any, spec: Any, name: str, obstacle: Obstacle) -> bool:
     """One body with a geom per convex part; True where it moves."""
     moves = obstacle.motion is not None
     quat = np.zeros(4)
@@ -87,7 +87,7 @@ def add_obstacle(mujoco: Any, spec: Any, name: str, obstacle: Obstacle) -> bool:
         for shape, offset in members:
             T = np.array(part.T_obstacle_part)
             T[:3, 3] += offset
-            for values in shape_geoms(mujoco, spec, shape, T, f"obstacle:{name}:{count}"):
+            for values in _shape_geoms(mujoco, spec, shape, T, f"obstacle:{name}:{count}"):
                 count += 1
                 body.add_geom(
                     name=_name(spec, f"{OBSTACLE}|{name}"), contype=0, conaffinity=_WITH_OBSTACLES, mass=0.0, **values
@@ -95,7 +95,7 @@ def add_obstacle(mujoco: Any, spec: Any, name: str, obstacle: Obstacle) -> bool:
     return moves
 
 
-def shape_geoms(mujoco: Any, spec: Any, shape: Any, T: Array, name: str) -> list[dict[str, Any]]:
+def _shape_geoms(mujoco: Any, spec: Any, shape: Any, T: Array, name: str) -> list[dict[str, Any]]:
     """Keywords of the geoms that make up a Coal shape at the pose T (4, 4) in its body."""
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T[:3, :3]).ravel())
@@ -216,8 +216,8 @@ def build_model(
         root = spec.worldbody.first_body()
         root.add_freejoint()
         _options(mujoco, spec, timestep)
-        add_robot(mujoco, spec, robot, limits, [w[0] for w in wheels])
-        kinds = {name: add_obstacle(mujoco, spec, name, o) for name, o in ((o.name or "", o) for o in obstacles)}
+        _add_robot(mujoco, spec, robot, limits, [w[0] for w in wheels])
+        kinds = {name: _add_obstacle(mujoco, spec, name, o) for name, o in ((o.name or "", o) for o in obstacles)}
         compensation = _add_motors(mujoco, spec, robot, limits, params, [w[0] for w in wheels])
         model = spec.compile()
     except ValueError as error:
@@ -287,7 +287,7 @@ def _options(mujoco: Any, spec: Any, timestep: float) -> None:
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 10.0  # soft friction creeps; this makes it ten times as stiff as the normal direction
     spec.worldbody.add_geom(
-        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=0, conaffinity=WITH_FLOOR
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=0, conaffinity=_WITH_FLOOR
     )
 
 

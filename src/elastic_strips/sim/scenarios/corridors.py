@@ -43,7 +43,7 @@ HALF_WIDTH = 2.0
 """Half the distance [m] between the two walls."""
 _OBSTACLES = 32
 _BLOCKERS = 4
-PASSAGE = 0.56
+_PASSAGE = 0.56
 """Half width [m] kept free about the guide curve: base radius, arm and room to turn."""
 _ENDS = 0.95  # radius [m] about start and goal kept free: robot and influence distance
 _STEPS = 400
@@ -83,7 +83,7 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
         x = float(rng.uniform(0.0, LENGTH)) if not block else float(rng.uniform(1.2, LENGTH - 1.2))
         y = float(rng.uniform(-0.12, 0.12)) if block else float(rng.uniform(-HALF_WIDTH, HALF_WIDTH))
         free = np.min(np.hypot(guide[:, 0] - x, guide[:, 1] - y))
-        if free < radius + PASSAGE or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _ENDS:
+        if free < radius + _PASSAGE or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _ENDS:
             continue
         items.append(_obstacle(kind, radius, x, y, rng, f"{kind}-{len(items)}"))
         blockers += block
@@ -133,12 +133,12 @@ def _obstacle(kind: str, radius: float, x: float, y: float, rng: np.random.Gener
     return Sphere(radius, at=(x, y, float(rng.uniform(0.8, 1.4))), name=name)
 
 
-FINE = 10
+_FINE = 10
 """Pieces between two keyframes of such a track."""
 
 
-def smooth_stop(places: np.ndarray, frame: float, acceleration: float) -> np.ndarray:
-    """A track (K, 2) with a stop at its end, and smooth: each place is the mean over ``frame``, `FINE` of them a frame.
+def _smooth_stop(places: np.ndarray, frame: float, acceleration: float) -> np.ndarray:
+    """A track (K, 2) with a stop at its end, and smooth: `_FINE` places a frame, each the mean over one frame.
 
     So the velocity changes in steps that are small beside what braking adds to them; no place moves by half a
     millimetre.
@@ -149,9 +149,9 @@ def smooth_stop(places: np.ndarray, frame: float, acceleration: float) -> np.nda
     stop = places[-1] + frame * np.cumsum(np.outer(slower, velocity / speed), axis=0)
     first, last = 2.0 * places[0] - places[1], stop[-1] if len(stop) else places[-1]
     p = np.vstack((first, places, stop, last, last))
-    i = np.arange(FINE * (len(p) - 3) + 1)
-    k = (i + FINE // 2) // FINE
-    u = (i / FINE - k)[:, None]
+    i = np.arange(_FINE * (len(p) - 3) + 1)
+    k = (i + _FINE // 2) // _FINE
+    u = (i / _FINE - k)[:, None]
     bend = p[k + 2] - 2.0 * p[k + 1] + p[k]
     return p[k + 1] + 0.5 * u * (p[k + 2] - p[k]) + (0.5 * u * u + 0.125) * bend
 
@@ -172,7 +172,7 @@ More than `ACCELERATION`, so that it can brake in a turn, and a little less than
 """
 DURATION = 60.0
 """All movers are gone at that time [s]."""
-COUNTS = (1, 8)
+_COUNTS = (1, 8)
 """Least and most movers."""
 SPEEDS = (0.2, 1.5)
 """Range that the speed class is drawn from by default [m/s]."""
@@ -241,7 +241,7 @@ def moving_corridor(
     rng = np.random.default_rng([seed, 60])
     low, high = float(speed[0]), float(speed[1])
     fastest = float(rng.uniform(low, high))
-    number = int(rng.integers(COUNTS[0], COUNTS[1] + 1))
+    number = int(rng.integers(_COUNTS[0], _COUNTS[1] + 1))
     count = number if count is None else int(count)
     aimed = max(1, round(count / 3))
     guide = corridor_guide(seed)
@@ -274,8 +274,8 @@ def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"{MOVING}: seed={seed!r} must be an integer ≥ 0")
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-    if count is not None and not (whole and COUNTS[0] <= count <= COUNTS[1]):
-        raise ScenarioError(f"{MOVING}: count={count!r} must be an integer from {COUNTS[0]} to {COUNTS[1]}")
+    if count is not None and not (whole and _COUNTS[0] <= count <= _COUNTS[1]):
+        raise ScenarioError(f"{MOVING}: count={count!r} must be an integer from {_COUNTS[0]} to {_COUNTS[1]}")
     try:
         low, high = checks.array("speed", speed, (2,)).tolist()
     except ValueError as error:
@@ -303,7 +303,7 @@ def _mover(
             continue
         frame = FRAME
         if yielding:
-            track, frame = smooth_stop(track, FRAME, ACCELERATION), FRAME / FINE
+            track, frame = _smooth_stop(track, FRAME, ACCELERATION), FRAME / _FINE
         times = plan.begin + frame * np.arange(len(track))
         half = 0.5 * math.atan2(plan.velocity[1], plan.velocity[0])
         motion = Keyframes(times, np.column_stack((track, np.full(len(track), body.height))))
@@ -334,7 +334,7 @@ def _far(course: _Course, radius: float, top: float, guide: np.ndarray) -> bool:
     if course.begin > 0.0:  # the robot may be anywhere in the corridor
         return math.hypot(max(-_BEYOND - x, x - LENGTH - _BEYOND, 0.0), max(abs(y) - HALF_WIDTH, 0.0)) >= apart
     free = math.hypot(x - LENGTH, y) >= _GOAL_FREE + radius
-    aside = float(np.hypot(guide[:, 0] - x, guide[:, 1] - y).min()) >= PASSAGE + radius
+    aside = float(np.hypot(guide[:, 0] - x, guide[:, 1] - y).min()) >= _PASSAGE + radius
     return math.hypot(x, y) >= apart and free and aside
 
 

@@ -153,7 +153,7 @@ def _guide(rng: np.random.Generator) -> Array:
 
 
 CLOSING = "closing-side"
-CLOSED = 6.0
+_CLOSED = 6.0
 """Time [s] from which the first side is closed."""
 _SPEED = 0.2
 

@@ -34,7 +34,7 @@ def _case(name: str) -> Callable[[int], Scenario]:
     return lambda seed: paper_case(name)
 
 
-REGISTRY: dict[str, Callable[[int], Scenario]] = {
+_REGISTRY: dict[str, Callable[[int], Scenario]] = {
     **{name: _case(name) for name in TABLE_2},
     "corridor": _corridor,
     CLUTTER: clutter,
@@ -49,7 +49,7 @@ REGISTRY: dict[str, Callable[[int], Scenario]] = {
 
 def scenario_names() -> tuple[str, ...]:
     """Names that :func:`get_scenario` knows."""
-    return tuple(REGISTRY)
+    return tuple(_REGISTRY)
 
 
 def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
@@ -63,11 +63,11 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     text = str(name_or_path)
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"seed={shown(seed)} must be an integer ≥ 0")
-    if text in REGISTRY:
-        return REGISTRY[text](seed)
+    if text in _REGISTRY:
+        return _REGISTRY[text](seed)
     path = Path(text)
     if path.suffix.lower() == ".npz":
         raise ScenarioError(f"{text}: is no scenario; 'elastic-strips view' replays the record of a drive")
     if text and (path.suffix.lower() in (".yaml", ".yml") or "/" in text or os.path.exists(path)):
         return Scenario.from_spec(read_scenario(path))
-    raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, REGISTRY)} Or give a .yaml file.")
+    raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, _REGISTRY)} Or give a .yaml file.")

@@ -140,7 +140,7 @@ _BOX_FACES = np.array(
 )  # fmt: skip
 
 
-def import_embree() -> tuple[Any, Any]:
+def _import_embree() -> tuple[Any, Any]:
     """The classes ``EmbreeScene`` and ``TriangleMesh`` of the package ``embreex``.
 
     Raises:
@@ -154,7 +154,7 @@ def import_embree() -> tuple[Any, Any]:
     return EmbreeScene, TriangleMesh
 
 
-class TriangleBody:
+class _TriangleBody:
     """Workspace: closed meshes in one frame, in one tree of boxes that is built once.
 
     Args:
@@ -174,7 +174,7 @@ class TriangleBody:
         a, b, c = ((points - self.center)[triangles[:, k]] for k in range(3))
         normal = np.cross(b - a, c - a)
         self._normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-        make_scene, make_mesh = import_embree()
+        make_scene, make_mesh = _import_embree()
         self._scene = make_scene(robust=True)  # no beam slips through between two triangles
         self._mesh = make_mesh(
             self._scene, (points - self.center).astype(np.float32), np.ascontiguousarray(triangles, dtype=np.int32)
@@ -216,11 +216,11 @@ class TriangleBody:
         return True
 
 
-def part_meshes(part: Part) -> list[Corners]:
+def _part_meshes(part: Part) -> list[Corners]:
     """Triangles of a part of an obstacle, in the obstacle's frame."""
     shift = part.T_obstacle_part[:3, 3]
     if part.geometry is not None:
-        points, faces = hull_mesh(part.geometry)
+        points, faces = _hull_mesh(part.geometry)
         return [(points + shift, faces)]
     half = np.array([box.halfSide for box, _ in part.boxes])
     middle = np.array([at for _, at in part.boxes]) + shift
@@ -229,7 +229,7 @@ def part_meshes(part: Part) -> list[Corners]:
     return [(points, faces)]
 
 
-def hull_mesh(geometry: Any, padding: float = 0.0) -> Corners:
+def _hull_mesh(geometry: Any, padding: float = 0.0) -> Corners:
     """Triangles of a convex Coal shape, in its frame.
 
     Args:
@@ -244,10 +244,10 @@ def hull_mesh(geometry: Any, padding: float = 0.0) -> Corners:
     return _hull(points)
 
 
-def joined(bodies: Sequence[tuple[Array, Sequence[Corners]]]) -> TriangleBody:
+def joined(bodies: Sequence[tuple[Array, Sequence[Corners]]]) -> _TriangleBody:
     """One body of meshes that stand still, each with the pose (4, 4) of its frame in the world."""
     placed = [(points @ T[:3, :3].T + T[:3, 3], faces) for T, meshes in bodies for points, faces in meshes]
-    return TriangleBody(placed)
+    return _TriangleBody(placed)
 
 
 def _hull(points: Array) -> Corners:
@@ -277,8 +277,8 @@ class ObstacleRays:
     def __init__(self, world: World) -> None:
         self.world = world
         self._primitives: tuple[tuple[Part, ...], Primitives] = (), Primitives.of([])
-        self._own: dict[str, TriangleBody] = {}
-        made: dict[int, TriangleBody] = {}
+        self._own: dict[str, _TriangleBody] = {}
+        made: dict[int, _TriangleBody] = {}
         still: list[tuple[Array, list[Corners]]] = []
         for obstacle in world.scene:
             name, meshes = obstacle.name or "", _meshes(obstacle)
@@ -289,7 +289,7 @@ class ObstacleRays:
                 continue
             shape = id(obstacle.solid)  # copies share it, and the world keeps it
             if shape not in made:
-                made[shape] = TriangleBody(meshes)
+                made[shape] = _TriangleBody(meshes)
             self._own[name] = made[shape]
         self._still = joined(still) if still else None
 
@@ -328,7 +328,7 @@ class ObstacleRays:
 
 def _meshes(obstacle: Obstacle) -> list[Corners]:
     """Triangles of an obstacle's parts that are no primitives, in its frame."""
-    return [m for part in obstacle.parts if not is_primitive(part.geometry) for m in part_meshes(part)]
+    return [m for part in obstacle.parts if not is_primitive(part.geometry) for m in _part_meshes(part)]
 
 
 _FAR = 1e3  # [m] beyond any robot
@@ -389,7 +389,7 @@ class _Bodies:
         self._joint = np.array([p.joint for p in simple], dtype=np.intp)[order]
         self._local = np.array([p.placement for p in simple]).reshape(-1, 4, 4)[order]
         self._hulls = [
-            (p.joint, p.placement, TriangleBody([hull_mesh(p.geometry, padding)]))
+            (p.joint, p.placement, _TriangleBody([_hull_mesh(p.geometry, padding)]))
             for p in pieces
             if not is_primitive(p.geometry, padding)
         ]

@@ -19,7 +19,7 @@ from .bodies import ObstacleRays, Posture, SelfFilter, SensorMount
 from .params import LaserParams, RangeParams, RingParams, SensorConfig
 from .rays import Rays
 
-CUT = 3.0
+_CUT = 3.0
 """Noise is cut off at this many standard deviations."""
 
 
@@ -37,7 +37,7 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
         ``NOTHING`` beyond the longest range, ``NO_ANSWER`` where the range was lost or is not known; else within
         ``range_min`` and ``range_max``.
     """
-    white = np.clip(rng.standard_normal(distance.shape), -CUT, CUT)
+    white = np.clip(rng.standard_normal(distance.shape), -_CUT, _CUT)
     lost = rng.random(distance.shape) < params.dropout
     there = np.where(np.isfinite(distance), distance, 0.0)
     ranges = np.clip(there + (params.noise + params.noise_ratio * there) * white, params.range_min, params.range_max)

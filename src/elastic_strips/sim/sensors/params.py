@@ -15,8 +15,8 @@ from elastic_strips.io.yaml_source import Node, load_yaml
 
 RingKind = Literal["sonar", "infrared"]
 KINDS: tuple[RingKind, ...] = ("sonar", "infrared")
-MOST_RAYS = 100_000
-SHORTEST_PERIOD = 1e-3  # [s]
+_MOST_RAYS = 100_000
+_SHORTEST_PERIOD = 1e-3  # [s]
 
 
 def _where(params: Any) -> str:
@@ -81,7 +81,7 @@ class RangeParams:
             raise ParameterError(
                 f"{_where(self)}.range_max={self.range_max!r} must exceed range_min={self.range_min!r} m"
             )
-        _check(self, "rate", 1e-3, 1.0 / SHORTEST_PERIOD, "Hz")
+        _check(self, "rate", 1e-3, 1.0 / _SHORTEST_PERIOD, "Hz")
         _check(self, "latency", 0.0, 10.0, "s")
         _check(self, "noise", 0.0, 10.0, "m")
         _check(self, "noise_ratio", 0.0, 1.0, "-")
@@ -126,7 +126,7 @@ class LaserParams(RangeParams):
         RangeParams.__post_init__(self)
         _check_name(self, "frame")
         _check(self, "field_of_view", 0.0, 2.0 * math.pi + 1e-9, "rad")
-        _check_count(self, "rays", 1, MOST_RAYS)
+        _check_count(self, "rays", 1, _MOST_RAYS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,7 +167,7 @@ class RingParams(RangeParams):
         if len(set(self.frames)) < len(self.frames):
             raise ParameterError(f"{_where(self)}.frames={self.frames!r} names a link twice")
         _check(self, "half_angle", 0.0, 0.5 * math.pi, "rad")
-        _check_count(self, "rays", 1, MOST_RAYS // len(self.frames))
+        _check_count(self, "rays", 1, _MOST_RAYS // len(self.frames))
         _check(self, "max_incidence", 0.0, 0.5 * math.pi, "rad")
         _check(self, "crosstalk", 0.0, 1.0, "-")
         _check_count(self, "groups", 1, len(self.frames))
