@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.execution.controller import Propose
@@ -18,7 +16,7 @@ from elastic_strips.execution.onward import Proposal
 from elastic_strips.execution.tracking import Command
 from elastic_strips.execution.trajectory import Trajectory
 from elastic_strips.scene import Scene
-from elastic_strips.validation import check_type, shown
+from elastic_strips.validation import check_number, check_type, shown
 
 from .perception import Perceiver, PerceptionError
 from .plant import Plant
@@ -54,9 +52,7 @@ class Fault:
         if self.kind not in FAULTS:
             raise ParameterError(f"fault {self.kind!r} is unknown{nearest_name(self.kind, FAULTS)}")
         for name in ("start", "duration"):
-            value = getattr(self, name)
-            if not np.isfinite(value) or value < 0:
-                raise ParameterError(f"fault {self.kind}: {name}={value!r} must be finite and ≥ 0 s")
+            check_number(f"fault {self.kind}: {name}", getattr(self, name), low=0.0, unit="s")
 
     def active(self, t: float) -> bool:
         """Whether it is there at time ``t`` [s]."""

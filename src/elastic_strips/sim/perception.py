@@ -8,9 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ElasticStripsError, ParameterError
+from elastic_strips.errors import ElasticStripsError
 from elastic_strips.execution.params import ObstacleAssumptions
 from elastic_strips.scene import Scene, Twist, Unknown, World
+from elastic_strips.validation import check_number
 
 
 class PerceptionError(ElasticStripsError):
@@ -30,10 +31,8 @@ class PerceptionParams:
     noise: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.noise <= 1.0:
-            raise ParameterError(f"PerceptionParams.noise={self.noise!r} must lie in [0, 1]")
-        if not (np.isfinite(self.delay) and self.delay >= 0.0):
-            raise ParameterError(f"PerceptionParams.delay={self.delay!r} must be finite and ≥ 0 s")
+        check_number("PerceptionParams.noise", self.noise, low=0.0, high=1.0)
+        check_number("PerceptionParams.delay", self.delay, low=0.0, unit="s")
 
 
 class Perceiver(Protocol):

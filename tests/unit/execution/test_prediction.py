@@ -106,7 +106,7 @@ def test_appearing_obstacles_are_seen_when_they_exist():
     [
         ("scene_frozn@2", "did you mean 'scene_frozen'"),
         ("scene_late@soon", "must read kind@start"),
-        ("scene_late@-1", "start=-1.0 must be finite and ≥ 0"),
+        ("scene_late@-1", "start=-1.0 must be a finite number of s ≥ 0"),
         ("scene_late@1:nan", "duration=nan"),
     ],
 )

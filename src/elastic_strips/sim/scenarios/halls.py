@@ -153,8 +153,6 @@ def _guide(rng: np.random.Generator) -> Array:
 
 
 CLOSING = "closing-side"
-_CLOSED = 6.0
-"""Time [s] from which the first side is closed."""
 _SPEED = 0.2
 
 

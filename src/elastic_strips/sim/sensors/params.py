@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +13,7 @@ from typing import Any, Literal
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io import schema
 from elastic_strips.io.yaml_source import Node, load_yaml
+from elastic_strips.validation import check_count, check_number
 
 RingKind = Literal["sonar", "infrared"]
 KINDS: tuple[RingKind, ...] = ("sonar", "infrared")
@@ -19,25 +21,17 @@ _MOST_RAYS = 100_000
 _SHORTEST_PERIOD = 1e-3  # [s]
 
 
-def _where(params: Any) -> str:
-    name = getattr(params, "name", None)
-    return f"{type(params).__name__}({name!r})" if isinstance(name, str) else type(params).__name__
+def _where(params: RangeParams) -> str:
+    return f"{type(params).__name__}({params.name!r})"
 
 
-def _check(params: Any, key: str, low: float, high: float, unit: str) -> None:
-    value = getattr(params, key)
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or not low <= value <= high:
-        raise ParameterError(f"{_where(params)}.{key}={value!r} must be a number in [{low:g}, {high:g}] {unit}")
+def _check(params: RangeParams, bounds: Mapping[str, tuple[float, float, str]]) -> None:
+    """Fields that are numbers, by name: their least and largest value, and the unit."""
+    for key, (low, high, unit) in bounds.items():
+        check_number(f"{_where(params)}.{key}", getattr(params, key), low=low, high=high, unit=unit)
 
 
-def _check_count(params: Any, key: str, low: int, high: int) -> None:
-    value = getattr(params, key)
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ParameterError(f"{_where(params)}.{key}={value!r} must be an integer in [{low}, {high}]")
-
-
-def _check_name(params: Any, key: str) -> None:
+def _check_name(params: RangeParams, key: str) -> None:
     value = getattr(params, key)
     if not isinstance(value, str) or not value.strip():
         raise ParameterError(f"{type(params).__name__}.{key}={value!r} must be a name")
@@ -75,17 +69,22 @@ class RangeParams:
             ParameterError: a value that is no number, not finite or outside its bounds.
         """
         _check_name(self, "name")
-        _check(self, "range_min", 0.0, 1e3, "m")
-        _check(self, "range_max", 0.0, 1e3, "m")
+        _check(
+            self,
+            {
+                "range_min": (0.0, 1e3, "m"),
+                "range_max": (0.0, 1e3, "m"),
+                "rate": (1e-3, 1.0 / _SHORTEST_PERIOD, "Hz"),
+                "latency": (0.0, 10.0, "s"),
+                "noise": (0.0, 10.0, "m"),
+                "noise_ratio": (0.0, 1.0, ""),
+                "dropout": (0.0, 1.0, ""),
+            },
+        )
         if not self.range_max > self.range_min:
             raise ParameterError(
                 f"{_where(self)}.range_max={self.range_max!r} must exceed range_min={self.range_min!r} m"
             )
-        _check(self, "rate", 1e-3, 1.0 / _SHORTEST_PERIOD, "Hz")
-        _check(self, "latency", 0.0, 10.0, "s")
-        _check(self, "noise", 0.0, 10.0, "m")
-        _check(self, "noise_ratio", 0.0, 1.0, "-")
-        _check(self, "dropout", 0.0, 1.0, "-")
         if not isinstance(self.near_reads_min, bool):
             raise ParameterError(f"{_where(self)}.near_reads_min={self.near_reads_min!r} must be True or False")
 
@@ -125,8 +124,8 @@ class LaserParams(RangeParams):
         """
         RangeParams.__post_init__(self)
         _check_name(self, "frame")
-        _check(self, "field_of_view", 0.0, 2.0 * math.pi + 1e-9, "rad")
-        _check_count(self, "rays", 1, _MOST_RAYS)
+        _check(self, {"field_of_view": (0.0, 2.0 * math.pi + 1e-9, "rad")})
+        check_count(f"{_where(self)}.rays", self.rays, low=1, high=_MOST_RAYS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,11 +165,12 @@ class RingParams(RangeParams):
         object.__setattr__(self, "frames", tuple(self.frames))
         if len(set(self.frames)) < len(self.frames):
             raise ParameterError(f"{_where(self)}.frames={self.frames!r} names a link twice")
-        _check(self, "half_angle", 0.0, 0.5 * math.pi, "rad")
-        _check_count(self, "rays", 1, _MOST_RAYS // len(self.frames))
-        _check(self, "max_incidence", 0.0, 0.5 * math.pi, "rad")
-        _check(self, "crosstalk", 0.0, 1.0, "-")
-        _check_count(self, "groups", 1, len(self.frames))
+        right = 0.5 * math.pi
+        _check(
+            self, {"half_angle": (0.0, right, "rad"), "max_incidence": (0.0, right, "rad"), "crosstalk": (0.0, 1.0, "")}
+        )
+        check_count(f"{_where(self)}.rays", self.rays, low=1, high=_MOST_RAYS // len(self.frames))
+        check_count(f"{_where(self)}.groups", self.groups, low=1, high=len(self.frames))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,7 +217,7 @@ class InfraredParams(RingParams):
     near_reads_min: bool = True
 
 
-SensorParams = LaserParams | RingParams
+_SensorParams = LaserParams | RingParams
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,7 +230,7 @@ class SensorConfig:
             was itself [m].
     """
 
-    sensors: tuple[SensorParams, ...] = (LaserParams(), SonarParams(), InfraredParams())
+    sensors: tuple[_SensorParams, ...] = (LaserParams(), SonarParams(), InfraredParams())
     self_padding: float = 0.01
 
     def __post_init__(self) -> None:
@@ -247,7 +247,7 @@ class SensorConfig:
             if sensor.name in names:
                 raise ParameterError(f"SensorConfig.sensors: two of them are named {sensor.name!r}; names are unique")
             names.add(sensor.name)
-        _check(self, "self_padding", 0.0, 1.0, "m")
+        check_number("SensorConfig.self_padding", self.self_padding, low=0.0, high=1.0, unit="m")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -303,7 +303,7 @@ def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
     return schema.checked(root, SensorConfig, **values)
 
 
-def _sensor(name: str, node: Node) -> SensorParams:
+def _sensor(name: str, node: Node) -> _SensorParams:
     if not isinstance(node.value, dict):
         node.fail(f"must be a mapping, not {schema.kind(node)}")
     kind = node.value.get("kind")

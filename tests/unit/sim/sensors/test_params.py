@@ -59,7 +59,9 @@ def test_lasers_out_of_bounds():
 
 
 def test_messages_name_value_and_bound():
-    with pytest.raises(ParameterError, match=r"SonarParams\('sonar'\)\.dropout=1\.5 must be a number in \[0, 1\]"):
+    with pytest.raises(
+        ParameterError, match=r"SonarParams\('sonar'\)\.dropout=1\.5 must be a finite number ≥ 0 and ≤ 1"
+    ):
         SonarParams(dropout=1.5)
     with pytest.raises(ParameterError, match="did you mean 'sonar'"):
         SonarParams(kind="sonars")  # type: ignore[arg-type]

@@ -51,7 +51,7 @@ def test_what_a_file_leaves_out_is_the_default(tmp_path):
             "sensors:\n  a: {kind: laser}\n  b: {kind: laser, rangemax: 3}\n",
             r":3: .*rangemax.*did you mean 'range_max'",
         ),
-        ("sensors:\n  a:\n    kind: laser\n    dropout: 2\n", r":2: sensors\.a: .*dropout=2\.0 must be .*\[0, 1\]"),
+        ("sensors:\n  a:\n    kind: laser\n    dropout: 2\n", r":2: sensors\.a: .*dropout=2\.0 must be .*≥ 0 and ≤ 1"),
         ("sensors:\n  a:\n    kind: laser\n    dropout: high\n", r":4: sensors\.a\.dropout: must be a number"),
         ("sensors:\n  a:\n    kind: laser\n    rays: 3.5\n", r":4: sensors\.a\.rays: must be an integer"),
         ("sensors:\n  a: {kind: lasr}\n", r":2: sensors\.a\.kind: .*did you mean 'laser'"),
@@ -60,7 +60,7 @@ def test_what_a_file_leaves_out_is_the_default(tmp_path):
         ("sensors:\n  a: 3\n", "must be a mapping"),
         ("sensor: {}\n", "did you mean 'sensors'"),
         ("self_padding: 0.1\n", "the key 'sensors' is missing"),
-        ("sensors: {}\nself_padding: 2\n", r"self_padding=2\.0.*\[0, 1\] m"),
+        ("sensors: {}\nself_padding: 2\n", r"self_padding=2\.0.*of m ≥ 0 and ≤ 1"),
         ("sensors:\n  a: {kind: sonar, frames: [a, a], groups: 1}\n", "names a link twice"),
     ],
 )
