@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Protocol
 
 import numpy as np
@@ -234,10 +234,6 @@ class PlantParams:
             wheel_lag=0.0, joint_lag=0.0, speed_margin=math.inf, acceleration_margin=math.inf, slip=0.0,
             slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal(),
         )  # fmt: skip
-
-    def with_odometry(self, **values: float) -> PlantParams:
-        """The same with other sensor errors, by name."""
-        return replace(self, odometry=replace(self.odometry, **values))
 
 
 class Plant(Protocol):

@@ -333,7 +333,3 @@ def test_plant_parameters_are_checked(wrong):
 def test_sensor_parameters_are_checked(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         OdometryParams(**wrong)
-
-
-def test_sensors_are_changed_by_name():
-    assert PlantParams().with_odometry(fix_period=math.inf).odometry.fix_period == math.inf

@@ -3,16 +3,15 @@ with."""
 
 from __future__ import annotations
 
-from .base_controller import BASE_METHODS, BaseController, RawReadings, base_simulation, make_base_method
+from .base_controller import BASE_METHODS, BaseController, base_simulation, make_base_method
 from .base_method import BaseCommand, BaseLimits, BaseMethod, GoalParams
 from .certainty_grid import CV_MAX, BayesGrid, CertaintyGrid, GridParams, HistogramGrid, make_grid
-from .elastic_band import ElasticBand, ElasticBandParams, Planner, SensedPath
+from .elastic_band import ElasticBand, ElasticBandParams, SensedPath
 from .force_fields import PotentialField, PotentialFieldParams, VirtualForceField, VirtualForceFieldParams
 from .histogram import HistogramParams, VectorFieldHistogram
 
 __all__ = [
     "BaseController",
-    "RawReadings",
     "base_simulation",
     "BASE_METHODS",
     "make_base_method",
@@ -34,6 +33,5 @@ __all__ = [
     "HistogramParams",
     "ElasticBand",
     "ElasticBandParams",
-    "Planner",
     "SensedPath",
 ]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from .drive_evaluation import REST_SPEED, Contact, Evaluation, evaluate, protective_separation
-from .visibility import Visibility, seen_obstacles, unseen_contacts, visible_to
+from .drive_evaluation import Contact, Evaluation, evaluate, protective_separation
+from .visibility import Visibility, seen_obstacles, visible_to
 
 __all__ = [
-    "REST_SPEED",
     "Contact",
     "Evaluation",
     "Visibility",
     "evaluate",
     "protective_separation",
     "seen_obstacles",
-    "unseen_contacts",
     "visible_to",
 ]

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 from elastic_strips._late import late_names
 
 from .corridors import corridor_scene, moving_corridor
-from .halls import closing_side, clutter
 from .registry import get_scenario, scenario_names
-from .run import FORMAT, FORMAT_VERSION, RunResult, passing_side, result_document, run_scenario
+from .run import FORMAT, FORMAT_VERSION, RunResult, result_document, run_scenario
 from .scenario import Scenario
 
 if TYPE_CHECKING:
@@ -42,12 +41,9 @@ __all__ = [
     "result_document",
     "RunResult",
     "Scenario",
-    "closing_side",
-    "clutter",
     "corridor_scene",
     "get_scenario",
     "moving_corridor",
-    "passing_side",
     "run_scenario",
     "scenario_names",
 ]

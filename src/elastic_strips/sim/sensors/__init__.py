@@ -7,7 +7,6 @@ from .devices import SensorSuite
 from .params import (
     InfraredParams,
     LaserParams,
-    RangeParams,
     RingParams,
     SensorConfig,
     SonarParams,
@@ -18,7 +17,6 @@ from .params import (
 __all__ = [
     "InfraredParams",
     "LaserParams",
-    "RangeParams",
     "RingParams",
     "SensorConfig",
     "SensorSuite",

@@ -88,10 +88,6 @@ class RangeParams:
         if not isinstance(self.near_reads_min, bool):
             raise ParameterError(f"{_where(self)}.near_reads_min={self.near_reads_min!r} must be True or False")
 
-    def noise_bound(self, distance: float) -> float:
-        """Largest error [m] of a range of something ``distance`` [m] away."""
-        return 3.0 * (self.noise + self.noise_ratio * distance)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaserParams(RangeParams):

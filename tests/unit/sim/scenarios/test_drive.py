@@ -10,10 +10,11 @@ import pytest
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Obstacle, Scene
-from elastic_strips.sim import LASER_ASSUMPTIONS, SensedPerception, Simulation
+from elastic_strips.sim import SensedPerception, Simulation
 from elastic_strips.sim.baselines import BaseController
 from elastic_strips.sim.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
 from elastic_strips.sim.scenarios.scenario import Scenario
+from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS
 from elastic_strips.sim.sensors import SensorConfig
 
 LASER = SensorConfig().only("laser")

@@ -81,4 +81,4 @@ def test_values_of_parameters():
     assert config.names == ("sonar",)
     assert config.sensors[0].frames == ("a", "b")  # type: ignore[union-attr]
     assert pickle.loads(pickle.dumps(SensorConfig())) == SensorConfig()
-    assert replace(LaserParams(), noise=np.float64(0.1)).noise_bound(2.0) == pytest.approx(3 * (0.1 + 0.002))
+    assert replace(LaserParams(), noise=np.float64(0.1)).noise == 0.1
