@@ -109,7 +109,7 @@ Driver = TypeVar("Driver", bound=_Controls)
 StripDriver = TypeVar("StripDriver", bound=Controller)
 
 
-class Immediate(Executor):
+class InlineExecutor(Executor):
     """Runs what it is given at once: in simulated time, planning takes as long as the parameters say."""
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
@@ -273,7 +273,7 @@ class Simulation(Generic[Driver]):
         )
 
 
-def begun(
+def prepare(
     robot: RobotModel,
     world: World | Scene,
     limits: MotionLimits,
@@ -350,9 +350,9 @@ def simulation(
     if not isinstance(perception, PerceptionParams):
         check_able("perception", perception, "known", "sense")
     params, limits = params or DriveParams(), limits or MotionLimits.for_robot(robot)
-    wrong = FaultPlan(faults)
+    fault_plan = FaultPlan(faults)
     noise = PerceptionParams() if perception is None else perception
-    world, machine, rng = begun(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
+    world, machine, rng = prepare(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
     senses: Perceiver
     if isinstance(noise, PerceptionParams):
         senses = Perception(world, params.assumptions, noise, rng)
@@ -361,13 +361,13 @@ def simulation(
     if make is None:
         make = partial(cast("type[StripDriver]", Controller), robot, start, goal)
     controller = make(
-        senses.known(), params=params, limits=limits, seed=seed, executor=Immediate(),
+        senses.known(), params=params, limits=limits, seed=seed, executor=InlineExecutor(),
         events=None if record else KEPT_EVENTS, **options,
     )  # fmt: skip
-    if wrong.faults:
-        senses, machine = FaultyPerception(senses, wrong), FaultyPlant(machine, wrong)
+    if fault_plan.faults:
+        senses, machine = FaultyPerception(senses, fault_plan), FaultyPlant(machine, fault_plan)
         slow = 10.0 * params.latency * params.control_dt
-        controller.propose = faulty_planning(controller.propose, wrong, slow=slow)
+        controller.propose = faulty_planning(controller.propose, fault_plan, slow=slow)
     machine.reset(robot.space.to_chart(robot.check_q(start, what="start")))
     last = robot.space.to_chart(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
     return Simulation(

@@ -89,7 +89,7 @@ class SensedPerception:
         look: float = 1.5,
         bumper: bool = True,
     ) -> None:
-        self._world, self._bumper = world, ContactSensor(robot) if bumper else None
+        self._world, self._contact_sensor = world, ContactSensor(robot) if bumper else None
         self._looked, self._touched = -np.inf, ""
         self.suite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
         if params is None:
@@ -114,8 +114,8 @@ class SensedPerception:
     def observe(self, t: float, chart: Array, estimate: Array) -> None:
         """Take the readings that have come by the time ``t`` [s] into the scene."""
         self._past.add(t, estimate)
-        if self._bumper is not None and t - self._looked >= _FEEL - 1e-9:
-            self._looked, self._touched = t, self._bumper.touched(self._world.at(t), chart)
+        if self._contact_sensor is not None and t - self._looked >= _FEEL - 1e-9:
+            self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), chart)
         readings = self.suite.observe(t, chart)
         if self._touched:  # what covers the sensors would stay in the map where they cannot see
             return

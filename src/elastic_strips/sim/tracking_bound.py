@@ -78,7 +78,7 @@ class TrackingErrors:
         return float(np.percentile(self.samples, percent))
 
 
-def follow(
+def follow_trajectory(
     trajectory: Trajectory,
     plant: Plant,
     estimator: Estimator,
@@ -190,6 +190,6 @@ def measure_tracking(
     def runs() -> Iterable[FollowedRun]:
         for i, seed in enumerate(seeds):
             plant = KinematicPlant(robot, limits, params, seed)
-            yield follow(trajectories[i % len(trajectories)], plant, estimator, controller, dt=dt)
+            yield follow_trajectory(trajectories[i % len(trajectories)], plant, estimator, controller, dt=dt)
 
     return tracking_errors(robot, runs())

@@ -11,7 +11,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.execution import Controller, DriveParams, Measurement, MotionLimits, RunState
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Scene
-from elastic_strips.sim.closed_loop import Immediate
+from elastic_strips.sim.closed_loop import InlineExecutor
 from elastic_strips.strip import Strip
 
 CRATE = Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate")
@@ -143,7 +143,7 @@ def test_it_does_not_wait_for_a_plan(silvermate):
 
 def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
     controller, wheels = (
-        Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=Immediate()),
+        Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=InlineExecutor()),
         Wheels(silvermate),
     )
     k = drive(controller, wheels, 2000, still(CRATE))
@@ -157,7 +157,9 @@ def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
 @pytest.mark.parametrize("error", [RuntimeError("the planner broke"), ConfigurationError("nobody can be there")])
 def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_one(silvermate, monkeypatch, error):
     """The strip that it has leads to the goal before: nothing may call that reached."""
-    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=Immediate())
+    controller = Controller(
+        silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=InlineExecutor()
+    )
     wheels = Wheels(silvermate)
     k = drive(controller, wheels, 2000, still(CRATE))
 

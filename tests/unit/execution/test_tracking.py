@@ -14,7 +14,7 @@ from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.tracking import Command, TrackingController, TrackingGains
 from elastic_strips.execution.trajectory import ReferenceState
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
-from elastic_strips.sim.tracking_bound import follow
+from elastic_strips.sim.tracking_bound import follow_trajectory
 
 EXACT = TrackingGains(wheel_lag=0.0, joint_lag=0.0, hold=0.005)
 QUIET = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, odometry=PlantParams.ideal().odometry)
@@ -107,7 +107,7 @@ def test_exact_motors_follow_every_kind_of_base(robot):
     limits = limits_of(robot)
     trajectory = smooth_motion(robot, limits, 1)
     plant = KinematicPlant(robot, limits, PlantParams.ideal())
-    run = follow(trajectory, plant, Estimator(robot, limits), TrackingController(robot, limits, EXACT))
+    run = follow_trajectory(trajectory, plant, Estimator(robot, limits), TrackingController(robot, limits, EXACT))
     assert largest_error(robot, run) < 1e-3
 
 
@@ -118,7 +118,7 @@ def test_the_lag_of_the_motors_is_led(silvermate, turn):
 
     def error(gains) -> float:
         plant = KinematicPlant(silvermate, limits, QUIET)
-        return largest_error(silvermate, follow(trajectory, plant, Estimator(silvermate, limits), gains))
+        return largest_error(silvermate, follow_trajectory(trajectory, plant, Estimator(silvermate, limits), gains))
 
     known = TrackingGains(hold=0.005)
     led = error(TrackingController(silvermate, limits, known))

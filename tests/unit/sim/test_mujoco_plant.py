@@ -32,7 +32,7 @@ from elastic_strips.sim.mujoco.model import LINK, ROLLING
 from elastic_strips.sim.mujoco.plant import MujocoPlant
 from elastic_strips.sim.plant import OdometryParams, PlantParams
 from elastic_strips.sim.scenarios.corridors import corridor_scene
-from elastic_strips.sim.tracking_bound import follow, tracking_errors
+from elastic_strips.sim.tracking_bound import follow_trajectory, tracking_errors
 from elastic_strips.strip import Strip
 from elastic_strips.tunnel import strip_clearance
 
@@ -169,7 +169,9 @@ def test_it_follows_motions(silvermate, turn):
     for seed in range(3):
         plant = MujocoPlant(silvermate, limits, seed=seed)
         motion = smooth_motion(silvermate, limits, seed, turn=turn, seconds=5.0)
-        runs.append(follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits)))
+        runs.append(
+            follow_trajectory(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits))
+        )
         assert plant.contact_events == ()
     assert tracking_errors(silvermate, runs).max < 0.015  # 0.010 measured
 
@@ -179,7 +181,7 @@ def test_it_follows_motions_that_its_wheels_are_strong_enough_for(tiago):
     limits = MotionLimits.for_robot(tiago, wheel_acceleration=0.8)
     plant = MujocoPlant(tiago, limits, seed=1)
     motion = smooth_motion(tiago, limits, 1, seconds=5.0)
-    run = follow(motion, plant, Estimator(tiago, limits), TrackingController(tiago, limits))
+    run = follow_trajectory(motion, plant, Estimator(tiago, limits), TrackingController(tiago, limits))
     assert tracking_errors(tiago, [run]).max < 0.015
 
 
@@ -189,7 +191,7 @@ def test_it_drives_through_a_corridor_without_a_touch(silvermate):
     strip = plan(silvermate, scene, silvermate.home(), silvermate.home(8.0), seed=4)
     motion = retime(strip, limits.scaled(0.95, 0.75))
     plant = MujocoPlant(silvermate, limits, scene, seed=4)
-    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits))
+    run = follow_trajectory(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits))
     assert plant.contact_events == ()
     assert np.hypot(*(plant.chart[:2] - (8.0, 0.0))) < 0.05
     assert tracking_errors(silvermate, [run]).max < 0.02

@@ -21,7 +21,7 @@ from elastic_strips.sim.scenarios.corridors import corridor_scene
 from elastic_strips.sim.tracking_bound import (
     DEFAULT_TRACKING_ERROR,
     Displacement,
-    follow,
+    follow_trajectory,
     measure_tracking,
     tracking_errors,
 )
@@ -108,7 +108,9 @@ def test_the_parts_are_told_apart(silvermate):
     limits = limits_of(silvermate)
     plant = KinematicPlant(silvermate, limits, seed=4)
     motion = smooth_motion(silvermate, limits, 3).shifted(7.0)
-    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits), after=0.2)
+    run = follow_trajectory(
+        motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits), after=0.2
+    )
     assert run.time[0] == 7.0
     assert run.time[-1] == pytest.approx(motion.end_time + 0.2)
     assert run.reference[-1] == pytest.approx(motion.chart[-1])

@@ -30,7 +30,7 @@ from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.validation import check_able, check_type
 
-from ..closed_loop import Simulation, begun
+from ..closed_loop import Simulation, prepare
 from ..plant import Plant
 from ..sensed_perception import ContactSensor
 from ..sensors import SensorConfig, SensorSuite
@@ -236,12 +236,12 @@ class RawReadings:
         seed: int | np.random.Generator = 0,
     ) -> None:
         self.suite = SensorSuite(robot, world, sensors, seed=seed)
-        self._world, self._plant, self._bumper = world, plant, ContactSensor(robot)
+        self._world, self._plant, self._contact_sensor = world, plant, ContactSensor(robot)
 
     @property
     def contact(self) -> str:
         """The obstacle that is touched."""
-        return self._bumper.touched(self._world.at(self._plant.time), self._plant.chart)
+        return self._contact_sensor.touched(self._world.at(self._plant.time), self._plant.chart)
 
     def observe(self, t: float, chart: Array, estimate: Array) -> None:
         """Nothing: what is read is handed over as soon as it comes."""
@@ -279,7 +279,7 @@ def base_simulation(
     """
     check_able("watch", watch)
     controller = BaseController(robot, start, goal, method, limits=limits, **options)
-    world, machine, rng = begun(robot, world, controller.limits, plant, seed)
+    world, machine, rng = prepare(robot, world, controller.limits, plant, seed)
     machine.reset(controller.estimate)
     senses = RawReadings(robot, world, machine, sensors, seed=rng)
     return Simulation(

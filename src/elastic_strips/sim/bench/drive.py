@@ -23,7 +23,7 @@ from ..faults import FAULTS, Fault
 from ..perception import PerceptionParams
 from ..scenarios import STRIP, drive_scenario, get_scenario, make_simulation
 from ..sensors import SensorConfig
-from .measure import Figures, Note, cached, head, parallel_map, percentiles, unheard
+from .measure import Figures, Note, cached, head, parallel_map, percentiles, silent
 
 _CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
 """Classes of the movers' largest speed [m/s]."""
@@ -113,7 +113,7 @@ def _drive_once(task: _DriveTask) -> Figures:
 def bench_drive(
     robot: str,
     seeds: Sequence[int],
-    step: Note = unheard,
+    step: Note = silent,
     *,
     scenario: str = "moving-corridor",
     plant: str = "kinematic",
@@ -156,7 +156,7 @@ def bench_drive(
 def bench_faults(
     robot: str,
     seeds: Sequence[int],
-    step: Note = unheard,
+    step: Note = silent,
     *,
     scenario: str = "moving-corridor",
     processes: int | None = None,
@@ -229,7 +229,7 @@ _HALF_WIDTH = 0.27
 def bench_reaction(
     robot: RobotModel,
     seeds: Sequence[int],
-    step: Note = unheard,
+    step: Note = silent,
     *,
     depth: float = 0.1,
 ) -> Figures:
@@ -307,7 +307,7 @@ _WINDOW = 120.0
 """Simulated time [s] that one row of figures stands for."""
 
 
-def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = unheard, *, seed: int = 0) -> Figures:
+def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, seed: int = 0) -> Figures:
     """Drive to and fro for ``hours`` of simulated time.
 
     Returns:

@@ -21,7 +21,7 @@ _Task = TypeVar("_Task")
 _Made = TypeVar("_Made")
 
 
-def unheard(note: str) -> None:
+def silent(note: str) -> None:
     """A :data:`Note` that goes nowhere."""
 
 

@@ -14,7 +14,7 @@ from elastic_strips.strip import Strip
 from elastic_strips.tunnel import strip_clearance
 
 from ..scenarios import get_scenario
-from .measure import Figures, Note, head, percentiles, unheard
+from .measure import Figures, Note, head, percentiles, silent
 
 _SOON = 2.0
 """Time [s] within which a strip should be certified."""
@@ -41,7 +41,7 @@ def _plan(robot: RobotModel, seed: int, scenario: str, grid: bool) -> tuple[Scen
 
 
 def bench_plan(
-    robot: RobotModel, seeds: int, step: Note = unheard, *, scenario: str = "corridor",
+    robot: RobotModel, seeds: int, step: Note = silent, *, scenario: str = "corridor",
     grid: bool = True,
 ) -> Figures:  # fmt: skip
     """Success, time to the first certified strip, clearance and slip on a seeded scenario.
@@ -98,7 +98,7 @@ _PUSHES = 4
 _MAX_TICKS = 40
 
 
-def bench_replan(robot: RobotModel, seeds: int, step: Note = unheard) -> Figures:
+def bench_replan(robot: RobotModel, seeds: int, step: Note = silent) -> Figures:
     """From each certified corridor strip: push the nearest obstacle 5 cm towards it, 4 times; time to certified again.
 
     The time is that of all ticks from the push to the first certified strip, one tick at least. The jump is the largest

@@ -17,7 +17,7 @@ from elastic_strips.robot import RobotModel, load_robot
 from ..closed_loop import simulation
 from ..datasets import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from ..evaluation import evaluate
-from .measure import Figures, Note, cached, head, parallel_map, percentiles, unheard
+from .measure import Figures, Note, cached, head, parallel_map, percentiles, silent
 
 _BARN_SPEED = 2.0
 """Largest speed [m/s] of the robot of BARN's record, which its score is made for."""
@@ -112,7 +112,7 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> Figures:
 def bench_problems(
     kind: str,
     root: str | Path,
-    step: Note = unheard,
+    step: Note = silent,
     *,
     robot: str = "jackal-box",
     seeds: int = 1,

@@ -20,7 +20,7 @@ from elastic_strips.robot import RobotModel, load_robot, robot_names
 from elastic_strips.scene import Scene, Sphere
 from elastic_strips.strip import Strip
 
-from .measure import Figures, Note, head, unheard
+from .measure import Figures, Note, head, silent
 
 _DRIVEN = (1.5, 0.2)
 """Where a base that moves is sent [m]."""
@@ -70,7 +70,7 @@ def robot_cases(names: Sequence[str] = (), data: str | Path | None = None) -> li
     return cases
 
 
-def bench_robots(cases: Sequence[RobotCase], step: Note = unheard, *, timeout: float = 10.0) -> Figures:
+def bench_robots(cases: Sequence[RobotCase], step: Note = silent, *, timeout: float = 10.0) -> Figures:
     """Load each robot, plan from home to another posture with a sphere in the way, settle the strip.
 
     Args:

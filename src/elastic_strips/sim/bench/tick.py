@@ -14,7 +14,7 @@ from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.strip import Strip
 
 from ..scenarios import get_scenario
-from .measure import Figures, Note, head, percentiles, unheard
+from .measure import Figures, Note, head, percentiles, silent
 
 STEP = 0.02
 """How far the obstacle moves in a tick [m]."""
@@ -23,7 +23,7 @@ _NODES = (32, 64, 128, 256)
 _OBSTACLES = (10, 100, 1000, 10_000, 60_000)
 
 
-def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = unheard, *, scaling: bool = True) -> Figures:
+def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = silent, *, scaling: bool = True) -> Figures:
     """A whole tick, certificate included, with an obstacle that moves 2 cm in each, on 64 nodes and 32 obstacles.
 
     After every tenth tick, in the same loop: ``pin.computeDistances`` over every pair on the nodes of the same strip
