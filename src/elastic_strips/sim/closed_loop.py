@@ -11,9 +11,8 @@ from time import perf_counter, sleep
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import RobotError
 from elastic_strips.execution.controller import KEPT_EVENTS, Controller, Tick
 from elastic_strips.execution.limits import MotionLimits
@@ -307,8 +306,8 @@ def prepare(
 def simulation(
     robot: RobotModel,
     world: World | Scene,
-    start: npt.ArrayLike,
-    goal: npt.ArrayLike,
+    start: ArrayLike,
+    goal: ArrayLike,
     *,
     limits: MotionLimits | None = None,
     params: DriveParams | None = None,

@@ -7,7 +7,6 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +62,7 @@ class DriveProblem(Summary):
     path: Array | None = None
     path_length: float | None = None
     difficulty: str | None = None
-    limits: Mapping[str, Any] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     def configurations(self, robot: RobotModel) -> tuple[Array, ...]:
         """Start and goals as configurations (nq,) of a robot, the start first.

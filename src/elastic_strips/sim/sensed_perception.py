@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control.pose_history import PoseHistory
 from elastic_strips.execution.evasion import Silhouette
 from elastic_strips.execution.params import ObstacleAssumptions
@@ -81,7 +80,7 @@ class SensedPerception:
         self,
         robot: RobotModel,
         world: World,
-        start: npt.ArrayLike,
+        start: ArrayLike,
         *,
         sensors: SensorConfig | None = None,
         params: SceneEstimatorParams | None = None,

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy.typing as npt
-
+from elastic_strips.arrays import ArrayLike
 from elastic_strips.control import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
 from elastic_strips.deform import AxisTask
 from elastic_strips.errors import ConfigurationError
@@ -70,7 +69,7 @@ class TaskSimulation:
         self,
         robot: RobotModel,
         world: World | Scene,
-        start: npt.ArrayLike,
+        start: ArrayLike,
         task: Task,
         *,
         keep: AxisTask | None = None,

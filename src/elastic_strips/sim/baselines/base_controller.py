@@ -8,9 +8,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control.pose_history import PoseHistory
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
 from elastic_strips.execution import (
@@ -97,8 +96,8 @@ class BaseController:
     def __init__(
         self,
         robot: RobotModel,
-        start: npt.ArrayLike,
-        goal: npt.ArrayLike,
+        start: ArrayLike,
+        goal: ArrayLike,
         method: str,
         *,
         params: DriveParams | None = None,
@@ -254,8 +253,8 @@ class RawReadings:
 def base_simulation(
     robot: RobotModel,
     world: World | Scene,
-    start: npt.ArrayLike,
-    goal: npt.ArrayLike,
+    start: ArrayLike,
+    goal: ArrayLike,
     method: str,
     *,
     limits: MotionLimits | None = None,

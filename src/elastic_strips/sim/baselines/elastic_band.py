@@ -11,9 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.planning.grid_path import cheapest_way, resample
@@ -53,14 +52,14 @@ class FreeDistance:
         return np.stack((ahead - behind, left - right), axis=1) / (2.0 * h)
 
 
-def contraction_force(chain: Array, gain: float) -> Array:
+def bubble_contraction(chain: Array, gain: float) -> Array:
     """(N − 2, 2) k_c ((b₋ − b)/|b₋ − b| + (b₊ − b)/|b₊ − b|) on the inner bubbles of a chain (N, 2)."""
     step = np.diff(chain, axis=0)
     unit = step / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9)[:, None]
     return gain * (unit[1:] - unit[:-1])
 
 
-def repulsion_force(free: FreeDistance, centers: Array, rho: Array, gain: float, influence: float) -> Array:
+def bubble_repulsion(free: FreeDistance, centers: Array, rho: Array, gain: float, influence: float) -> Array:
     """(M, 2) k_r (ρ0 − ρ) ∂ρ/∂b where ρ < ρ0, else zero: minus the gradient of ½ k_r (ρ0 − ρ)².
 
     The gradient is taken over the bubble's own size, so that in the middle of a gap it vanishes.
@@ -89,7 +88,7 @@ def relaxed(chain: Array, free: FreeDistance, *, contraction: float, repulsion: 
     if len(chain) < 3:
         return chain
     rho = free(chain[1:-1])
-    force = contraction_force(chain, contraction) + repulsion_force(free, chain[1:-1], rho, repulsion, influence)
+    force = bubble_contraction(chain, contraction) + bubble_repulsion(free, chain[1:-1], rho, repulsion, influence)
     force = without_tangent(force, chain)
     gap = np.linalg.norm(np.diff(chain, axis=0), axis=1)
     scale = np.minimum(np.maximum(rho, 0.05), np.minimum(gap[1:], gap[:-1]))
@@ -255,7 +254,7 @@ class ElasticBand:
         limits: BaseLimits,
         params: ElasticBandParams | None = None,
         *,
-        path: npt.ArrayLike | None = None,
+        path: ArrayLike | None = None,
         planner: Planner | None = None,
         goal: GoalParams | None = None,
     ) -> None:
@@ -356,7 +355,7 @@ class ElasticBand:
         return self._limiter.drive(t, velocity, speed, bend * speed, remaining)
 
 
-def _checked_path(path: npt.ArrayLike) -> Array:
+def _checked_path(path: ArrayLike) -> Array:
     """The path, a few centimetres between its points.
 
     Raises:

@@ -195,7 +195,8 @@ def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) 
                 "reason": report.reason,
             }
         )
-    limits = MotionLimits.for_robot(model, **problem.limits)
+    stated: Figures = dict(problem.limits)
+    limits = MotionLimits.for_robot(model, **stated)
     driven = simulation(model, problem.world, start, np.array(goals), seed=seed, limits=limits)
     result = driven.run(time_limit=240.0)
     evaluation = evaluate(result.record, model, problem.world, driven.limits)

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
 from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel
@@ -137,7 +138,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
     return out
 
 
-def _mover(deformer: Deformer, strip: Strip, scene: Scene) -> tuple[str, np.ndarray]:
+def _mover(deformer: Deformer, strip: Strip, scene: Scene) -> tuple[str, Array]:
     """The obstacle nearest to the strip, and the horizontal direction towards it."""
     deformer.assess(strip, scene)
     contacts = deformer.workspace.obstacles.contacts()
@@ -153,7 +154,7 @@ class _EveryPair:
         self.robot = robot
         self.model = robot.collision_model.clone()
         links = len(robot.geometries)
-        self.index: dict[str, list[tuple[int, np.ndarray]]] = {}
+        self.index: dict[str, list[tuple[int, Array]]] = {}
         for obstacle in scene:
             for part in obstacle.parts:
                 T = obstacle.pose @ part.T_obstacle_part
@@ -165,7 +166,7 @@ class _EveryPair:
         self.pairs = len(self.model.collisionPairs)
         self.data, self.geometry = robot.model.createData(), self.model.createData()
 
-    def seconds(self, strip: Strip, name: str, pose: np.ndarray) -> float:
+    def seconds(self, strip: Strip, name: str, pose: Array) -> float:
         for index, T_obstacle_part in self.index[name]:
             T = pose @ T_obstacle_part
             self.model.geometryObjects[index].placement = pin.SE3(T[:3, :3], T[:3, 3])

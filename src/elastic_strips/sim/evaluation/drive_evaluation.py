@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.errors import ParameterError, RobotError, SceneError
 from elastic_strips.execution.limits import MotionLimits
 from elastic_strips.execution.params import DriveParams, Tolerance
@@ -97,7 +96,7 @@ class Evaluation(Summary):
         """Contacts during which the robot stood."""
         return tuple(c for c in self.contacts if c.at_rest)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Document:
         """Plain values, ready for JSON; None for a clearance without obstacles."""
         names = ("max_lateral_slip_m", "path_m", "time_s", "rest_s", "reached", "reached_s", "accuracy_m", "asked")
         closest = self.closest
@@ -111,7 +110,7 @@ class Evaluation(Summary):
         }
 
 
-def _contact(c: Contact) -> dict[str, Any]:
+def _contact(c: Contact) -> Document:
     return {
         "time": c.time,
         "end": c.end,
@@ -126,12 +125,12 @@ _SAME_EPISODE = 0.25  # [s]
 
 
 def evaluate(
-    run: Record | Sequence[npt.ArrayLike],
+    run: Record | Sequence[ArrayLike],
     robot: RobotModel,
     world: World | None = None,
     limits: MotionLimits | None = None,
     *,
-    goal: npt.ArrayLike | None = None,
+    goal: ArrayLike | None = None,
     tolerance: Tolerance | None = None,
     accuracy: float = 1e-3,
 ) -> Evaluation:
@@ -191,7 +190,7 @@ def evaluate(
     )
 
 
-def _motion(run: Record | Sequence[npt.ArrayLike], robot: RobotModel) -> tuple[Array, Array, Array]:
+def _motion(run: Record | Sequence[ArrayLike], robot: RobotModel) -> tuple[Array, Array, Array]:
     if isinstance(run, Record):
         return _checked(robot, run.control.time, run.control.chart, run.control.v)
     try:
@@ -297,7 +296,7 @@ def _largest(values: Array) -> float:
     return float(np.asarray(np.fmax.reduce(values.ravel(), initial=0.0)))
 
 
-def _arrival(robot: RobotModel, time: Array, chart: Array, goal: npt.ArrayLike, tolerance: Tolerance) -> float | None:
+def _arrival(robot: RobotModel, time: Array, chart: Array, goal: ArrayLike, tolerance: Tolerance) -> float | None:
     """When the robot came to the goal to stay [s since the first sample]; None if it is not there at the end."""
     target = np.asarray(goal, dtype=float)
     if target.shape != (robot.nv,):

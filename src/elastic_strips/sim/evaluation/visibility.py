@@ -7,11 +7,10 @@ readings, and nothing that is made of them knows about it; it has to come from e
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.execution import Record
 from elastic_strips.perception.readings import LaserScan, ScanRays, rays_of
 from elastic_strips.robot import RobotModel
@@ -42,7 +41,7 @@ class Visibility:
     hit: bool
 
 
-def visible_to(points: Array, scan: LaserScan, base_pose: Any, *, thickness: float = 0.02) -> Mask:
+def visible_to(points: Array, scan: LaserScan, base_pose: ArrayLike, *, thickness: float = 0.02) -> Mask:
     """Which points a scan could have seen, were nothing else there.
 
     Args:
@@ -60,7 +59,9 @@ def visible_to(points: Array, scan: LaserScan, base_pose: Any, *, thickness: flo
     return inside & (np.abs(points[:, 2] - rays.height) <= thickness)
 
 
-def seen_obstacles(scene: Scene, scan: LaserScan, base_pose: Any, *, tolerance: float = 0.05) -> tuple[Visibility, ...]:
+def seen_obstacles(
+    scene: Scene, scan: LaserScan, base_pose: ArrayLike, *, tolerance: float = 0.05
+) -> tuple[Visibility, ...]:
     """What of a true scene a scan can see, obstacle by obstacle, by the bounding boxes of their parts.
 
     Args:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.arrays import Array
 from elastic_strips.errors import ScenarioError
 from elastic_strips.io import PoseSpec
 from elastic_strips.named import SCENARIOS
@@ -90,12 +91,12 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
     raise ScenarioError(f"corridor: seed {seed} found no room for {obstacles} obstacles; ask for fewer")
 
 
-def corridor_guide(seed: int) -> np.ndarray:
+def corridor_guide(seed: int) -> Array:
     """The curve (K, 2) [m] from start to goal about which the corridor of that seed is free."""
     return _guide(np.random.default_rng(seed))
 
 
-def _guide(rng: np.random.Generator) -> np.ndarray:
+def _guide(rng: np.random.Generator) -> Array:
     """A smooth curve from start to goal that swings to both sides: (K, 2)."""
     x = np.linspace(0.0, LENGTH, _STEPS)
     envelope = np.sin(np.pi * x / LENGTH) ** 0.5
@@ -137,7 +138,7 @@ _FINE = 10
 """Pieces between two keyframes of such a track."""
 
 
-def _smooth_stop(places: np.ndarray, frame: float, acceleration: float) -> np.ndarray:
+def _smooth_stop(places: Array, frame: float, acceleration: float) -> Array:
     """A track (K, 2) with a stop at its end, and smooth: `_FINE` places a frame, each the mean over one frame.
 
     So the velocity changes in steps that are small beside what braking adds to them; no place moves by half a
@@ -286,10 +287,10 @@ def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:
 
 def _mover(
     k: int,
-    course: tuple[str, Callable[[float, _Body, np.ndarray, np.random.Generator], _Course | None]],
+    course: tuple[str, Callable[[float, _Body, Array, np.random.Generator], _Course | None]],
     low: float,
     high: float,
-    guide: np.ndarray,
+    guide: Array,
     rng: np.random.Generator,
     yielding: bool,
 ) -> tuple[Obstacle, float, float]:
@@ -327,7 +328,7 @@ def _body(rng: np.random.Generator) -> _Body:
     return _Body(kind, 0.5 * math.hypot(*size[:2]), height, lambda n, m, q: Box(size, quat=q, name=n, motion=m))
 
 
-def _far(course: _Course, radius: float, top: float, guide: np.ndarray) -> bool:
+def _far(course: _Course, radius: float, top: float, guide: Array) -> bool:
     """Whether a mover appears far enough from where the robot can be then; from the beginning, off the way too."""
     x, y = course.start
     apart = APPEAR_DISTANCE + REACTION * top + radius
@@ -338,7 +339,7 @@ def _far(course: _Course, radius: float, top: float, guide: np.ndarray) -> bool:
     return math.hypot(x, y) >= apart and free and aside
 
 
-def _track(course: _Course, radius: float) -> np.ndarray | None:
+def _track(course: _Course, radius: float) -> Array | None:
     """Places (K, 2) [m] at the keyframes, until it has left the corridor; None where it does not enter or not leave."""
     (x, y), (vx, vy) = course.start, course.velocity
     places, entered = [(x, y)], False
@@ -357,7 +358,7 @@ def _track(course: _Course, radius: float) -> np.ndarray | None:
     return None
 
 
-def _crossing(top: float, body: _Body, guide: np.ndarray, rng: np.random.Generator) -> _Course:
+def _crossing(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course:
     """Straight to where the robot will be, across its way; then a little aside and out."""
     meet = float(rng.uniform(3.0, 12.0))
     begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 0.7 * meet)), 1)
@@ -369,7 +370,7 @@ def _crossing(top: float, body: _Body, guide: np.ndarray, rng: np.random.Generat
     return _Course(begin, start, velocity, lambda t, at: velocity if t < meet else later)
 
 
-def _head_on(top: float, body: _Body, guide: np.ndarray, rng: np.random.Generator) -> _Course | None:
+def _head_on(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course | None:
     """From beyond the goal towards the robot; some time after they have met it turns aside and leaves.
 
     None where the robot would be at its goal before.
@@ -389,7 +390,7 @@ def _head_on(top: float, body: _Body, guide: np.ndarray, rng: np.random.Generato
     return _Course(begin, start, velocity, lambda t, at: velocity if t < turn else aside)
 
 
-def _wander(top: float, body: _Body, guide: np.ndarray, rng: np.random.Generator) -> _Course:
+def _wander(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course:
     """Here and there at changing speed, with rests of a few seconds; after a while it leaves by the nearer side."""
     begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 8.0)), 1)
     start = (float(rng.uniform(-1.0, LENGTH + 1.0)), float(rng.uniform(-HALF_WIDTH, HALF_WIDTH)))
@@ -414,7 +415,7 @@ def _wander(top: float, body: _Body, guide: np.ndarray, rng: np.random.Generator
     return _Course(begin, start, target(begin, start), target)
 
 
-def _on_way(x: float, guide: np.ndarray, aside: float) -> _Point:
+def _on_way(x: float, guide: Array, aside: float) -> _Point:
     """A point of the way that is kept free of clutter, at ``x`` or the nearest that start and goal leave."""
     x = min(max(x, 1.0), LENGTH - 1.0)
     return x, float(np.interp(x, guide[:, 0], guide[:, 1])) + aside

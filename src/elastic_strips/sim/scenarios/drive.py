@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from elastic_strips._version import __version__
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Document
 from elastic_strips.deform import DeformParams
 from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.execution import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams, MotionLimits
@@ -267,7 +267,7 @@ DRIVE_FORMAT = "elastic-strips-drive"
 DRIVE_FORMAT_VERSION = 1
 
 
-def drive_document(outcome: DriveOutcome) -> dict[str, Any]:
+def drive_document(outcome: DriveOutcome) -> Document:
     """A drive as plain values, ready for JSON. Lengths in metres, angles in radians, times in seconds."""
     check_type("outcome", outcome, DriveOutcome)
     result, evaluation = outcome.result, outcome.evaluation

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from elastic_strips._version import __version__
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Document
 from elastic_strips.deform import PRESETS, Deformer, DeformParams, DeformReport, DeformStatus
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from elastic_strips.io import obstacle_documents
@@ -262,7 +262,7 @@ FORMAT = "elastic-strips-result"
 FORMAT_VERSION = 1
 
 
-def result_document(result: RunResult) -> dict[str, Any]:
+def result_document(result: RunResult) -> Document:
     """A run as plain values, ready for JSON. Lengths in metres, angles in radians."""
     check_type("result", result, RunResult)
     report, robot, strip = result.report, result.robot, result.report.strip
@@ -302,7 +302,7 @@ def result_document(result: RunResult) -> dict[str, Any]:
     }
 
 
-def _broken(broken: BrokenSegment) -> dict[str, Any]:
+def _broken(broken: BrokenSegment) -> Document:
     return {
         "segment": broken.segment,
         "link": broken.link,

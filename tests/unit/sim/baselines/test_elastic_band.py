@@ -14,10 +14,10 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.sim.baselines import BaseLimits, ElasticBand, ElasticBandParams, SensedPath
 from elastic_strips.sim.baselines.elastic_band import (
     FreeDistance,
+    bubble_contraction,
+    bubble_repulsion,
     connected,
-    contraction_force,
     relaxed,
-    repulsion_force,
     thinned,
     without_tangent,
 )
@@ -35,7 +35,7 @@ def test_contraction_by_hand():
     chain = np.array([[0.0, 0.0], [1.0, 1.0], [4.0, 1.0], [5.0, 1.0]])
     half = math.sqrt(0.5)
     np.testing.assert_allclose(
-        contraction_force(chain, 2.0), [[2.0 * (1.0 - half), -2.0 * half], [0.0, 0.0]], atol=1e-12
+        bubble_contraction(chain, 2.0), [[2.0 * (1.0 - half), -2.0 * half], [0.0, 0.0]], atol=1e-12
     )
 
 
@@ -51,20 +51,20 @@ def test_contraction_is_minus_the_gradient_of_the_length():
             step = np.zeros_like(chain)
             step[i, k] = h
             slope = (length(chain + step) - length(chain - step)) / (2.0 * h)
-            assert contraction_force(chain, 1.0)[i - 1, k] == pytest.approx(-slope, abs=1e-6)
+            assert bubble_contraction(chain, 1.0)[i - 1, k] == pytest.approx(-slope, abs=1e-6)
 
 
 def test_repulsion_by_hand():
     free = FreeDistance(np.array([[0.0, 0.0]]), 0.25, 1.0)
     at = np.array([[0.65, 0.0], [0.0, -0.75], [1.2, 0.0]])  # free distances 0.4, 0.5, 0.95
-    force = repulsion_force(free, at, free(at), 2.0, 0.7)
+    force = bubble_repulsion(free, at, free(at), 2.0, 0.7)
     np.testing.assert_allclose(force, [[2.0 * 0.3, 0.0], [0.0, -2.0 * 0.2], [0.0, 0.0]], atol=1e-9)
 
 
 def test_repulsion_vanishes_in_the_middle_of_a_gap():
     free = FreeDistance(np.array([[0.0, 0.5], [0.0, -0.5]]), 0.25, 1.0)
     at = np.array([[0.0, 0.0], [0.0, 0.1]])
-    force = repulsion_force(free, at, free(at), 1.0, 0.7)
+    force = bubble_repulsion(free, at, free(at), 1.0, 0.7)
     np.testing.assert_allclose(force[0], 0.0, atol=1e-12)
     assert force[1, 1] < -0.1
 
