@@ -22,7 +22,7 @@ def drawn(
 ) -> list[dict[str, Any]]:
     """The commands that a page of a report holds."""
     drawing = Drawing(title="t", ghosts=3)
-    snapshot = Snapshot(robot, scene, report.strip, report, frame=True, live=live)
+    snapshot = Snapshot(robot, scene, report.strip.q, report, frame=True, live=live)
     return [umsgpack.unpackb(packed) for _, packed in drawing.draw(snapshot)]
 
 

@@ -1,4 +1,4 @@
-"""Record: leaving out superfluous commands does not change the picture."""
+"""Command log: leaving out superfluous commands does not change the picture."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elastic_strips.viewer import commands
-from elastic_strips.viewer.server import Record
+from elastic_strips.viewer.server import CommandLog
 
 _PATHS = ("/a", "/a/b", "/a/bc", "/ab", "/a/b/c")
 _KINDS = ("object", "instances", "transforms", "property visible", "delete")
@@ -39,7 +39,7 @@ def test_a_new_browser_sees_the_same_picture(log):
     items = [
         item for k, item in enumerate(items) if not item[0].endswith("instances") or _has_object(items[:k], item[0])
     ]
-    record = Record()
+    record = CommandLog()
     record.extend(items)
     assert executed(record.items()) == executed(items)
     assert not any(key.endswith("delete") for key, _ in record.items())
@@ -52,7 +52,7 @@ def test_a_slow_browser_ends_with_the_same_picture(first, second):
         item for k, item in enumerate(items) if not item[0].endswith("instances") or _has_object(items[:k], item[0])
     ]
     cut = len(items) // 2
-    pending = Record(deletions=True)
+    pending = CommandLog(deletions=True)
     pending.extend(items[cut:])
     assert executed(items[:cut] + pending.items()) == executed(items)
     assert len(pending) <= len(items) - cut
@@ -63,7 +63,7 @@ def _has_object(before, key):
 
 
 def test_a_batch_is_one_array():
-    record = Record()
+    record = CommandLog()
     record.extend([commands.visible("/a", True), commands.delete("/b"), commands.hud({"title": "t"})])
     assert [c["type"] for c in umsgpack.unpackb(record.take())] == ["set_property", "hud"]
     assert len(record) == 0
@@ -71,6 +71,6 @@ def test_a_batch_is_one_array():
 
 
 def test_what_plays_comes_last():
-    record = Record()
+    record = CommandLog()
     record.extend([commands.no_animation(), commands.visible("/a", True), commands.animation([], 30.0)])
     assert [c["type"] for c in umsgpack.unpackb(record.batch())] == ["set_property", "set_animation"]
