@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
+from ..deform import DeformReport
 from ..execution import Controller, RunState
 from ..io import check_record_file, write_json, write_record
 from ..scenarios import (
@@ -26,23 +27,28 @@ from ..scenarios import (
 from ..sim import FAULTS, Fault, Simulation
 from ..strip import Strip
 from . import EXIT_INTERRUPTED
-from .group import Finite
-from .pictures import browser_option, open_viewer, write_page
-from .progress import LateProgress
-from .run_command import check_outputs
-from .sensor_option import sensors_of, sensors_option
-
-EXIT_REACHED = 0
-EXIT_NOT_REACHED = 3
+from .options import (
+    EXIT_DONE,
+    EXIT_NOT_DONE,
+    SEED,
+    Finite,
+    LateProgress,
+    base_option,
+    check_outputs,
+    evade_option,
+    json_option,
+    robot_option,
+    sensors_of,
+    sensors_option,
+)
+from .view_options import browser_option, open_viewer, write_page
 
 
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml")
-@click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
-@click.option(
-    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default."
-)
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of plan, plant, noise and generated scenes.")
+@robot_option(help="Another robot than the scenario's.")
+@base_option()
+@click.option("--seed", type=SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
     "--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
@@ -54,7 +60,7 @@ EXIT_NOT_REACHED = 3
 )  # fmt: skip
 @sensors_option
 @click.option("--time-limit", type=Finite(0.1, 36000), help="Longest run [s of simulated time].")
-@click.option("--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait.")
+@evade_option
 @click.option(
     "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
@@ -64,7 +70,7 @@ EXIT_NOT_REACHED = 3
     "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
     help="Put in a fault, times in seconds. KIND: " + ", ".join(FAULTS) + ". May be given again.",
 )  # fmt: skip
-@click.option("--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/drive-format.md).")
+@json_option("Write the result (docs/drive-format.md).")
 @click.option(
     "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
     help="Write everything that happened (docs/record-format.md); view replays it.",
@@ -146,10 +152,10 @@ def drive(
         write_page(lambda page: page.replay(model, result.record), html_file, title=problem.name)
     if interrupted:
         return EXIT_INTERRUPTED
-    return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
+    return EXIT_DONE if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_DONE
 
 
-def _shown(driven: Simulation[Any]) -> object:
+def _shown(driven: Simulation[Any]) -> Strip | DeformReport:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
     controller = driven.controller
     if not isinstance(controller, Controller):

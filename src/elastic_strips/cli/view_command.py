@@ -17,9 +17,8 @@ from ..robot import RobotModel, load_robot, recorded_robot
 from ..scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
 from ..strip import Strip
-from .group import Finite
-from .pictures import TITLE, browser_option, serve, write_page
-from .run_command import check_outputs
+from .options import SEED, Finite, base_option, check_outputs, robot_option
+from .view_options import TITLE, browser_option, serve, write_page
 
 if TYPE_CHECKING:
     from ..viewer import Viewer
@@ -36,18 +35,9 @@ _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 @click.command()
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz")
-@click.option(
-    "--robot",
-    metavar="NAME|FILE.urdf",
-    help="Another robot than the scenario's. Of a result or a record: where its robot is now.",
-)
-@click.option(
-    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]),
-    help="Of a scenario: how the base moves; the robot's own by default.",
-)  # fmt: skip
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), help="Of a scenario: seed of generated scenes.  [default: 0]"
-)
+@robot_option(help="Another robot than the scenario's. Of a result or a record: where its robot is now.")
+@base_option("Of a scenario: how the base moves; the robot's own by default.")
+@click.option("--seed", type=SEED, help="Of a scenario: seed of generated scenes.  [default: 0]")
 @click.option("--speed", type=Finite(1e-3, 1e3), help="Of a record: how many times as fast as it was.  [default: 1]")
 @click.option("--begin", type=Finite(0.0), help="Of a record: time to begin with [s].")
 @click.option("--end", type=Finite(0.0), help="Of a record: time to end with [s].")
@@ -138,15 +128,11 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
     return model, scene, strip
 
 
+_WHOLE_SIZE = {"box": Box, "convex": ConvexHull}
+_SIZES = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule, "cone": Cone}
+
+
 def _obstacle(entry: dict[str, Any]) -> Obstacle:
-    place: dict[str, Any] = {"at": entry["pose"][:3], "quat": entry["pose"][3:], "name": entry["name"]}
+    place = {"at": entry["pose"][:3], "quat": entry["pose"][3:], "name": entry["name"]}
     shape, size = entry["shape"], entry["size"]
-    makers = {
-        "box": lambda: Box(size, **place),
-        "sphere": lambda: Sphere(*size, **place),
-        "cylinder": lambda: Cylinder(*size, **place),
-        "capsule": lambda: Capsule(*size, **place),
-        "cone": lambda: Cone(*size, **place),
-        "convex": lambda: ConvexHull(size, **place),
-    }
-    return makers[shape]()
+    return _WHOLE_SIZE[shape](size, **place) if shape in _WHOLE_SIZE else _SIZES[shape](*size, **place)

@@ -1,4 +1,4 @@
-"""Pictures of a command: the viewer that it opens, the page that it writes."""
+"""View options: the viewer that a command opens, the page that it writes."""
 
 from __future__ import annotations
 
