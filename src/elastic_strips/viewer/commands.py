@@ -39,7 +39,7 @@ def key(path: str, kind: str) -> str:
     return f"{path}\0{kind}"
 
 
-def floats(array: ArrayLike) -> umsgpack.Ext:
+def _floats(array: ArrayLike) -> umsgpack.Ext:
     """Pack numbers as a Float32Array."""
     return umsgpack.Ext(_FLOAT32, np.ascontiguousarray(array, dtype="<f4").tobytes())
 
@@ -119,7 +119,7 @@ def mesh(
         "userData": {"shadow": cast, "veiled": veiled},
     }
     if instances is not None:
-        none = {"itemSize": 16, "type": "Float32Array", "array": floats(np.zeros(16 * max(instances, 1)))}
+        none = {"itemSize": 16, "type": "Float32Array", "array": _floats(np.zeros(16 * max(instances, 1)))}
         body |= {"type": "InstancedMesh", "count": max(instances, 1), "instanceMatrix": none, "frustumCulled": False}
     content = {
         "metadata": {"version": 4.5, "type": "Object"},
@@ -132,15 +132,15 @@ def mesh(
 
 def instances(path: str, matrices: ArrayLike, colors: ArrayLike | None = None) -> Command:
     """Say where the instances of a mesh are: (K, 16) column-major matrices, and (K, 3) linear colours."""
-    data: Document = {"type": "instances", "path": path, "matrices": floats(matrices)}
+    data: Document = {"type": "instances", "path": path, "matrices": _floats(matrices)}
     if colors is not None:
-        data["colors"] = floats(colors)
+        data["colors"] = _floats(colors)
     return key(path, "instances"), _pack(data)
 
 
 def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command:
     """Move many objects at once: (K, 16) column-major matrices."""
-    return key(group, "transforms"), _pack({"type": "transforms", "paths": list(paths), "matrices": floats(matrices)})
+    return key(group, "transforms"), _pack({"type": "transforms", "paths": list(paths), "matrices": _floats(matrices)})
 
 
 def visible(path: str, value: bool) -> Command:
@@ -162,13 +162,13 @@ def hud(content: Mapping[str, object]) -> Command:
 
 def captions(times: ArrayLike, cards: Sequence[Document], common: Document) -> Command:
     """Fill the card with what is ``common`` to all of ``cards`` (K) and each of them from its time (K,) [s] on."""
-    data = {"type": "captions", "times": floats(times), "cards": list(cards), "common": common}
+    data = {"type": "captions", "times": _floats(times), "cards": list(cards), "common": common}
     return key("", "captions"), _pack(data)
 
 
 def camera(points: ArrayLike, direction: ArrayLike) -> Command:
     """Look against ``direction`` so that all ``points`` (K, 3) [m] are in the picture."""
-    return key("", "camera"), _pack({"type": "camera", "points": floats(points), "direction": floats(direction)})
+    return key("", "camera"), _pack({"type": "camera", "points": _floats(points), "direction": _floats(direction)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,8 +214,8 @@ def animation(tracks: Sequence[Track], fps: float) -> Command:
     """Play tracks, again and again."""
     clips = []
     for track in tracks:
-        values = track.values.tolist() if track.values.dtype == bool else floats(track.values)  # three.js: true, not 1
-        one = {"name": "." + track.property, "type": track.type, "times": floats(track.times), "values": values}
+        values = track.values.tolist() if track.values.dtype == bool else _floats(track.values)  # three.js: true, not 1
+        one = {"name": "." + track.property, "type": track.type, "times": _floats(track.times), "values": values}
         clip = {"fps": fps, "name": track.path + track.property, "tracks": [one]}
         clips.append({"path": track.path, "clip": clip})
     options = {"play": True, "repetitions": 1_000_000}
@@ -234,7 +234,7 @@ def columns(T: ArrayLike) -> Floats:
 
 
 def _attribute(values: Floats) -> Document:
-    return {"itemSize": values.shape[1], "type": "Float32Array", "array": floats(values), "normalized": False}
+    return {"itemSize": values.shape[1], "type": "Float32Array", "array": _floats(values), "normalized": False}
 
 
 def _pack(data: Document) -> bytes:

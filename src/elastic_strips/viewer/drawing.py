@@ -244,7 +244,7 @@ class Drawing:
         """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
         assert self.robot is not None
         assert self.poses is not None
-        spot = None if report is None else trouble_spot(self.robot, report, chart, self.poses)
+        spot = None if report is None else _trouble_spot(self.robot, report, chart, self.poses)
         self._pinned = spot is not None
         ball = head = pole = None
         if spot is not None:
@@ -281,7 +281,7 @@ def segment_colors(report: DeformReport | None, count: int) -> Array:
     return np.where(report.certificate.segments[:, None], hexcolor(CERTIFIED), hexcolor(REFUSED))
 
 
-def trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: RobotPoses) -> Array | None:
+def _trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: RobotPoses) -> Array | None:
     """Where (3,) [m] the worst segment is: between the hulls that do not connect, or at the link that is not clear.
 
     Args:

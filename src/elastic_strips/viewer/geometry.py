@@ -63,7 +63,7 @@ def linear(color: int | Sequence[float]) -> tuple[float, float, float]:
     return r, g, b
 
 
-def shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> MeshData:
+def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> MeshData:
     """Compute normals: smooth within patches of faces that meet at less than the crease angle, sharp between them.
 
     Args:
@@ -84,10 +84,10 @@ def shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> Me
     )
 
 
-def hull(points: ArrayLike) -> MeshData:
+def _hull(points: ArrayLike) -> MeshData:
     """Convex hull of (V, 3) points."""
     found = trimesh.convex.convex_hull(np.asarray(points, dtype=float))
-    return shaded(found.vertices, found.faces)
+    return _shaded(found.vertices, found.faces)
 
 
 def merged(meshes: Iterable[MeshData]) -> MeshData:
@@ -115,7 +115,7 @@ def clustered(mesh: MeshData, cell: float) -> MeshData:
     keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     if not keep.any():
         return mesh
-    return shaded(mesh.vertices[first], np.unique(faces[keep], axis=0))
+    return _shaded(mesh.vertices[first], np.unique(faces[keep], axis=0))
 
 
 # Unit meshes
@@ -125,7 +125,7 @@ def clustered(mesh: MeshData, cell: float) -> MeshData:
 def box() -> MeshData:
     """Unit cube about the origin."""
     cube = trimesh.creation.box()
-    return shaded(cube.vertices, cube.faces)
+    return _shaded(cube.vertices, cube.faces)
 
 
 @cache
@@ -184,7 +184,7 @@ def _capsule(radius: float, length: float) -> MeshData:
 def _revolved(profile: ArrayLike, segments: int, crease: float = _CREASE) -> MeshData:
     """Turn a profile of (radius, z) about z."""
     turned = trimesh.creation.revolve(np.asarray(profile, dtype=float), sections=segments)
-    return shaded(turned.vertices, turned.faces, crease)
+    return _shaded(turned.vertices, turned.faces, crease)
 
 
 def _flat(vertices: Array, faces: NDArray[np.intp], colors: Array | None = None) -> MeshData:
@@ -208,7 +208,7 @@ def from_coal(geometry: coal.CollisionGeometry) -> MeshData | None:
 def _triangles(geometry: coal.BVHModelBase) -> MeshData:
     triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
     faces = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64).reshape(-1, 3)
-    return shaded(np.asarray(geometry.vertices()).reshape(-1, 3), faces)
+    return _shaded(np.asarray(geometry.vertices()).reshape(-1, 3), faces)
 
 
 _MAKERS: tuple[tuple[type, Callable[..., MeshData]], ...] = (
@@ -218,7 +218,7 @@ _MAKERS: tuple[tuple[type, Callable[..., MeshData]], ...] = (
     (coal.Cylinder, lambda g: cylinder().scaled((g.radius, g.radius, 2 * g.halfLength))),
     (coal.Capsule, lambda g: _capsule(float(g.radius), 2 * float(g.halfLength))),
     (coal.Cone, lambda g: cone().scaled((g.radius, g.radius, 2 * g.halfLength))),
-    (coal.ConvexBase, lambda g: hull(np.asarray(g.points()).reshape(-1, 3))),
+    (coal.ConvexBase, lambda g: _hull(np.asarray(g.points()).reshape(-1, 3))),
     (coal.BVHModelBase, _triangles),
 )
 

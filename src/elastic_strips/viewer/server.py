@@ -186,7 +186,7 @@ def _read(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-async def serve(port: int) -> None:
+async def _serve(port: int) -> None:
     """Serve until standard input ends."""
     import tornado.httpserver
     import tornado.netutil
@@ -296,4 +296,4 @@ async def serve(port: int) -> None:
 
 if __name__ == "__main__":
     sys.path.pop(0)  # the modules next to this file are no top-level modules
-    asyncio.run(serve(int(sys.argv[1])))
+    asyncio.run(_serve(int(sys.argv[1])))

@@ -164,6 +164,15 @@ def test_a_plain_strip_is_shown_as_not_checked(robot, scene, make_report):
     assert any("not checked" in name for name, _ in card["legend"])
 
 
+def test_a_report_that_proves_nothing_is_shown_as_its_strip(robot, scene, make_report):
+    planned = SimpleNamespace(strip=make_report().strip, certified=True)  # as plan_report returns it
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, planned).update(planned)
+        viewer._flush()
+        assert viewer.alive
+        assert umsgpack.unpackb(dict(viewer._log.items())["\0hud"])["chip"] is None
+
+
 def test_the_tunnel_is_drawn_where_the_report_has_one(robot, scene, make_report):
     points, radius = np.ones((4, 2, 3)), np.array([[0.1, 0.2], [0.0, 0.3], [0.1, np.nan], [0.2, 0.2]])
     report = make_report(tunnel=SimpleNamespace(points=points, radius=radius))
