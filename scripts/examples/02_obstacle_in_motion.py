@@ -1,4 +1,4 @@
-"""One tick after the other: the strip gives way to somebody who walks across, and stays certified."""
+"""Tick by tick: the strip gives way to somebody who walks across, and stays certified."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ scene = es.Scene([person])
 strip = es.plan(robot, es.Scene([]), start=robot.home(), goal=robot.home(x=5.0))
 deformer = es.Deformer(robot)
 for tick in range(500):
-    report = deformer.step(strip, scene.at(0.02 * tick))  # at 50 Hz
+    report = deformer.step(strip, scene.at(0.02 * tick))  # at 50 Hz, with the scene as it is then
     strip = report.strip
     if tick % 100 == 0:
         aside = np.abs(strip.q[:, 1]).max()

@@ -1,4 +1,4 @@
-"""A controller that drives a robot in MuJoCo as if it were a real one, by measurements and scenes alone.
+"""MuJoCo as if it were a real robot: the controller gets measurements and scenes, and never the true state.
 
 It needs the extra sim: pip install 'elastic-strips[sim]'. Run it: python scripts/examples/06_mujoco_as_robot.py
 """
@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.execution import Controller, MotionLimits
-from elastic_strips.sim.mujoco_plant import MujocoPlant
+from elastic_strips.control import Controller
+from elastic_strips.sim.mujoco.plant import MujocoPlant
+from elastic_strips.trajectory import MotionLimits
 
 robot = es.load_robot("silvermate")
 limits = MotionLimits.for_robot(robot)
@@ -22,10 +23,10 @@ machine.reset(robot.space.to_chart(robot.home()))
 with Controller(robot, robot.home(), robot.home(x=3.0), world.at(0.0), limits=limits) as controller:
     t, measurement = 0.0, None
     while not controller.ended and t < 30.0:
-        command = controller.step(t, measurement, world.at(t))
-        measurement = machine.step(command, controller.params.control_dt)
+        command = controller.step(t, measurement, world.at(t))  # a perception without errors
+        measurement = machine.step(command, controller.params.control_dt)  # encoders, and where it localizes itself
         t = measurement.time
-    print(f"{controller.state.name.lower()} after {t:.1f} s: {controller.reason}")
+    print(f"{controller.state.label} after {t:.1f} s: {controller.reason}")
     off = 1e3 * np.hypot(*(controller.estimate[:2] - machine.chart[:2]))
     print(f"the robot believes to be {off:.0f} mm from where it is; it touched {len(machine.contact_events)} things")
 machine.close()

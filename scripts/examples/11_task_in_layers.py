@@ -4,7 +4,7 @@ It needs the extra control: pip install 'elastic-strips[control]'.
 """
 
 import elastic_strips as es
-from elastic_strips.control import ReachHand
+from elastic_strips.control.tasks import ReachHand
 from elastic_strips.sim import TaskSimulation
 
 robot = es.load_robot("silvermate")

@@ -1,4 +1,4 @@
-"""A picture that anybody can open: a page with the robot, the obstacles and the strip, and no server."""
+"""A page that anybody can open, without a server: the robot, the obstacles and the strip in 3D."""
 
 import tempfile
 from pathlib import Path

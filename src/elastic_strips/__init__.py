@@ -16,9 +16,9 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from ._late import late_names
-from ._version import __version__
-from .errors import (
+from elastic_strips._late import late_names
+from elastic_strips._version import __version__
+from elastic_strips.errors import (
     ConfigurationError,
     ElasticStripsError,
     InputError,
@@ -30,12 +30,12 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    from .deform import Deformer, DeformParams, DeformReport, DeformStatus
-    from .io import read_scene, read_world, write_scene, write_world
-    from .planning import PlanReport, plan, plan_report
-    from .robot import RobotModel, load_robot, robot_names
-    from .scenarios import get_scenario, run_scenario, scenario_names
-    from .scene import (
+    from elastic_strips.collision import Certificate
+    from elastic_strips.control import Command, Controller, Measurement
+    from elastic_strips.io import read_scene, read_world, write_scene, write_world
+    from elastic_strips.planning import PlanReport, plan, plan_report
+    from elastic_strips.robot import RobotModel, load_robot, robot_names
+    from elastic_strips.scene import (
         Box,
         Capsule,
         Cone,
@@ -47,13 +47,13 @@ if TYPE_CHECKING:
         Scene,
         Sphere,
         Twist,
-        Unknown,
+        UnknownMotion,
         Voxels,
         World,
     )
-    from .strip import Strip
-    from .tunnel import Certificate, strip_clearance
-    from .viewer import Viewer
+    from elastic_strips.sim.scenarios import get_scenario, run_scenario, scenario_names
+    from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip, strip_clearance
+    from elastic_strips.viewer import Viewer
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())  # who uses the library decides what is shown
 
@@ -74,7 +74,7 @@ __all__ = [
     "Points",
     "Twist",
     "Keyframes",
-    "Unknown",
+    "UnknownMotion",
     "World",
     "read_scene",
     "write_scene",
@@ -90,6 +90,9 @@ __all__ = [
     "DeformStatus",
     "Certificate",
     "strip_clearance",
+    "Controller",
+    "Measurement",
+    "Command",
     "get_scenario",
     "scenario_names",
     "run_scenario",
@@ -106,19 +109,19 @@ __all__ = [
 
 
 _ROOMS = {
-    "deform": ("Deformer", "DeformParams", "DeformReport", "DeformStatus"),
+    "control": ("Command", "Controller", "Measurement"),
     "io": ("read_scene", "read_world", "write_scene", "write_world"),
     "planning": ("PlanReport", "plan", "plan_report"),
     "robot": ("RobotModel", "load_robot", "robot_names"),
-    "scenarios": ("get_scenario", "run_scenario", "scenario_names"),
+    "sim.scenarios": ("get_scenario", "run_scenario", "scenario_names"),
     "scene": (
         "Box", "Capsule", "Cone", "ConvexHull", "Cylinder", "Keyframes", "Mesh", "Points", "Scene", "Sphere", "Twist",
-        "Unknown", "Voxels", "World",
+        "UnknownMotion", "Voxels", "World",
     ),
-    "strip": ("Strip",),
-    "tunnel": ("Certificate", "strip_clearance"),
+    "strip": ("Deformer", "DeformParams", "DeformReport", "DeformStatus", "Strip", "strip_clearance"),
+    "collision": ("Certificate",),
     "viewer": ("Viewer",),
-    **{room: () for room in ("bench", "control", "execution", "methods", "perception", "sim", "study")},
+    **{room: () for room in ("perception", "sim", "trajectory")},
 }  # fmt: skip
 __getattr__ = late_names(__name__, _ROOMS)  # who wants the version need not wait for Pinocchio
 

@@ -1,6 +1,6 @@
 """``python -m elastic_strips``: the command line."""
 
-from .cli import main
+from elastic_strips.cli import main
 
 if __name__ == "__main__":
     main()

@@ -1,16 +1,42 @@
-"""The catalogue: every robot that can be loaded by its name, and where its files are. It reads none of them."""
+"""The catalogue: every robot, scenario and preset that has a name, with a line about each; where robots' files are.
+
+It makes and reads none of them, so that they can be listed at once.
+"""
 
 from __future__ import annotations
 
 import difflib
+import sys
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from .errors import RobotError, nearest_name
-from .resources import example_robot_data, urdf_dir
+from elastic_strips.errors import RobotError, nearest_name
+
+SCENARIOS = {
+    "case-1": "two obstacles 2.1 m apart, slow turning: pass between",
+    "case-2": "as case 1, fast turning",
+    "case-3": "two obstacles 1.0 m apart, safe distance 1.5 m: the paper's strip is blocked",
+    "case-4": "as case 3 with safe distance 0.8 m: pass between",
+    "case-5": "two obstacles 0.1 m apart: go around both",
+    "case-6": "obstacles scattered at will",
+    "case-7": "the whole robot in 3D: a shelf that the base passes and the arm must avoid",
+    "corridor": "8 m of clutter, 32 obstacles of mixed shapes and heights (seeded generator)",
+    "clutter": "a room with pillars, tables, shelves and beams; the arm ends above a table (seeded generator)",
+    "closing-side": "a box to pass on either side; a cabinet slides into the wider one",
+    "bottleneck": "a wall with a door of 0.75 m, a little beside the line",
+    "dead-end": "a dead end, 1.2 m deep and 1.8 m wide, on the line",
+    "moving-corridor": "the corridor with 1 to 8 movers that appear, cross and come head-on (seeded)",
+    "courteous-corridor": "the corridor with 1 to 8 movers that appear, cross and come head-on, and stop for a robot "
+    "that stands (seeded)",
+}
+
+PRESETS = {
+    "default": "forces at witness points, implicit update, exact rolling constraint",
+    "paper": "Eqs. 2-9 of the paper at its control points; the base moves as if omnidirectional",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,3 +244,32 @@ def _srdf_of(urdf: Path) -> Path | None:
     if fitting:
         return max(fitting, key=lambda f: len(f.stem))
     return files[0] if len(files) == 1 else None
+
+
+def urdf_dir() -> Path:
+    """Return the directory that holds the URDFs that come with elastic_strips.
+
+    A wheel carries a copy inside the package; an editable install reads the checkout's top-level ``urdf/``.
+
+    Raises:
+        RobotError: Neither directory exists.
+    """
+    package = Path(__file__).resolve().parent
+    tried = (package / "urdf", package.parents[1] / "urdf")
+    for directory in tried:
+        if directory.is_dir():
+            return directory
+    raise RobotError(
+        f"the robot descriptions are missing: neither {tried[0]} (installed) nor {tried[1]} (checkout) is a directory; "
+        "install the package again, or give the path of a URDF."
+    )
+
+
+@cache
+def example_robot_data() -> Path | None:
+    """Return the ``share`` folder that holds example-robot-data; None where the package is not installed."""
+    import cmeel
+
+    places = [Path(p) / "cmeel.prefix/share" for p in (*cmeel.__path__, *sys.path)]
+    places += [Path(p).parent / "cmeel.prefix/share" for p in cmeel.__path__]
+    return next((place for place in places if (place / "example-robot-data/robots").is_dir()), None)

@@ -1,7 +1,22 @@
-"""Errors: the one tree of typed errors that wrong input raises.
+"""Errors: the one tree of typed errors that this library raises on purpose.
+
+::
+
+    ElasticStripsError
+    ├── InputError (also a ValueError): what the caller handed in is wrong
+    │   ├── RobotError                 a robot description
+    │   ├── SceneError                 an obstacle, a motion, a scene, their files
+    │   ├── ScenarioError              a scenario, a drive problem, their files
+    │   ├── ConfigurationError         a configuration of a robot
+    │   ├── ParameterError             a parameter
+    │   ├── RecordError                the record of a run (elastic_strips.execution)
+    │   └── LaserLogError              a laser log (elastic_strips.io)
+    ├── MissingExtraError (also an ImportError): a package that only some uses need is not installed
+    ├── PerceptionError                no scene can be made of what was sensed (elastic_strips.sim)
+    └── RetimingError                  no timing of a path was found (elastic_strips.execution)
 
 An *expected* failure (a blocked or broken strip) is never an error that wrong input raises: it is a status on a report,
-or, where there is nothing to report on, an error that is no :class:`InputError`.
+or, where there is nothing to report on, an error that is no `InputError`.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
 
 _MOST, _CELL = 240, 60  # characters of a line, of a value in it
 
@@ -42,9 +41,9 @@ def table(title: str, rows: Mapping[str, str]) -> str:
     return f"<table><caption><b>{html.escape(title)}</b></caption><tbody>{cells}</tbody></table>"
 
 
-def _brief(value: Any, most: int = _CELL) -> str:
+def _brief(value: object, most: int = _CELL) -> str:
     if getattr(value, "ndim", 0):  # an array
-        return f"<{' × '.join(map(str, value.shape))} numbers>"
+        return f"<{' × '.join(map(str, getattr(value, 'shape', ())))} numbers>"
     if isinstance(value, str):
         return shortened(str.__str__(getattr(value, "value", value)), most)
     if isinstance(value, float):

@@ -7,9 +7,12 @@ import numbers
 import reprlib
 from collections.abc import Iterable
 from dataclasses import fields
-from typing import Any
+from typing import TypeGuard
 
-from .errors import InputError, ParameterError, nearest_name
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import InputError, ParameterError, nearest_name
 
 _SHORT = reprlib.Repr()  # of a list of a million entries the first ones alone
 _SHORT.maxlevel = 4
@@ -70,30 +73,87 @@ def _told(value: object) -> str:
 
 
 def check_number(
-    what: str, value: Any, *, low: float = -math.inf, high: float = math.inf, above: float = -math.inf, unit: str = ""
+    what: str,
+    value: object,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: float = -math.inf,
+    unit: str = "",
+    error: type[InputError] = ParameterError,
 ) -> float:
     """A finite number in [low, high], and larger than ``above``; True and False are none.
 
     Raises:
-        ParameterError: it is not.
+        error: it is not; the message has the value, after its name ``what`` if it has one.
     """
+    if getattr(value, "shape", None) == ():  # an array of no dimensions
+        value = value[()]  # type: ignore[index]
     if not _is_finite(value) or not low <= value <= high or not value > above:
         bounds = [
             f"{sign} {bound:g}" for sign, bound in ((">", above), ("≥", low), ("≤", high)) if math.isfinite(bound)
         ]
         wanted = " ".join(["a finite number", unit and f"of {unit}", " and ".join(bounds)]).split()
-        raise ParameterError(f"{what}={shown(value)} must be {' '.join(wanted)}")
+        raise error(f"{what}{what and '='}{shown(value)} must be {' '.join(wanted)}")
     return float(value)
 
 
-def _is_finite(value: Any) -> bool:
+def check_array(
+    what: str,
+    value: object,
+    shape: tuple[int | None, ...],
+    *,
+    limit: float = math.inf,
+    error: type[InputError] = ParameterError,
+) -> Array:
+    """A read-only copy of an array of finite numbers.
+
+    Args:
+        what: its name, for the message.
+        value: what numpy can turn into an array of numbers.
+        shape: wanted; None is any length of at least one.
+        limit: bound of every entry's absolute value.
+        error: type of the error.
+
+    Raises:
+        error: it is none.
+    """
+    wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
+    try:
+        raw = np.asarray(value)
+    except ValueError:
+        raise error(f"{what} must be an array of shape {wanted}, not {shown(value)}") from None
+    if raw.dtype.kind not in "fiu" or _holds_bool(value):
+        raise error(f"{what} must hold numbers (shape {wanted}), not {shown(value)}")
+    if raw.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, raw.shape, strict=True)):
+        raise error(f"{what} must have the shape {wanted}, not {raw.shape}: {shown(value)}")
+    if raw.size == 0:
+        raise error(f"{what} is empty; at least one entry is needed")
+    result = np.array(raw, dtype=np.float64)
+    bad = ~(np.isfinite(result) & (np.abs(result) <= limit))
+    if bad.any():
+        where = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise error(f"{what}{list(where)} is {result[where]:g}; it must be finite and within ±{limit:g}")
+    result.flags.writeable = False
+    return result
+
+
+def _holds_bool(value: object) -> bool:
+    """Numpy turns ``[True, 1.0]`` into floats; say whether a short sequence holds a bool."""
+    if not isinstance(value, (list, tuple)):
+        return False
+    rows = (v if isinstance(v, (list, tuple)) else (v,) for v in value)
+    return any(isinstance(entry, bool) for row in rows for entry in row)
+
+
+def _is_finite(value: object) -> TypeGuard[float]:
     try:
         return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # a whole number that no float can hold
         return False
 
 
-def check_count(what: str, value: Any, *, low: int = 0, high: int | None = None) -> int:
+def check_count(what: str, value: object, *, low: int = 0, high: int | None = None) -> int:
     """A whole number from ``low`` to ``high``; True and False are none.
 
     Raises:
@@ -106,13 +166,13 @@ def check_count(what: str, value: Any, *, low: int = 0, high: int | None = None)
     return number
 
 
-def check_numbers(owner: Any, *, zero: tuple[str, ...] = ()) -> None:
+def check_numbers(owner: object, *, zero: tuple[str, ...] = ()) -> None:
     """Every number of a dataclass is finite and > 0, or ≥ 0 where it is named in ``zero``; an ``int`` is whole.
 
     Raises:
         ParameterError: a value that is not; the message has the value and its bound.
     """
-    for f in fields(owner):
+    for f in fields(owner):  # type: ignore[arg-type]
         value, what = getattr(owner, f.name), f"{type(owner).__name__}.{f.name}"
         if f.type in ("int", int):
             check_count(what, value, low=0 if f.name in zero else 1)

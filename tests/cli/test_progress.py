@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from elastic_strips.cli import progress
-from elastic_strips.cli.progress import LateProgress
+from elastic_strips.cli import options
+from elastic_strips.cli.options import LateProgress
 
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_a_bar_is_drawn_in_a_terminal_only(
     terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(progress, "_PATIENCE", -1.0)
+    monkeypatch.setattr(options, "_PATIENCE", -1.0)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
     if terminal:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-import elastic_strips.study
+import elastic_strips.sim.study
 from elastic_strips.cli import main
-from elastic_strips.study import Outcome, PaperStudy, paper_reactively, paper_study
+from elastic_strips.sim.study import Outcome, PaperStudy, paper_study, simulate_paper
 
 
 def _call(*arguments: object) -> int:
@@ -22,7 +22,7 @@ def _call(*arguments: object) -> int:
 
 def test_a_quick_study(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """One line a case, then the report, which has neither comparison nor map."""
-    monkeypatch.setattr(elastic_strips.study, "paper_study", partial(paper_study, cases=["case-2"]))
+    monkeypatch.setattr(elastic_strips.sim.study, "paper_study", partial(paper_study, cases=["case-2"]))
     assert _call("study", "paper", "--quick", "--out", tmp_path / "out") == 0
     printed = capsys.readouterr()
     first, last = printed.out.splitlines()
@@ -38,14 +38,14 @@ def test_a_quick_study(tmp_path: Path, capsys: pytest.CaptureFixture[str], monke
 def test_what_the_options_ask_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Another end than the paper's is exit code 3; all is compared and mapped unless it is to be quick."""
     asked: list[dict[str, object]] = []
-    run = paper_reactively(elastic_strips.get_scenario("case-4"))
+    run = simulate_paper(elastic_strips.get_scenario("case-4"))
     assert run.outcome is Outcome.REACHED
 
     def study(folder: str, **options: object) -> PaperStudy:
         asked.append(options)
         return PaperStudy({"case-3": run}, (), (), (tmp_path / "paper.md",))
 
-    monkeypatch.setattr(elastic_strips.study, "paper_study", study)
+    monkeypatch.setattr(elastic_strips.sim.study, "paper_study", study)
     assert _call("study", "paper", "--processes", "2") == 3
     assert _call("study", "paper", "--quick") == 3
     assert asked[0]["processes"] == 2

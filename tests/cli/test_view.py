@@ -11,11 +11,11 @@ from command_line import interrupted
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.cli import main
-from elastic_strips.execution import Record
+from elastic_strips.control import Record
 from elastic_strips.io import read_record, write_record
 from elastic_strips.robot import RobotModel
-from elastic_strips.viewer import Viewer, replay, viewer
-from elastic_strips.viewer.link import LinkError
+from elastic_strips.viewer import Viewer, animation, viewer
+from elastic_strips.viewer.server import ServerError
 
 
 def call(*arguments: object) -> int:
@@ -130,9 +130,9 @@ def test_a_viewer_that_does_not_start_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def refuse(**_: object) -> None:
-        raise LinkError("no socket is free")
+        raise ServerError("no socket is free")
 
-    monkeypatch.setattr(viewer, "Link", refuse)
+    monkeypatch.setattr(viewer, "ServerProcess", refuse)
     assert call("view", "case-1") == 2
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -145,6 +145,6 @@ def test_a_picture_that_cannot_be_drawn_is_no_success(
     def fail(*_: object) -> None:
         raise RuntimeError("no picture")
 
-    monkeypatch.setattr(replay, "draw", fail)
+    monkeypatch.setattr(animation, "draw_run", fail)
     assert call("view", file, "--html", file.with_name("page.html")) == 2
     assert "could not be drawn" in capsys.readouterr().err

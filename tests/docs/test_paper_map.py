@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from elastic_strips.deform import DeformParams
-from elastic_strips.scenarios.paper_cases import TABLE_1, TABLE_2
+from elastic_strips.sim.scenarios.paper_cases import TABLE_1, TABLE_2
+from elastic_strips.strip.paper import PaperParams
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper-map.md"
 PACKAGE = "elastic_strips"
@@ -114,9 +114,11 @@ def public(name: str) -> bool:
     parts = name.split(".")
     if any(part.startswith("_") for part in parts):
         return False
-    room = importlib.import_module(f"{PACKAGE}.{parts[0]}")
-    inside = isinstance(getattr(room, parts[1], None), ModuleType)
-    return inside or parts[1] in getattr(room, "__all__", [parts[1]])
+    room, k = importlib.import_module(f"{PACKAGE}.{parts[0]}"), 1
+    while hasattr(getattr(room, parts[k], None), "__path__"):  # a room below it
+        room, k = getattr(room, parts[k]), k + 1
+    inside = isinstance(getattr(room, parts[k], None), ModuleType)
+    return inside or parts[k] in getattr(room, "__all__", [parts[k]])
 
 
 def of(section: str) -> dict[str, Row]:
@@ -144,14 +146,14 @@ def test_all_names_are_there() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["forces.no_such_force", "no_such_room.Thing", "deform.DeformParams.no_such_field", "strip.Strip.q.shape"],
+    ["strip.forces.no_such_force", "no_such_room.Thing", "strip.DeformParams.no_such_field", "strip.Strip.q.shape"],
 )
 def test_what_is_not_there_is_noticed(name: str) -> None:
     with pytest.raises(LookupError):
         resolve(name)
 
 
-@pytest.mark.parametrize("name", ["deform.paper_step.PaperStep._check_joint_angles", "methods.annotations"])
+@pytest.mark.parametrize("name", ["strip.paper.PaperDeformer._check_joint_angles", "sim.baselines.annotations"])
 def test_what_is_private_or_borrowed_is_noticed(name: str) -> None:
     resolve(name)
     assert not public(name)
@@ -160,7 +162,7 @@ def test_what_is_private_or_borrowed_is_noticed(name: str) -> None:
 def test_fields_without_a_default_are_found() -> None:
     resolve("strip.Strip.q")
     resolve("proximity.Contacts.distance")
-    resolve("deform.DeformParams.influence")
+    resolve("strip.DeformParams.influence")
 
 
 @pytest.mark.parametrize(
@@ -213,8 +215,8 @@ def test_printed_tables_are_those_of_the_cases() -> None:
 
 
 def test_values_are_those_of_the_preset() -> None:
-    params = DeformParams.for_preset("paper").as_dict()
-    values = re.findall(r"`deform\.DeformParams\.(\w+)` = ([\d.]+)", PAGE.read_text(encoding="utf-8"))
+    params = PaperParams().as_dict()
+    values = re.findall(r"`strip\.paper\.PaperParams\.(\w+)` = ([\d.]+)", PAGE.read_text(encoding="utf-8"))
     assert len(values) >= 3
     for name, value in values:
         assert params[name] == float(value)

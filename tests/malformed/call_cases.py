@@ -12,6 +12,7 @@ import numpy as np
 
 import elastic_strips as es
 from elastic_strips.errors import ConfigurationError, InputError, ParameterError, RobotError, ScenarioError, SceneError
+from elastic_strips.strip.paper import PaperParams
 
 Call = Callable[[es.RobotModel], Any]
 _NAN, _INF = float("nan"), float("inf")
@@ -100,15 +101,14 @@ _SCENE: tuple[tuple[str, Call, type[InputError], tuple[str, ...]], ...] = (
 )  # fmt: skip
 
 _PLANNING: tuple[tuple[str, Call, type[InputError], tuple[str, ...]], ...] = (
-    ("unknown preset", lambda r: es.DeformParams(preset="papr"), ParameterError, ("'papr'", "did you mean 'paper'")),
-    ("unknown preset of overrides", lambda r: es.DeformParams.for_preset("fast"), ParameterError, ("'fast'",)),
-    ("unknown parameter", lambda r: es.DeformParams.for_preset("paper", reach=1), ParameterError, ("'reach'",)),
+    ("parameters of another preset", lambda r: es.Deformer(r, PaperParams()), ParameterError, ("PaperParams",)),
+    ("unknown parameter", lambda r: PaperParams().replaced(reach=1), ParameterError, ("'reach'",)),
     ("negative parameter", lambda r: es.DeformParams(k_r=-1.0), ParameterError, ("k_r=-1.0",)),
     ("parameter that is NaN", lambda r: es.DeformParams(influence=_NAN), ParameterError, ("influence=nan",)),
     ("parameter in words", lambda r: es.DeformParams(influence="far"), ParameterError, ("influence='far'",)),
     ("parameter that is true", lambda r: es.DeformParams(k_c=True), ParameterError, ("k_c=True",)),
     ("clearance below 0", lambda r: es.DeformParams(clearance=-0.1), ParameterError, ("clearance=-0.1",)),
-    ("switch that is a number", lambda r: es.DeformParams(mobile_only=1), ParameterError, ("mobile_only=1",)),
+    ("switch that is a number", lambda r: PaperParams(mobile_only=1), ParameterError, ("mobile_only=1",)),
     ("deformer of an unknown preset", lambda r: es.Deformer(r, "fast"), ParameterError, ("'fast'",)),
     ("deformer of a number", lambda r: es.Deformer(r, 3), ParameterError, ("3",)),
     ("step with a negative budget", lambda r: es.Deformer(r).step(_strip(r), es.Scene([]), budget=-1.0), ParameterError,

@@ -22,8 +22,8 @@ from yaml_cases import SCENARIO
 import elastic_strips as es
 from elastic_strips import io
 from elastic_strips.cli.view_command import _from_result
+from elastic_strips.control.record import Record, Recorder
 from elastic_strips.errors import InputError
-from elastic_strips.execution.record import Record, Recorder
 from elastic_strips.scene import Keyframes, World
 from elastic_strips.sim.sensors import read_sensors, silvermate_sensors
 

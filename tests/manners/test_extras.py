@@ -11,8 +11,8 @@ import pytest
 import elastic_strips as es
 from elastic_strips.cli import main
 from elastic_strips.errors import InputError, MissingExtraError
-from elastic_strips.execution import RetimingError
 from elastic_strips.sim import PerceptionError
+from elastic_strips.trajectory import RetimingError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -29,28 +29,28 @@ def _hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
 
 
 def _mujoco(robot: es.RobotModel) -> object:
-    from elastic_strips.scenarios import make_simulation
+    from elastic_strips.sim.scenarios import make_simulation
 
     return make_simulation(es.get_scenario("case-1"), robot=robot, plant="mujoco")
 
 
 def _embree(robot: es.RobotModel) -> object:
     from elastic_strips.scene import World
-    from elastic_strips.sim.sensors.rays import ObstacleRays
+    from elastic_strips.sim.sensors.bodies import ObstacleRays
 
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
     return ObstacleRays(World(es.Scene([es.ConvexHull(corners)])))
 
 
 def _tree(robot: es.RobotModel) -> object:
-    from elastic_strips.control import SequencingLayer
+    from elastic_strips.control.tasks import SequencingLayer
 
-    sys.modules.pop("elastic_strips.control.tree", None)
+    sys.modules.pop("elastic_strips.control.tasks.tree", None)
     return SequencingLayer(["drive"])
 
 
 def _study(robot: es.RobotModel) -> object:
-    from elastic_strips.study import paper_study
+    from elastic_strips.sim.study import paper_study
 
     return paper_study("nowhere")
 

@@ -12,7 +12,7 @@ from types import ModuleType
 import pytest
 
 import elastic_strips as es
-from elastic_strips.named import SCENARIOS
+from elastic_strips.catalogue import SCENARIOS
 
 HEAVY = ("coal", "pinocchio", "scipy", "trimesh", "yourdfpy", "networkx", "matplotlib", "mujoco", "meshcat", "tornado")
 
@@ -24,7 +24,7 @@ def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 def loaded(program: str, *arguments: str) -> set[str]:
     """Top-level packages, and ``scipy``'s own, that are there after a program."""
-    tail = "\nsys.stdout = sys.__stdout__; print('LOADED', *sorted({m for m in sys.modules if m.count('.') < 2}))"
+    tail = "\nsys.stdout = sys.__stdout__; print('LOADED', *sorted({m for m in sys.modules if m.count('.') < 3}))"
     done = python("import sys\n" + program + tail, *arguments)
     assert done.returncode == 0, done.stderr
     return set(done.stdout.split("LOADED", 1)[1].split())
@@ -47,15 +47,17 @@ def test_planning_loads_nothing_that_it_does_not_use():
     """The names of the ten-line program, asked for; loading a robot is another matter: its meshes have to be read."""
     names = loaded("import elastic_strips as es; es.plan, es.Deformer, es.Scene, es.read_scene, es.run_scenario")
     unused = {"matplotlib", "mujoco", "meshcat", "tornado", "ompl", "toppra", "py_trees", "rich"}
-    unused |= {f"elastic_strips.{room}" for room in ("execution", "perception", "control", "viewer", "sim")}
+    unused |= {
+        f"elastic_strips.{room}" for room in ("trajectory", "perception", "control", "viewer", "sim.closed_loop")
+    }
     assert not names & unused
 
 
 def test_what_runs_on_a_robot_loads_nothing_that_simulates():
-    rooms = ("control", "execution", "perception", "planning", "deform", "methods", "io", "viewer")
+    rooms = ("control", "control.tasks", "trajectory", "perception", "planning", "strip", "io", "viewer")
     names = loaded("\n".join(f"import elastic_strips.{room}" for room in rooms))
-    assert "elastic_strips.execution" in names
-    assert not {name for name in names if name.startswith(("elastic_strips.sim", "elastic_strips.scenarios"))}
+    assert "elastic_strips.trajectory" in names
+    assert not {name for name in names if name.startswith("elastic_strips.sim")}
     assert "mujoco" not in names
 
 
@@ -66,7 +68,7 @@ def test_the_command_line_says_who_it_is_without_numpy(arguments):
 
 def test_the_list_makes_no_scene_and_reads_no_mesh():
     names = loaded(COMMAND, "list")
-    assert not names & {"matplotlib", "mujoco", "meshcat", "tornado", "elastic_strips.scene", "elastic_strips.deform"}
+    assert not names & {"matplotlib", "mujoco", "meshcat", "tornado", "elastic_strips.scene", "elastic_strips.strip"}
 
 
 def test_what_is_listed_is_what_there_is():
@@ -74,7 +76,9 @@ def test_what_is_listed_is_what_there_is():
     assert all(es.get_scenario(name).summary == summary for name, summary in SCENARIOS.items())
 
 
-@pytest.mark.parametrize("package", ["elastic_strips", "elastic_strips.io", "elastic_strips.scenarios"])
+@pytest.mark.parametrize(
+    "package", ["elastic_strips", "elastic_strips.io", "elastic_strips.sim", "elastic_strips.sim.scenarios"]
+)
 def test_names_that_load_late_are_all_there(package):
     """... and stay what they are after every module of the package has been imported."""
     module = importlib.import_module(package)
@@ -116,7 +120,7 @@ print("went on")
 """
 
 
-@pytest.mark.parametrize("module", ["click", "numpy", "elastic_strips.scenarios", "pinocchio"])
+@pytest.mark.parametrize("module", ["click", "numpy", "elastic_strips.sim.scenarios", "pinocchio"])
 @pytest.mark.parametrize(
     "act",
     [

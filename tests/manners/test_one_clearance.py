@@ -11,9 +11,9 @@ import umsgpack
 
 import elastic_strips as es
 from elastic_strips.cli.run_command import _summary
-from elastic_strips.deform import DeformStatus
 from elastic_strips.planning import straight_line
-from elastic_strips.scenarios import result_document
+from elastic_strips.sim.scenarios import result_document
+from elastic_strips.strip import DeformStatus
 from elastic_strips.viewer.drawing import Drawing, Snapshot
 
 
@@ -22,7 +22,7 @@ def drawn(
 ) -> list[dict[str, Any]]:
     """The commands that a page of a report holds."""
     drawing = Drawing(title="t", ghosts=3)
-    snapshot = Snapshot(robot, scene, report.strip, report, frame=True, live=live)
+    snapshot = Snapshot(robot, scene, report.strip.q, report, frame=True, live=live)
     return [umsgpack.unpackb(packed) for _, packed in drawing.draw(snapshot)]
 
 

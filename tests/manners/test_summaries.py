@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import elastic_strips as es
-from elastic_strips.execution import MotionLimits
-from elastic_strips.planning import plan_alternatives
-from elastic_strips.scenarios import drive_scenario
+from elastic_strips.sim.scenarios import drive_scenario
+from elastic_strips.trajectory import MotionLimits
 
 LONGEST = 300
 EVIL = "<script>alert(1)</script>&\"'"
@@ -34,10 +33,10 @@ def values(silvermate) -> dict[str, Any]:
         "robot": silvermate, "space": silvermate.space, "tree": silvermate.tree, "scene": scene, "strip": plan.strip,
         "plan": plan, "settled": settled, "broken": blocked, "certificate": settled.certificate,
         "forces": settled.forces, "tunnel": settled.tunnel, "world": es.World(scene), "hull": hull,
-        "alternatives": plan_alternatives(silvermate, scene, silvermate.home(x=-1.0), silvermate.home(x=4.0), count=2),
+        "alternatives": es.plan_report(silvermate, scene, silvermate.home(x=-1.0), silvermate.home(x=4.0), count=2),
         "scenario": drive.scenario, "run": es.run_scenario(es.get_scenario("case-1")), "drive": drive,
         "result": drive.result, "record": drive.result.record, "rows": drive.result.record.control,
-        "verdict": drive.verdict, "limits": MotionLimits.for_robot(silvermate),
+        "verdict": drive.evaluation, "limits": MotionLimits.for_robot(silvermate),
         "named": replace(silvermate, name=EVIL),
         "track": es.Keyframes(np.arange(500.0), np.zeros((500, 3))),
     }  # fmt: skip

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 import elastic_strips as es
-from elastic_strips.control import DriveAndReach, DriveTo, ReachHand
+from elastic_strips.control import DriveParams
+from elastic_strips.control.tasks import DriveAndReach, DriveTo, ReachHand
 from elastic_strips.errors import InputError
-from elastic_strips.execution import DriveParams, MotionLimits, Retimer
-from elastic_strips.io import write_json, write_record
+from elastic_strips.files import write_json
+from elastic_strips.io import write_record
 from elastic_strips.perception import SceneEstimator
-from elastic_strips.scenarios import drive_document, drive_scenario, make_simulation, result_document
-from elastic_strips.sim import Fault, TaskSimulation, judge, simulation
+from elastic_strips.sim import Fault, TaskSimulation, evaluate, simulation
+from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sim.sensors import SensorSuite
+from elastic_strips.trajectory import MotionLimits, Retimer
 
 WRONG = ("x", None, 3, 2.5, True, object(), [], {}, b"x", np.zeros(3))
 
@@ -34,8 +36,8 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     on = {"strip": strip, "scene": scene}
     viewer = es.Viewer(server=False)
     return {
-        "Deformer": (es.Deformer, {"robot": robot, "params": "default", "task": None}),
-        "step": (deformer.step, {**on, "budget": None, "foresight": None}),
+        "Deformer": (es.Deformer, {"robot": robot, "params": es.DeformParams(), "constraint": None}),
+        "step": (deformer.step, {**on, "budget": None, "prediction": None}),
         "settle": (deformer.settle, {**on, "max_ticks": 1, "until": "rest", "watch": None}),
         "certify": (deformer.certify, on),
         "assess": (deformer.assess, on),
@@ -74,10 +76,10 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "ReachHand": (ReachHand, {"position": (1, 0, 1)}),
         "DriveAndReach": (DriveAndReach, {"drive": DriveTo(0, 0, 0), "reach": ReachHand((1, 0, 1))}),
         "DriveParams": (DriveParams, {"deform": es.DeformParams(), "speeds": (1.0,), "margin": 0.1, "plan_every": 2}),
-        "DeformParams": (es.DeformParams, {"preset": "paper", "mobile_only": True, "influence": 1.0, "max_ticks": 2}),
+        "DeformParams": (es.DeformParams, {"influence": 1.0, "max_ticks": 2}),
         "MotionLimits": (MotionLimits.for_robot, {"robot": robot}),
         "Retimer": (Retimer, {"robot": robot, "limits": None}),
-        "judge": (judge, {"run": "nothing", "robot": robot}),
+        "evaluate": (evaluate, {"run": "nothing", "robot": robot}),
         "write_record": (write_record, {"record": None, "path": "e.npz"}),
         "SceneEstimator": (SceneEstimator, {"params": None}),
         "Fault": (Fault.parse, {"text": "scene_frozen@2"}),

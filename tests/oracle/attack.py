@@ -32,12 +32,10 @@ import pinocchio as pin
 from brute_force import configuration, make_obstacle, random_pose, scene_pieces
 from random_robots import random_urdf
 
-from elastic_strips.deform import Deformer, DeformParams
-from elastic_strips.proximity import BodySet, Forecast, MotionBounds
+from elastic_strips.collision import BodySet, Forecast, MotionBounds, MotionCertifier
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
-from elastic_strips.strip import Strip
-from elastic_strips.tunnel import MotionCertifier
+from elastic_strips.strip import Deformer, DeformParams, Strip
 
 Array = npt.NDArray[np.float64]
 
@@ -428,7 +426,7 @@ class Attack:
         steps = np.tile(v / count, (count, 1))
         begin = rng.choice([0.0, 0.0, -rng.uniform(0.0, 1.0)])
         times = begin + np.cumsum(np.append(0.0, rng.uniform(0.02, 0.1, count)))
-        ahead = forecast.ahead(times)
+        ahead = forecast.predict(times)
         bodies = BodySet.links(self.robot)
         certifier = MotionCertifier(bodies, MotionBounds(bodies), self.robot.self_pairs)
         clearance, own = self.params.clearance, self.params.self_clearance

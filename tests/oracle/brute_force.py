@@ -12,19 +12,7 @@ import pinocchio as pin
 from scipy import spatial
 
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Mesh,
-    Obstacle,
-    Points,
-    Scene,
-    Sphere,
-    Voxels,
-)
+from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Obstacle, Points, Scene, Sphere, Voxels
 
 Array = npt.NDArray[np.float64]
 SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh", "voxels", "points")

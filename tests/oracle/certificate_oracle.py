@@ -27,11 +27,10 @@ import numpy as np
 import pinocchio as pin
 from brute_force import Array, configuration, make_obstacle, random_pose, scene_pieces, transform
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, Strip
 
 STEP = 1e-3
 """No point of the robot moves further [m] between two samples."""

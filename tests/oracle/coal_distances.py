@@ -9,7 +9,7 @@ import result_check
 
 from elastic_strips import RobotModel, Scene
 from elastic_strips.io import obstacle_documents
-from elastic_strips.scene import checks
+from elastic_strips.scene.quantities import rotation_of
 
 Array = npt.NDArray[np.float64]
 
@@ -21,7 +21,7 @@ def coal_distances(robot: RobotModel, scene: Scene, configurations: Array) -> Ar
     links = len(model.geometryObjects)
     for entry in obstacle_documents(scene):
         x, y, z, *quat = entry["pose"]
-        pose = pin.SE3(checks.rotation_of(np.array(quat)), np.array([x, y, z]))
+        pose = pin.SE3(rotation_of(np.array(quat)), np.array([x, y, z]))
         model.addGeometryObject(pin.GeometryObject(entry["name"], 0, 0, pose, result_check.shape(entry)))
     for link in range(links):
         for k in range(len(scene)):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.trajectory import Trajectory
 from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.trajectory import Trajectory
 
 
 def limits_of(robot: RobotModel) -> MotionLimits:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.trajectory import Trajectory
 from elastic_strips.robot import RobotModel
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.trajectory import Trajectory
 
 
 def trajectory_of(robot: RobotModel, limits: MotionLimits, speeds: np.ndarray, *, dt: float = 0.01, start=None):

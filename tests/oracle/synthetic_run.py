@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from elastic_strips.execution.record import Record, Recorder, RunState
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.record import Record, Recorder
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Capsule, Cylinder, Keyframes, Obstacle, Scene, Sphere, Twist, World
 
@@ -64,7 +65,7 @@ def straight_run(
     recorder = Recorder(robot, world, goal=goal, metadata={"scenario": "straight on"}, **keeps)
     for k, t in enumerate(time):
         slow = rate[k] < 0.5 * speed
-        state = RunState.REACHED if k > 0 and way[k] >= length - 1e-6 else RunState.SLOWING if slow else RunState.MOVING
+        state = RunState.REACHED if k > 0 and way[k] >= length - 1e-6 else RunState.BRAKING if slow else RunState.MOVING
         drive = {2: [v[k, 0]] * 2, 3: v[k, :3]}.get(recorder.drive_dim, [])
         recorder.control(
             t,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from elastic_strips.perception import LaserScan, RangeRing
 from elastic_strips.scene import World
 from elastic_strips.sim.sensors import LaserParams, SensorConfig, SensorSuite, SonarParams
-from elastic_strips.sim.sensors.mounting import Mount, Posture
+from elastic_strips.sim.sensors.bodies import Posture, SensorMount
 
 LASER = LaserParams(rays=41, range_max=4.0, latency=0.0, near_reads_min=True)
 SONAR = SonarParams(groups=1, rays=9, latency=0.0, crosstalk=0.3, max_incidence=math.pi / 2)
@@ -64,7 +64,7 @@ def test_what_an_exact_laser_sees_is_there(silvermate, seed):
     exact = replace(LASER, noise=0.0, noise_ratio=0.0, dropout=0.0, range_min=0.0)
     posture = Posture(silvermate)
     posture.place(chart)
-    origin = Mount(posture, ["laser_frame"]).poses()[0][0][:3, 3]
+    origin = SensorMount(posture, ["laser_frame"]).poses()[0][0][:3, 3]
     if outside_scene(origin[None], scene)[0] < 1e-4:
         return
     (scan,) = SensorSuite(silvermate, World(scene), SensorConfig(sensors=(exact,))).observe(0.0, chart)

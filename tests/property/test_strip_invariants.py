@@ -9,13 +9,12 @@ from brute_force import SHAPES, link_distances, make_obstacle, self_distances
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastic_strips.deform import Deformer, DeformParams, DeformReport, DeformStatus
-from elastic_strips.deform.default_step import DefaultStep
-from elastic_strips.maintenance import node_spacing
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
+from elastic_strips.strip.paper import PaperDeformer, PaperParams
+from elastic_strips.strip.resampling import node_spacing
 
 
 def random_scene(rng: np.random.Generator, length: float) -> Scene:
@@ -98,7 +97,7 @@ def test_maintenance_keeps_the_spacing(silvermate, seed):
     """After a tick no segment is longer than allowed, unless it was far too long, and order is kept along the way."""
     rng = np.random.default_rng(seed)
     params, scene = DeformParams(), random_scene(rng, 3.0)
-    weight = DefaultStep(silvermate, params).spacing_weight
+    weight = Deformer(silvermate, params).spacing_weight
     deformer, strip = Deformer(silvermate, params), random_line(silvermate, rng, 3.0)
     for _ in range(5):
         before = node_spacing(silvermate.space, strip.chart, weight).max()
@@ -114,9 +113,9 @@ def test_maintenance_keeps_the_spacing(silvermate, seed):
 def test_the_papers_preset_keeps_its_invariants(name, request, seed):
     robot: RobotModel = request.getfixturevalue(name)
     rng = np.random.default_rng(seed)
-    params, scene = DeformParams.for_preset("paper", updates=3), random_scene(rng, 3.0)
+    params, scene = PaperParams(updates=3), random_scene(rng, 3.0)
     start = random_line(robot, rng, 3.0)
-    deformer, strip = Deformer(robot, params), start
+    deformer, strip = PaperDeformer(robot, params), start
     for _ in range(3):
         report = deformer.step(strip, scene)
         strip = report.strip

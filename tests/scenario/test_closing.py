@@ -6,15 +6,15 @@ import numpy as np
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario
-from elastic_strips.deform import Deformer
-from elastic_strips.planning import FamilyParams, StripFamily
+from elastic_strips.planning import StripSet, StripSetParams
+from elastic_strips.strip import Deformer
 
 
 def test_the_family_changes_sides(silvermate: RobotModel) -> None:
     """Ten ticks a second: left of the box as long as that is open, then right of it, certified in every tick."""
     problem = get_scenario("closing-side")
     start, goal = problem.ends(silvermate)
-    family = StripFamily(silvermate, goal, family=FamilyParams(count=2, plan_every=0))
+    family = StripSet(silvermate, goal, params=StripSetParams(count=2, plan_every=0))
     report = family.plan(problem.scene, start)
     assert len(report.alternatives) == 2, report.events
     switches, sides = [], []

@@ -7,11 +7,11 @@ import pytest
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario
-from elastic_strips.bench import bench_plan
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.io import obstacle_documents
-from elastic_strips.planning import check_ends, plan_report, straight_line
-from elastic_strips.scenarios.clutter import _guide, clutter_scene
+from elastic_strips.planning import check_endpoints, plan_report, straight_line
+from elastic_strips.sim.bench import bench_plan
+from elastic_strips.sim.scenarios.halls import _guide, clutter_scene
+from elastic_strips.strip import Deformer, DeformParams
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -20,7 +20,7 @@ def test_a_room_is_what_the_generator_promises(seed: int, silvermate: RobotModel
     problem = get_scenario("clutter", seed=seed)
     scene = problem.scene
     start, goal = problem.ends(silvermate)
-    check_ends(silvermate, scene, start, goal, DeformParams(clearance=0.03))
+    check_endpoints(silvermate, scene, start, goal, DeformParams(clearance=0.03))
     assert np.abs(goal[4:] - start[4:]).max() > 0.4
     assert start[1] < -1.0 < 1.0 < goal[1]
     kinds = {name.split("-")[0] for name in scene.names}

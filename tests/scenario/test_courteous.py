@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 
 from elastic_strips import get_scenario
-from elastic_strips.execution.params import ObstacleAssumptions
+from elastic_strips.control.params import ObstacleAssumptions
 from elastic_strips.io import read_record, write_record
-from elastic_strips.scenarios import DriveOutcome, drive_scenario, moving_corridor
-from elastic_strips.scenarios.corridor import HALF_WIDTH, LENGTH
-from elastic_strips.scenarios.moving import ACCELERATION, COURTEOUS_SPEEDS, YIELDING
-from elastic_strips.scene import Keyframes, Obstacle, Yielding
+from elastic_strips.scene import Keyframes, Obstacle, PedestrianMotion
+from elastic_strips.sim.scenarios import DriveOutcome, drive_scenario, moving_corridor
+from elastic_strips.sim.scenarios.corridors import ACCELERATION, COURTEOUS_SPEEDS, HALF_WIDTH, LENGTH, YIELDING
 
 SEED = 3
 """Somebody crosses there, finds the robot in the way, and waits."""
 
 
-def _movers(world) -> list[tuple[Obstacle, Yielding]]:
-    return [(o, o.motion) for o in world.scene if isinstance(o.motion, Yielding)]
+def _movers(world) -> list[tuple[Obstacle, PedestrianMotion]]:
+    return [(o, o.motion) for o in world.scene if isinstance(o.motion, PedestrianMotion)]
 
 
 def _acceleration(places: np.ndarray, step: float, span: int) -> float:
@@ -75,7 +74,7 @@ def test_each_world_is_a_fresh_one() -> None:
 def test_somebody_waits_and_nobody_is_run_over(outcome: DriveOutcome) -> None:
     """And all keep to the acceleration that the robot reckons with, in what they really did."""
     assert outcome.reached, outcome.result.reason
-    assert not outcome.verdict.contacts
+    assert not outcome.evaluation.contacts
     time = outcome.result.record.control.time
     world, late = outcome.result.record.world, 0.0
     for obstacle, motion in _movers(world):

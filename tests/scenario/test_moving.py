@@ -13,10 +13,19 @@ from elastic_strips import get_scenario, read_world, write_world
 from elastic_strips.errors import ScenarioError
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel
-from elastic_strips.scenarios import Scenario, corridor_scene, moving_corridor
-from elastic_strips.scenarios.corridor import HALF_WIDTH, LENGTH, corridor_guide
-from elastic_strips.scenarios.moving import ACCELERATION, APPEAR_DISTANCE, DURATION, FRAME, REACTION, SPEEDS
 from elastic_strips.scene import Keyframes, Obstacle
+from elastic_strips.sim.scenarios import Scenario, corridor_scene, moving_corridor
+from elastic_strips.sim.scenarios.corridors import (
+    ACCELERATION,
+    APPEAR_DISTANCE,
+    DURATION,
+    FRAME,
+    HALF_WIDTH,
+    LENGTH,
+    REACTION,
+    SPEEDS,
+    corridor_guide,
+)
 
 Make = Callable[[int], Scenario]
 VARIANTS: dict[str, Make] = {

@@ -13,10 +13,11 @@ import result_check
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario, run_scenario, scenario_names
-from elastic_strips.deform import PRESETS, DeformStatus
+from elastic_strips.catalogue import PRESETS
 from elastic_strips.io import obstacle_documents
 from elastic_strips.planning import straight_line
-from elastic_strips.scenarios import RunResult, result_document
+from elastic_strips.sim.scenarios import RunResult, result_document
+from elastic_strips.strip import DeformStatus
 
 Array = npt.NDArray[np.float64]
 Run = Callable[..., RunResult]
@@ -31,7 +32,7 @@ class Row:
     """What a scenario must give with a preset: its status, and on which side of the two obstacles it passes."""
 
     status: DeformStatus
-    passage: str | None = None
+    passing_side: str | None = None
 
 
 _SETTLED, _BLOCKED = DeformStatus.SETTLED, DeformStatus.BLOCKED
@@ -87,9 +88,9 @@ def test_a_scenario_gives_what_its_row_says(run: Run, name: str, preset: str) ->
     assert result.report.status is row.status, result.reason
     assert result.certified is (row.status is DeformStatus.SETTLED)
     assert result.clearance > result.params.clearance
-    if row.passage == "around":
+    if row.passing_side == "around":
         assert result.method in ("grid", "ompl")
-    assert row.passage is None or (result.passage or "").startswith(row.passage)
+    assert row.passing_side is None or (result.passing_side or "").startswith(row.passing_side)
     if result.certified:
         assert result.report.certificate.segments.all()
         assert result.time_to_certified is not None

@@ -1,25 +1,55 @@
-"""``elastic-strips bench``: measure on this machine."""
+"""``elastic-strips bench``, many runs and their figures; and ``elastic-strips study``, which ends in a report."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
-from ..bench import bench_plan, bench_replan, bench_robots, bench_tick, robot_cases, robots_table, with_table
-from ..io import check_writable, write_json
-from ..io.files import write_whole
-from ..robot import load_robot
-from .bench_drive_command import COMMANDS
-from .group import Finite
-from .progress import LateProgress
-
-_robot = click.option("--robot", default="silvermate", show_default=True, metavar="NAME|FILE.urdf", help="The robot.")
-_seeds = click.option(
-    "--seeds", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Number of corridors."
+from elastic_strips.files import atomic_write, write_json
+from elastic_strips.robot import load_robot
+from elastic_strips.sim import FAULTS
+from elastic_strips.sim.bench import (
+    bench_plan,
+    bench_replan,
+    bench_robots,
+    bench_tick,
+    robot_cases,
+    robots_table,
+    with_table,
 )
-_json = click.option("--json", "json_file", type=click.Path(), metavar="FILE", help="Write all figures.")
+from elastic_strips.sim.bench.drive import bench_drive, bench_faults, bench_reaction, bench_soak
+from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
+from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
+
+from .options import (
+    EXIT_DONE,
+    EXIT_NOT_DONE,
+    SEED,
+    Finite,
+    LateProgress,
+    OutputFile,
+    evade_option,
+    json_option,
+    processes_option,
+    robot_option,
+    sensors_of,
+    sensors_option,
+)
+
+_F = TypeVar("_F", bound=Callable[..., object])
+_json = json_option("Write all figures.")
+_json_runs = json_option("Write all figures and runs.")
+_root = click.option(
+    "--root", required=True, metavar="DIR", type=click.Path(exists=True, file_okay=False),
+    help="Folder with the data: DIR/barn, DIR/dynabarn, DIR/bridge.",
+)  # fmt: skip
+
+
+def _seeds(default: int, help: str, most: int = 100_000) -> Callable[[_F], _F]:
+    return click.option("--seeds", type=click.IntRange(1, most), default=default, show_default=True, help=help)
 
 
 @click.group()
@@ -28,15 +58,13 @@ def bench() -> None:
 
 
 @bench.command(short_help="From nothing to a certified strip.")
-@_robot
-@_seeds
+@robot_option("silvermate")
+@_seeds(100, "Number of corridors.")
 @click.option("--scenario", default="corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
 @click.option("--grid/--no-grid", default=True, show_default=True, help="Try a way over a grid before OMPL.")
 @_json
 def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | None) -> None:
     """Plan the corridor (or another scenario) of many seeds: how often, how fast, how clear."""
-    if json_file is not None:
-        check_writable(json_file)
     model = load_robot(robot)
     with LateProgress("planning", seeds) as bar:
         figures = bench_plan(model, seeds, bar.step, scenario=scenario, grid=grid)
@@ -55,13 +83,11 @@ def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | Non
 
 
 @bench.command(short_help="Certified again after an obstacle moved.")
-@_robot
-@_seeds
+@robot_option("silvermate")
+@_seeds(100, "Number of corridors.")
 @_json
 def replan(robot: str, seeds: int, json_file: str | None) -> None:
     """Push the nearest obstacle 5 cm towards each planned strip, 4 times."""
-    if json_file is not None:
-        check_writable(json_file)
     model = load_robot(robot)
     with LateProgress("replanning", seeds) as bar:
         figures = bench_replan(model, seeds, bar.step)
@@ -80,7 +106,7 @@ def replan(robot: str, seeds: int, json_file: str | None) -> None:
 
 
 @bench.command(short_help="One control tick, and how it scales.")
-@_robot
+@robot_option("silvermate")
 @click.option("--ticks", type=click.IntRange(20, 100_000), default=200, show_default=True, help="Measured ticks.")
 @click.option("--scaling/--no-scaling", default=True, help="Also against the numbers of nodes and obstacles.")
 @_json
@@ -89,8 +115,6 @@ def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
 
     In the same run, for the ratio: pin.computeDistances over every pair on the same strip.
     """
-    if json_file is not None:
-        check_writable(json_file)
     model = load_robot(robot)
     with LateProgress("ticking", 10 if scaling else 1) as bar:
         figures = bench_tick(model, ticks, bar.step, scaling=scaling)
@@ -118,12 +142,9 @@ def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
 )
 @click.option("--timeout", type=Finite(0.01, 3600), default=10.0, show_default=True, help="Longest planning [s].")
 @click.option(
-    "--table",
-    "table_file",
-    type=click.Path(),
-    metavar="FILE.md",
+    "--table", "table_file", type=OutputFile(), metavar="FILE.md",
     help="Write the table there, between its marks if the file has them.",
-)
+)  # fmt: skip
 @_json
 def robots(
     names: tuple[str, ...], data: str | None, timeout: float, table_file: str | None, json_file: str | None
@@ -132,9 +153,6 @@ def robots(
 
     Each goes from home to another posture, past a sphere in its way.
     """
-    for file in (table_file, json_file):
-        if file is not None:
-            check_writable(file)
     cases = robot_cases(names, data)
     with LateProgress("trying robots", len(cases)) as bar:
         figures = bench_robots(cases, bar.step, timeout=timeout)
@@ -143,11 +161,192 @@ def robots(
     if table_file is not None:
         page = Path(table_file)
         text = with_table(page.read_text(encoding="utf-8") if page.is_file() else "", text)
-        click.echo(f"table   {write_whole(page, text.encode())}")
+        click.echo(f"table   {atomic_write(page, text.encode())}")
     _write(json_file, figures)
 
 
-def _times(figure: dict[str, Any]) -> str:
+@bench.command(short_help="Drive among moving obstacles, many seeds.")
+@robot_option("silvermate")
+@click.option("--scenario", default="moving-corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
+@_seeds(50, "Number of runs.", 1_000_000)
+@click.option("--first", type=SEED, default=0, show_default=True, help="First seed.")
+@click.option("--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True, help="The machine.")
+@evade_option
+@click.option("--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True, help="What steers.")
+@sensors_option
+@processes_option
+@_json_runs
+def drive(
+    robot: str,
+    scenario: str,
+    seeds: int,
+    first: int,
+    plant: str,
+    evade: bool,
+    method: str,
+    sensors: str | None,
+    processes: int | None,
+    json_file: str | None,
+) -> None:
+    """Drive a scenario of many seeds in the closed loop; each run is evaluated from its true states."""
+    config = sensors_of(sensors)
+    with LateProgress("driving", seeds) as bar:
+        figures = bench_drive(
+            robot,
+            range(first, first + seeds),
+            bar.step,
+            scenario=scenario,
+            plant=plant,
+            evade=evade,
+            method=method,
+            sensors=config,
+            processes=processes,
+        )
+    click.echo(f"{robot}, {scenario}, {method}, {plant} plant, {seeds} runs")
+    _drive_rows(figures)
+    for group in figures["classes"]:
+        click.echo(f"movers up to {group['from']:g} … {group['to']:g} m/s, {group['count']} runs")
+        _drive_rows(group)
+    for run in figures["runs"]:
+        if not run["reached"] or run["collisions"]:
+            last = run.get("error") or (run["stops"][-1][1] if run["stops"] else run["state"])
+            _row(f"seed {run['seed']}", f"{run['collisions']} collisions; {last}")
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Put faults into many runs.")
+@robot_option("silvermate")
+@_seeds(50, "Runs of each fault.")
+@processes_option
+@_json_runs
+def faults(robot: str, seeds: int, processes: int | None, json_file: str | None) -> None:
+    """Every kind of fault at a random time: the robot has to end at rest or at the goal, without a contact at speed."""
+    with LateProgress("putting in faults", seeds * len(FAULTS)) as bar:
+        figures = bench_faults(robot, range(seeds), bar.step, processes=processes)
+    for kind, row in figures["kinds"].items():
+        _row(
+            kind,
+            f"{row['count']} runs: {100 * row['at_rest_or_goal']:.0f} % end at rest or at the goal, "
+            f"{100 * row['reached']:.0f} % reached, {row['collisions']} contacts at speed, "
+            f"{100 * row['named']:.0f} % named in the log",
+        )
+    _write(json_file, figures)
+
+
+def _problem(kind: str, text: str) -> None:
+    @bench.command(kind, short_help=text, help=text)
+    @_root
+    @robot_option("jackal-box")
+    @_seeds(1, "Runs of each world.", 1000)
+    @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
+    @processes_option
+    @_json_runs
+    def command(
+        root: str, robot: str, seeds: int, ids: tuple[int, ...], processes: int | None, json_file: str | None
+    ) -> None:
+        with LateProgress(kind) as bar:
+            figures = bench_problems(
+                kind, root, bar.step, robot=robot, seeds=seeds, ids=ids or None, processes=processes
+            )
+        click.echo(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs")
+        _problem_rows(figures)
+        for name, group in figures["by_difficulty"].items():
+            click.echo(f"{name}, {group['count']} runs")
+            _problem_rows(group)
+        for run in figures["runs"]:
+            if not run["success"]:
+                _row(f"world {run['id']} seed {run['seed']}", run["reason"] or "an obstacle ran into the robot at rest")
+        _write(json_file, figures)
+
+
+_problem("barn", "BARN's static worlds, for a base as large as a Jackal.")
+_problem("dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal.")
+
+
+@bench.command(short_help="The bridge: the arm has to duck.")
+@_root
+@robot_option("bridge-arm")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the planner.")
+@_json_runs
+def bridge(root: str, robot: str, seed: int, json_file: str | None) -> None:
+    """Plan both legs under the bridge, and drive them."""
+    with LateProgress("bridge") as bar:
+        bar.step()
+        figures = bench_bridge(root, robot=robot, seed=seed)
+    for leg in figures["legs"]:
+        verdict = "certified" if leg["certified"] else "not certified"
+        _row(
+            f"leg {leg['leg'] + 1}",
+            f"{verdict} by {leg['method']} in {leg['seconds']:.2f} s, clearance {leg['clearance_m']:.3f} m",
+        )
+    driven = "reached" if figures["reached"] else "not reached"
+    _row("driven", f"{driven} in {figures['time_s']:.1f} s, {figures['collisions']} collisions, "
+         f"least clearance {figures['min_clearance_m']:.3f} m")  # fmt: skip
+    _write(json_file, figures)
+
+
+@bench.command(short_help="How soon a new obstacle is answered.")
+@robot_option("silvermate")
+@_seeds(50, "Number of corridors.")
+@click.option("--depth", type=Finite(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m].")
+@_json_runs
+def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> None:
+    """A post appears on the strip while the robot drives, planned at 100 Hz: ticks until a new certified strip is
+    followed."""
+    with LateProgress("reacting", seeds) as bar:
+        figures = bench_reaction(load_robot(robot), range(seeds), bar.step, depth=depth)
+    ticks, ms = figures["ticks"], figures["ms"]
+    _row("reacted", f"{figures['reacted']} of {figures['count']}")
+    _row("ticks of 10 ms", f"p50 {ticks['p50']:.0f}, p95 {ticks['p95']:.0f}, max {ticks['max']:.0f}")
+    _row("time", f"p50 {ms['p50']:.1f}, p95 {ms['p95']:.1f} ms")
+    _row("the tick itself", f"p50 {figures['tick_ms']['p50']:.1f}, p95 {figures['tick_ms']['p95']:.1f} ms")
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Drive for a long time; watch memory and ticks.")
+@robot_option("silvermate")
+@click.option("--hours", type=Finite(0.01, 1000), default=1.0, show_default=True, help="Of simulated time.")
+@_json_runs
+def soak(robot: str, hours: float, json_file: str | None) -> None:
+    """Drive to and fro among moving obstacles in one process."""
+    with LateProgress("soaking") as bar:
+        figures = bench_soak(load_robot(robot), hours, bar.step)
+    memory = figures["memory_mb"]
+    _row("driven", f"{figures['hours']:.2f} h, {figures['legs']} legs, {figures['stops']} stops")
+    if figures["growth"] is not None:
+        _row("memory", f"{memory['warm']:.1f} to {memory['end']:.1f} MB, {100 * figures['growth']:+.2f} %")
+        first, second = figures["tick_ms_first_half"], figures["tick_ms_second_half"]
+        if first["p50"] is not None:
+            _row("p99 of ticks", f"{first['p50']:.1f} ms in the first half, {second['p50']:.1f} ms in the second")
+    _write(json_file, figures)
+
+
+def _drive_rows(figures: dict[str, Any]) -> None:
+    _row("reached", f"{100 * figures['reached']:.1f} %")
+    unseen = figures["collisions"] - figures["collisions_seen"]
+    _row("contacts at speed", f"{figures['collisions']}" + (f", {unseen} with what no laser saw" if unseen else ""))
+    _row("run into at rest", f"{figures['runs_with_contacts_at_rest']} runs")
+    _row("stops", f"{figures['stops']}, {figures['stops_without_reason']} without a reason")
+    if figures["time_s"]["p50"] is not None:
+        _row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
+        if figures["tracking_m"]["p50"] is not None:
+            _row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
+        _row("planning tick", f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, "
+             f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
+
+
+def _problem_rows(figures: dict[str, Any]) -> None:
+    _row("success", f"{100 * figures['success']:.1f} % without any contact")
+    _row("passively safe", f"{100 * figures['success_passive']:.1f} % reached without a contact at speed")
+    _row("collisions", f"{100 * figures['collisions']:.1f} % of the runs at speed, "
+         f"{100 * figures['run_into_at_rest']:.1f} % run into at rest")  # fmt: skip
+    if figures["time_s"]["p50"] is not None:
+        _row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
+    if "score" in figures:
+        _row("score", f"{figures['score']:.4f} (time counts from 4 T* on), {figures['score_2_8']:.4f} (from 2 T* on)")
+
+
+def _times(figure: dict[str, float | None]) -> str:
     if figure["p50"] is None:
         return "-"
     return ", ".join(f"{p} {figure[p]:.2f}" for p in ("p50", "p95", "p99")) + " ms"
@@ -162,5 +361,23 @@ def _write(json_file: str | None, figures: dict[str, Any]) -> None:
         click.echo(f"figures {write_json(json_file, figures)}")
 
 
-for command in COMMANDS:
-    bench.add_command(command)
+@click.group()
+def study() -> None:
+    """Studies that end in a report."""
+
+
+@study.command(name="paper")
+@click.option("--out", default="study", show_default=True, metavar="FOLDER", type=click.Path(), help="Where to.")
+@processes_option
+@click.option("--quick", is_flag=True, help="Tables and figures alone: no comparison, no parameter map.")
+def paper(out: str, processes: int | None, quick: bool) -> int:
+    """Tables 1 and 2, Figs. 5 to 11, methods compared, and a map of the parameters: Markdown, HTML and pictures."""
+    from elastic_strips.sim.study import paper_study  # it imports much that no other command needs
+
+    options = {"compared": (), "mapped": ""} if quick else {}
+    with LateProgress("study") as bar:
+        found = paper_study(out, processes=processes, step=bar.step, **options)
+    for case, run in found.runs.items():
+        click.echo(f"{case:8} {run.outcome.value:10} {run.reason}")
+    click.echo(f"report   {found.report}")
+    return EXIT_DONE if found.as_the_paper_says else EXIT_NOT_DONE

@@ -1,4 +1,4 @@
-"""``elastic-strips drive``: the closed loop; what is driven is judged, recorded and shown."""
+"""``elastic-strips drive``: the closed loop; what is driven is evaluated, recorded and shown."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import Any
 import click
 import numpy as np
 
-from ..execution import Controller, RunState
-from ..io import check_record_file, write_json, write_record
-from ..scenarios import (
+from elastic_strips.control import Controller, RunState
+from elastic_strips.files import write_json
+from elastic_strips.io import check_record_file, write_record
+from elastic_strips.sim import FAULTS, Fault, Simulation
+from elastic_strips.sim.scenarios import (
     DRIVE_METHODS,
     PLANTS,
     STRIP,
@@ -23,26 +25,32 @@ from ..scenarios import (
     make_base_simulation,
     make_simulation,
 )
-from ..sim import FAULTS, Fault, Simulation
-from ..strip import Strip
-from . import EXIT_INTERRUPTED
-from .group import Finite
-from .pictures import browser_option, open_viewer, write_page
-from .progress import LateProgress
-from .run_command import check_outputs
-from .sensor_option import sensors_of, sensors_option
+from elastic_strips.strip import Strip
+from elastic_strips.strip.report import DeformReport
 
-EXIT_REACHED = 0
-EXIT_NOT_REACHED = 3
+from . import EXIT_INTERRUPTED
+from .options import (
+    EXIT_DONE,
+    EXIT_NOT_DONE,
+    SEED,
+    Finite,
+    LateProgress,
+    base_option,
+    check_outputs,
+    evade_option,
+    json_option,
+    robot_option,
+    sensors_of,
+    sensors_option,
+)
+from .view_options import browser_option, open_viewer, write_page
 
 
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml")
-@click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
-@click.option(
-    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default."
-)
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of plan, plant, noise and generated scenes.")
+@robot_option(help="Another robot than the scenario's.")
+@base_option()
+@click.option("--seed", type=SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
     "--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
@@ -54,7 +62,7 @@ EXIT_NOT_REACHED = 3
 )  # fmt: skip
 @sensors_option
 @click.option("--time-limit", type=Finite(0.1, 36000), help="Longest run [s of simulated time].")
-@click.option("--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait.")
+@evade_option
 @click.option(
     "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
@@ -64,7 +72,7 @@ EXIT_NOT_REACHED = 3
     "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
     help="Put in a fault, times in seconds. KIND: " + ", ".join(FAULTS) + ". May be given again.",
 )  # fmt: skip
-@click.option("--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/drive-format.md).")
+@json_option("Write the result (docs/drive-format.md).")
 @click.option(
     "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
     help="Write everything that happened (docs/record-format.md); view replays it.",
@@ -112,7 +120,7 @@ def drive(
     with viewer or nullcontext(), LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(driven: Simulation[Any]) -> None:
-            bar.step(f"{driven.time:.1f} s, {driven.controller.state.name.lower()}")
+            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
             if viewer is not None:
                 viewer.update(
                     _shown(driven), driven.world.at(driven.time), q=model.space.from_chart(driven.plant.chart)
@@ -133,7 +141,7 @@ def drive(
                 result = driven.run(time_limit=time_limit)
         finally:
             driven.plant.close()
-    if record_file is not None:  # before the judge, who may take a while: what was driven is not to be lost
+    if record_file is not None:  # before the evaluation, which may take a while: what was driven is not to be lost
         write_record(result.record, record_file)
     outcome = conclude(problem, driven, result, plant=plant, seed=number)
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
@@ -146,15 +154,15 @@ def drive(
         write_page(lambda page: page.replay(model, result.record), html_file, title=problem.name)
     if interrupted:
         return EXIT_INTERRUPTED
-    return EXIT_REACHED if outcome.reached and not outcome.verdict.collisions else EXIT_NOT_REACHED
+    return EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else EXIT_NOT_DONE
 
 
-def _shown(driven: Simulation[Any]) -> object:
+def _shown(driven: Simulation[Any]) -> Strip | DeformReport:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
     controller = driven.controller
     if not isinstance(controller, Controller):
         return Strip.from_chart(driven.robot, np.stack((driven.plant.chart, controller.goal)))
-    return controller.proposal.report if controller.proposal else controller.strip
+    return controller.result.report if controller.result else controller.strip
 
 
 @contextmanager
@@ -177,18 +185,18 @@ def _stopping(driven: Simulation[Any]) -> Iterator[list[int]]:
 
 
 def _summary(outcome: DriveOutcome, reason: str) -> None:
-    result, verdict = outcome.result, outcome.verdict
+    result, evaluation = outcome.result, outcome.evaluation
     if outcome.reached:
         text = "reached"
     elif result.state is RunState.REACHED:
         text = "not reached: the robot believes to be at the goal, but is not"
     else:
-        text = f"not reached: {result.state.name.lower()}, {reason}"
+        text = f"not reached: {result.state.label}, {reason}"
     click.echo(f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: {text}")
     ticks = result.statistics.percentiles()
-    clearance = "none" if verdict.closest is None else f"{verdict.min_clearance_m:.3f} m"
+    clearance = "none" if evaluation.closest is None else f"{evaluation.min_clearance_m:.3f} m"
     click.echo(
-        f"  {verdict.time_s:.1f} s, {verdict.path_m:.2f} m, {len(verdict.collisions)} collisions, "
+        f"  {evaluation.time_s:.1f} s, {evaluation.path_m:.2f} m, {len(evaluation.collisions)} collisions, "
         f"least clearance {clearance}, {len(result.stops)} stops, {result.replans} times planned anew"
     )
     click.echo(
@@ -199,9 +207,9 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         click.echo(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
         click.echo(f"  {name} was in no laser's view in the second before it was touched")
-    for contact in verdict.rest_contacts:
+    for contact in evaluation.rest_contacts:
         click.echo(f"  {contact.obstacle} ran into {contact.link} at rest, from {contact.time:.1f} s on")
-    for contact in verdict.collisions:
+    for contact in evaluation.collisions:
         click.echo(f"  COLLISION of {contact.link} with {contact.obstacle} at {contact.speed:.2f} m/s")
     for event in result.events:
         if event.kind == "replanned" and event.reason.startswith("switched"):

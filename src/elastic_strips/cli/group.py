@@ -1,29 +1,17 @@
-"""The command group, which loads a command when it is called, and how errors end one."""
+"""The command group, which loads a command when it is called; how errors end one; and ``list``."""
 
 from __future__ import annotations
 
 import logging
-import math
 import sys
 from importlib import import_module
-from typing import Any
 
 import click
 
-from .._version import __version__
-from ..errors import ElasticStripsError
+from elastic_strips._version import __version__
+from elastic_strips.errors import ElasticStripsError
+
 from . import interruptible_imports
-
-
-class Finite(click.FloatRange):
-    """A finite number, within a range where one is given; click's own ranges let NaN through."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
-
 
 EXIT_INPUT = 2
 
@@ -46,13 +34,13 @@ Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken or not reac
 _COMMANDS = {
     "bench": ("bench_command", "bench", "Measure planning, replanning, the tick and the closed loop."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
-    "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
+    "list": ("group", "list_command", "Show the scenarios, robots and presets that have names."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
-    "study": ("study_command", "study", "Run the paper's simulations again, and write the report."),
+    "study": ("bench_command", "study", "Run the paper's simulations again, and write the report."),
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
-_SAY_THEMSELVES = ("elastic_strips.planning.alternatives", "elastic_strips.planning.plan")
+_SAY_THEMSELVES = ("elastic_strips.planning.homotopy.alternatives", "elastic_strips.planning.plan")
 """Loggers whose warnings are the reasons of reports, which the commands show."""
 
 
@@ -104,3 +92,24 @@ def run_cli(arguments: list[str] | None) -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
+
+
+@click.command(name="list", help="Show the scenarios, robots and presets that have names.")
+@click.option("--robots", is_flag=True, help="Only the robots, and all of them: those of example-robot-data too.")
+def list_command(robots: bool) -> None:
+    from elastic_strips.catalogue import PRESETS, SCENARIOS, own_robots, robot_names, robot_summary
+
+    if robots:
+        for name in robot_names():
+            click.echo(f"{name:<28} {robot_summary(name)}")
+        return
+    click.echo("Scenarios (elastic-strips run NAME):")
+    for name, summary in SCENARIOS.items():
+        click.echo(f"  {name:<18} {summary}")
+    click.echo("\nRobots (--robot NAME, or the path of a URDF):")
+    for name in own_robots():
+        click.echo(f"  {name:<18} {robot_summary(name)}")
+    click.echo(f"  and {len(robot_names()) - len(own_robots())} more: elastic-strips list --robots")
+    click.echo("\nPresets (--preset NAME):")
+    for name, summary in PRESETS.items():
+        click.echo(f"  {name:<18} {summary}")

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..deform import DeformReport
-from ..errors import InputError
-from ..io import check_writable, write_json
-from ..robot import RobotModel
-from ..scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
-from .group import Finite
-from .pictures import browser_option, serve, write_page
-from .progress import LateProgress
+from elastic_strips.files import write_json
+from elastic_strips.robot import RobotModel
+from elastic_strips.sim.scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
+from elastic_strips.strip import DeformReport
+
+from .options import (
+    EXIT_DONE,
+    EXIT_NOT_DONE,
+    SEED,
+    Finite,
+    LateProgress,
+    base_option,
+    check_outputs,
+    json_option,
+    robot_option,
+)
+from .view_options import browser_option, serve, write_page
 
 if TYPE_CHECKING:
-    from ..viewer import Viewer
-
-EXIT_CERTIFIED = 0
-EXIT_NOT_CERTIFIED = 3
+    from elastic_strips.viewer import Viewer
 
 
 @click.command()
@@ -28,17 +33,11 @@ EXIT_NOT_CERTIFIED = 3
 @click.option(
     "--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default."
 )
-@click.option("--robot", metavar="NAME|FILE.urdf", help="Another robot than the scenario's.")
-@click.option(
-    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help="How the base moves; the robot's own by default."
-)
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the planner and of generated scenes.  [default: 0]"
-)
+@robot_option(help="Another robot than the scenario's.")
+@base_option()
+@click.option("--seed", type=SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option("--timeout", type=Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s].")
-@click.option(
-    "--json", "json_file", metavar="FILE", type=click.Path(), help="Write the result (docs/result-format.md)."
-)
+@json_option("Write the result (docs/result-format.md).")
 @click.option(
     "--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the result."
 )
@@ -70,19 +69,7 @@ def run(
     if json_file is not None:
         click.echo(f"result  {write_json(json_file, result_document(result))}")
     _show(result, html_file, view, no_browser)
-    return EXIT_CERTIFIED if result.certified else EXIT_NOT_CERTIFIED
-
-
-def check_outputs(scenario: str, *files: str | None) -> None:
-    """Every output can be written, and none would overwrite the scenario or another output."""
-    taken = {Path(scenario).absolute()}
-    for name in files:
-        if name is None:
-            continue
-        path = check_writable(name).absolute()
-        if path in taken:
-            raise InputError(f"{name}: is named twice; each output needs a file of its own")
-        taken.add(path)
+    return EXIT_DONE if result.certified else EXIT_NOT_DONE
 
 
 def _run(problem: Scenario, model: RobotModel, preset: str | None, seed: int | None, timeout: float) -> RunResult:
@@ -103,7 +90,7 @@ def _summary(result: RunResult) -> None:
     click.echo(
         f"  clearance {result.clearance:.3f} m, length {report.strip.length:.2f} m, {len(report.strip)} nodes, "
         f"{result.ticks} ticks, first certified after {first}"
-        + (f", passes {result.passage}" if result.passage else "")
+        + (f", passes {result.passing_side}" if result.passing_side else "")
     )
     if not result.certified and report.certificate.broken is not None:
         click.echo(f"  {report.certificate.broken}")

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError, RobotError
-from ..execution import Record
-from ..input_file import read_input_text
-from ..io import read_record, record_robot
-from ..planning import straight_line
-from ..robot import RobotModel, load_robot, recorded_robot
-from ..scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
-from ..scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
-from ..strip import Strip
-from .group import Finite
-from .pictures import TITLE, browser_option, serve, write_page
-from .run_command import check_outputs
+from elastic_strips.control import Record
+from elastic_strips.errors import InputError, RobotError
+from elastic_strips.files import read_input_text
+from elastic_strips.io import read_record, record_robot
+from elastic_strips.planning import straight_line
+from elastic_strips.robot import RobotModel, load_robot, recorded_robot
+from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
+from elastic_strips.sim.scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
+from elastic_strips.strip import Strip
+
+from .options import SEED, Finite, base_option, check_outputs, robot_option
+from .view_options import TITLE, browser_option, serve, write_page
 
 if TYPE_CHECKING:
-    from ..viewer import Viewer
+    from elastic_strips.viewer import Viewer
 
 
 _TAKES = {
@@ -36,18 +36,9 @@ _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 @click.command()
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz")
-@click.option(
-    "--robot",
-    metavar="NAME|FILE.urdf",
-    help="Another robot than the scenario's. Of a result or a record: where its robot is now.",
-)
-@click.option(
-    "--base", type=click.Choice(["diff_drive", "omni", "fixed"]),
-    help="Of a scenario: how the base moves; the robot's own by default.",
-)  # fmt: skip
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), help="Of a scenario: seed of generated scenes.  [default: 0]"
-)
+@robot_option(help="Another robot than the scenario's. Of a result or a record: where its robot is now.")
+@base_option("Of a scenario: how the base moves; the robot's own by default.")
+@click.option("--seed", type=SEED, help="Of a scenario: seed of generated scenes.  [default: 0]")
 @click.option("--speed", type=Finite(1e-3, 1e3), help="Of a record: how many times as fast as it was.  [default: 1]")
 @click.option("--begin", type=Finite(0.0), help="Of a record: time to begin with [s].")
 @click.option("--end", type=Finite(0.0), help="Of a record: time to end with [s].")
@@ -138,15 +129,11 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
     return model, scene, strip
 
 
+_WHOLE_SIZE = {"box": Box, "convex": ConvexHull}
+_SIZES = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule, "cone": Cone}
+
+
 def _obstacle(entry: dict[str, Any]) -> Obstacle:
-    place: dict[str, Any] = {"at": entry["pose"][:3], "quat": entry["pose"][3:], "name": entry["name"]}
+    place = {"at": entry["pose"][:3], "quat": entry["pose"][3:], "name": entry["name"]}
     shape, size = entry["shape"], entry["size"]
-    makers = {
-        "box": lambda: Box(size, **place),
-        "sphere": lambda: Sphere(*size, **place),
-        "cylinder": lambda: Cylinder(*size, **place),
-        "capsule": lambda: Capsule(*size, **place),
-        "cone": lambda: Cone(*size, **place),
-        "convex": lambda: ConvexHull(size, **place),
-    }
-    return makers[shape]()
+    return _WHOLE_SIZE[shape](size, **place) if shape in _WHOLE_SIZE else _SIZES[shape](*size, **place)

@@ -1,32 +1,43 @@
-"""Control: the paper's hybrid control in three layers, and bases steered by other methods, step by step."""
+"""Control: what runs on a robot: strips become motions in time, certified, supervised, tracked and recorded."""
 
 from __future__ import annotations
 
-from .base_controller import BaseController
-from .hybrid import Director, HybridControl, deliberate
-from .sequencing import Facts, Order, SequencingLayer
-from .task_watch import TaskEvent, TaskState, TaskWatch
-from .tasks import Deliberation, DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, Reached, ReachHand, Step, Task
+from .controller import Controller, Tick
+from .estimation import EstimatorParams, StateEstimator
+from .interfaces import Command, Event, Measurement, Perception, RunState
+from .local_planner import LocalPlanner
+from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
+from .prediction import predict
+from .record import DriveResult, Record, Recorder, RecordError, TickStatistics
+from .strip_timer import PlanOutcome, PlanResult
+from .supervisor import Supervisor
+from .tracking import TrackingController, TrackingGains
 
 __all__ = [
-    "BaseController",
-    "Deliberation",
-    "DeliberativeLayer",
-    "Director",
-    "DriveAndReach",
-    "DriveTo",
-    "Facts",
-    "HybridControl",
-    "Order",
-    "Part",
-    "Reach",
-    "ReachHand",
-    "Reached",
-    "SequencingLayer",
-    "Step",
-    "Task",
-    "TaskEvent",
-    "TaskState",
-    "TaskWatch",
-    "deliberate",
+    "Command",
+    "Controller",
+    "DRIVE_STRIP",
+    "DriveParams",
+    "DriveResult",
+    "EstimatorParams",
+    "EvasionParams",
+    "Event",
+    "LocalPlanner",
+    "Measurement",
+    "ObstacleAssumptions",
+    "Perception",
+    "PlanOutcome",
+    "PlanResult",
+    "Record",
+    "RecordError",
+    "Recorder",
+    "RunState",
+    "StateEstimator",
+    "Supervisor",
+    "Tick",
+    "TickStatistics",
+    "Tolerance",
+    "TrackingController",
+    "TrackingGains",
+    "predict",
 ]

@@ -1,19 +1,15 @@
-"""IO room: scene, scenario and benchmark files in and out; every complaint names file and place."""
+"""IO room: scene and scenario files in and out; every complaint names file and place."""
 
 from typing import TYPE_CHECKING
 
 from elastic_strips._late import late_names
 
 if TYPE_CHECKING:
-    from elastic_strips.io.barn import barn_ids, load_barn
-    from elastic_strips.io.bridge import load_bridge
-    from elastic_strips.io.drive_problem import DriveProblem
-    from elastic_strips.io.dynabarn import dynabarn_ids, load_dynabarn
-    from elastic_strips.io.files import check_writable, write_json
-    from elastic_strips.io.laser_log import LaserLogError, LoggedScan, read_laser_log
-    from elastic_strips.io.nav2_map import load_nav2_map
-    from elastic_strips.io.point_cloud import PointCloud, cloud_scene, read_point_cloud
-    from elastic_strips.io.record_file import (
+    from .laser_log import LaserLogError, LoggedScan, read_laser_log
+    from .nav2_map import load_nav2_map
+    from .obstacle_document import obstacle_documents
+    from .point_cloud import PointCloud, cloud_scene, read_point_cloud
+    from .record_file import (
         check_record_file,
         read_record,
         record_columns,
@@ -22,37 +18,35 @@ if TYPE_CHECKING:
         record_robot,
         write_record,
     )
-    from elastic_strips.io.scenario_file import PoseSpec, ScenarioSpec, read_scenario
-    from elastic_strips.io.scene_file import (
-        obstacle_documents,
-        read_scene,
-        read_world,
-        scene_from_node,
-        shape_document,
-        world_from_node,
-        write_scene,
-        write_world,
-    )
-    from elastic_strips.io.yaml_source import Node, load_yaml
+    from .scenario_file import PoseSpec, ScenarioSpec, read_scenario
+    from .scene_file import read_scene, read_world, write_scene, write_world
 
+_MODULES = {  # a scene file needs nothing of what records need
+    "laser_log": ("LaserLogError", "LoggedScan", "read_laser_log"),
+    "nav2_map": ("load_nav2_map",),
+    "obstacle_document": ("obstacle_documents",),
+    "point_cloud": ("PointCloud", "cloud_scene", "read_point_cloud"),
+    "record_file": (
+        "check_record_file",
+        "read_record",
+        "record_columns",
+        "record_csv",
+        "record_frame",
+        "record_robot",
+        "write_record",
+    ),
+    "scenario_file": ("PoseSpec", "ScenarioSpec", "read_scenario"),
+    "scene_file": ("read_scene", "read_world", "write_scene", "write_world"),
+}
 __all__ = [
-    "DriveProblem",
     "LaserLogError",
     "LoggedScan",
-    "Node",
     "PointCloud",
     "PoseSpec",
     "ScenarioSpec",
-    "barn_ids",
     "check_record_file",
-    "check_writable",
     "cloud_scene",
-    "dynabarn_ids",
-    "load_barn",
-    "load_bridge",
-    "load_dynabarn",
     "load_nav2_map",
-    "load_yaml",
     "obstacle_documents",
     "read_laser_log",
     "read_point_cloud",
@@ -60,74 +54,13 @@ __all__ = [
     "read_scenario",
     "read_scene",
     "read_world",
-    "scene_from_node",
     "record_columns",
     "record_csv",
     "record_frame",
     "record_robot",
-    "shape_document",
-    "world_from_node",
-    "write_json",
     "write_record",
     "write_scene",
     "write_world",
 ]
 
-__getattr__ = late_names(  # a scene file needs nothing of what records need
-    __name__,
-    {
-        "barn": (
-            "barn_ids",
-            "load_barn",
-        ),
-        "bridge": ("load_bridge",),
-        "drive_problem": ("DriveProblem",),
-        "dynabarn": (
-            "dynabarn_ids",
-            "load_dynabarn",
-        ),
-        "files": (
-            "check_writable",
-            "write_json",
-        ),
-        "laser_log": (
-            "LaserLogError",
-            "LoggedScan",
-            "read_laser_log",
-        ),
-        "nav2_map": ("load_nav2_map",),
-        "point_cloud": (
-            "PointCloud",
-            "cloud_scene",
-            "read_point_cloud",
-        ),
-        "record_file": (
-            "record_columns",
-            "record_csv",
-            "record_frame",
-            "check_record_file",
-            "read_record",
-            "record_robot",
-            "write_record",
-        ),
-        "scenario_file": (
-            "PoseSpec",
-            "ScenarioSpec",
-            "read_scenario",
-        ),
-        "scene_file": (
-            "obstacle_documents",
-            "shape_document",
-            "write_scene",
-            "write_world",
-            "read_scene",
-            "read_world",
-            "scene_from_node",
-            "world_from_node",
-        ),
-        "yaml_source": (
-            "Node",
-            "load_yaml",
-        ),
-    },
-)
+__getattr__ = late_names(__name__, _MODULES)

@@ -8,15 +8,18 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO, TypeVar
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Document
 from elastic_strips.errors import InputError
-from elastic_strips.input_file import open_input
+from elastic_strips.files import open_input
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan
 
+from .nodes import Node, Source
+
+T = TypeVar("T")
 MAX_BYTES = 200_000_000
 MAX_LINE = 2_000_000  # bytes
 MAX_SCANS = 200_000
@@ -25,8 +28,8 @@ LoggedScan = tuple[LaserScan, Array | None]
 """A scan and the base's pose (3,): x [m], y [m], yaw [rad], read-only; None where the log has none."""
 
 _NEEDED = ("stamp", "angle_min", "angle_increment", "range_min", "range_max", "ranges")
-_OPTIONAL = ("x", "y", "yaw", "pose", "sensor", "mount", "frame_id", "angle_max", "time_increment", "scan_time")
-_CSV_KEYS = (*_NEEDED[:-1], "x", "y", "yaw")
+_POSE = ("x", "y", "yaw")
+_OPTIONAL = (*_POSE, "pose", "sensor", "mount", "frame_id", "angle_max", "time_increment", "scan_time", "intensities")
 _CARMEN_POSES = ("laser", "odometry")
 _IGNORED = ("PARAM", "SYNC", "ODOM", "TRUEPOS", "NMEAGGA", "NMEARMC", "RLASER", "LASER3", "LASER4", "MARKER")
 
@@ -114,7 +117,7 @@ def _reader(
     )
 
 
-def _at(file: Path, number: int, parse: Callable[[str], Any], line: str) -> Any:
+def _at(file: Path, number: int, parse: Callable[[str], T], line: str) -> T:
     """Parse a line; what is wrong with it is said with its place."""
     try:
         return parse(line)
@@ -127,52 +130,36 @@ def _json(line: str, height: float) -> LoggedScan:
         entry = json.loads(line)
     except json.JSONDecodeError as error:
         raise ValueError(f"no JSON object: {error.msg} at column {error.colno}") from None
-    if not isinstance(entry, dict):
-        raise ValueError("must be a JSON object, with the keys " + ", ".join(_NEEDED))
-    _check_keys(entry)
-    if not isinstance(entry["ranges"], list):
-        raise ValueError("ranges: must be a list of numbers, or null where there is none")
-    ranges = [math.nan if r is None else _float(r, f"ranges[{k}]", finite=False) for k, r in enumerate(entry["ranges"])]
-    numbers = {key: _float(entry[key], key) for key in _NEEDED[:-1]}
-    pose = None
-    if "pose" in entry or "x" in entry:
-        pose = (
-            _floats(entry["pose"], "pose", 3) if "pose" in entry else [_float(entry[k], k) for k in ("x", "y", "yaw")]
-        )
-    mount = _floats(entry["mount"], "mount", 4) if "mount" in entry else [0.0, 0.0, height, 0.0]
-    name = entry.get("sensor", entry.get("frame_id", "laser"))
-    if not isinstance(name, str) or not name:
-        raise ValueError(f"sensor: must be a name, not {name!r}")
-    return _scan(name, numbers, ranges, mount), _pose(pose)
-
-
-def _check_keys(entry: dict[str, Any]) -> None:
-    for key in entry:
-        if key not in _NEEDED and key not in _OPTIONAL and key != "intensities":
-            raise ValueError(f"unknown key {key!r}; valid: {', '.join((*_NEEDED, *_OPTIONAL))}")
-    missing = [key for key in _NEEDED if key not in entry]
-    if missing:
-        raise ValueError(f"the key {missing[0]!r} is missing")
-    parts = [key for key in ("x", "y", "yaw") if key in entry]
-    if parts and (len(parts) < 3 or "pose" in entry):
-        raise ValueError("a pose is given by 'pose', or by all of 'x', 'y' and 'yaw'")
+    return _logged(entry, height)
 
 
 def _check_header(columns: list[str]) -> None:
-    if columns[-1] != "ranges" or len(set(columns)) != len(columns) or set(columns[:-1]) - set(_CSV_KEYS):
+    valid = set(_NEEDED) <= set(columns) <= {*_NEEDED, *_POSE}
+    if not valid or columns[-1] != "ranges" or len(set(columns)) != len(columns):
         raise ValueError(f"the header must hold {', '.join(_NEEDED[:-1])}, may hold x, y, yaw, and ends with ranges")
-    _check_keys(dict.fromkeys(columns))
 
 
 def _csv(line: str, columns: list[str], height: float) -> LoggedScan:
     cells = [c.strip() for c in line.split(",")]
     if len(cells) < len(columns):
         raise ValueError(f"has {len(cells)} columns; {len(columns) - 1} and the ranges are needed")
-    head = dict(zip(columns[:-1], cells, strict=False))
-    ranges = [math.nan if not c else _float(c, "ranges", finite=False) for c in cells[len(columns) - 1 :]]
-    numbers = {key: _float(head[key], key) for key in _NEEDED[:-1]}
-    pose = [_float(head[k], k) for k in ("x", "y", "yaw")] if "x" in head else None
-    return _scan("laser", numbers, ranges, [0.0, 0.0, height, 0.0]), _pose(pose)
+    entry: Document = {key: _float(cell, key) for key, cell in zip(columns[:-1], cells, strict=False)}
+    entry["ranges"] = [_float(c, "ranges", finite=False) if c else None for c in cells[len(columns) - 1 :]]
+    return _logged(entry, height)
+
+
+def _logged(entry: object, height: float) -> LoggedScan:
+    """The scan and pose of a line that is a JSON object, or a row of a table."""
+    entries = Node(entry, "", Source(Path("scan"))).mapping((*_NEEDED, *_OPTIONAL), needed=_NEEDED)
+    numbers = {key: entries[key].number(low=-math.inf, high=math.inf, unit="") for key in _NEEDED[:-1]}
+    ranges = [math.nan if r.value is None else _float(r.value, r.key, finite=False) for r in entries["ranges"].items()]
+    parts = [entries[key].number(low=-math.inf, high=math.inf) for key in _POSE if key in entries]
+    if parts and (len(parts) < 3 or "pose" in entries):
+        raise ValueError("a pose is given by 'pose', or by all of 'x', 'y' and 'yaw'")
+    pose = entries["pose"].vector(3, limit=math.inf).tolist() if "pose" in entries else parts or None
+    mount = entries["mount"].vector(4, limit=math.inf).tolist() if "mount" in entries else [0.0, 0.0, height, 0.0]
+    name = entries.get("sensor", entries.get("frame_id"))
+    return _scan("laser" if name is None else name.text(), numbers, ranges, mount), _pose(pose)
 
 
 def _carmen(line: str, which: str, range_max: float, height: float) -> LoggedScan | None:
@@ -250,17 +237,11 @@ def _count(word: str, what: str, low: int = 1) -> int:
     return int(word)
 
 
-def _floats(value: Any, what: str, count: int) -> list[float]:
-    if not isinstance(value, list) or len(value) != count:
-        raise ValueError(f"{what}: must be a list of {count} numbers, not {str(value)[:40]!r}")
-    return [_float(v, f"{what}[{k}]") for k, v in enumerate(value)]
-
-
-def _float(value: Any, what: str, *, finite: bool = True) -> float:
+def _float(value: object, what: str, *, finite: bool = True) -> float:
     try:
         if isinstance(value, bool):
             raise TypeError
-        number = float(value)
+        number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise ValueError(f"{what}: must be a number, not {str(value)[:40]!r}") from None
     if finite and not math.isfinite(number):

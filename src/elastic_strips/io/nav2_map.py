@@ -7,14 +7,14 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array
 from elastic_strips.errors import ScenarioError
-from elastic_strips.input_file import read_input
-from elastic_strips.io import schema
-from elastic_strips.io.yaml_source import Node, load_yaml
+from elastic_strips.files import read_input
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
+
+from .nodes import Node, load_yaml
 
 _KEYS = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _UNKNOWN = ("free", "occupied")
@@ -41,16 +41,16 @@ def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height
         raise ScenarioError(f"unknown={unknown!r}; valid: {', '.join(map(repr, _UNKNOWN))}")
     root = load_yaml(path, error=ScenarioError)
     needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
-    entries = schema.mapping(root, _KEYS, needed=needed, what="a map")
+    entries = root.mapping(_KEYS, needed=needed, what="a map")
     if "mode" in entries:
-        schema.string(entries["mode"], valid=("trinary",))
-    negate = "negate" in entries and schema.integer(entries["negate"], low=0, high=1) == 1
-    resolution = schema.number(entries["resolution"], low=1e-4, high=100.0)
-    x, y, yaw = schema.vector(entries["origin"], 3).tolist()
-    high, low = (schema.number(entries[k], low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
+        entries["mode"].text(valid=("trinary",))
+    negate = "negate" in entries and entries["negate"].integer(low=0, high=1) == 1
+    resolution = entries["resolution"].number(low=1e-4, high=100.0)
+    x, y, yaw = entries["origin"].vector(3).tolist()
+    high, low = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
     if low > high:
         entries["free_thresh"].fail(f"is {low:g}; it must not exceed 'occupied_thresh', {high:g}")
-    image = read_pgm(entries["image"])
+    image = _read_pgm(entries["image"])
     p = image if negate else 1.0 - image
     filled = p > high if unknown == "free" else p >= low
     if np.count_nonzero(filled) > MAX_CENTERS:
@@ -61,13 +61,13 @@ def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height
     centers = np.column_stack(((columns + 0.5) * resolution, (rows + 0.5) * resolution, np.zeros(len(rows))))
     quat = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
     size = (resolution, resolution, height)
-    return schema.checked(root, lambda: Scene([Voxels(centers, size, at=(x, y, 0.5 * height), quat=quat, name="map")]))
+    return root.checked(lambda: Scene([Voxels(centers, size, at=(x, y, 0.5 * height), quat=quat, name="map")]))
 
 
-def read_pgm(node: Node) -> NDArray[np.float64]:
+def _read_pgm(node: Node) -> Array:
     """Brightness (rows, columns) in [0, 1] of the PGM file (P2 or P5) that a node names, relative to its own file."""
-    file: Path = node.source.path.parent / schema.string(node)
-    data = schema.checked(node, read_input, file, "map's image", MAX_BYTES, ScenarioError)
+    file: Path = node.source.path.parent / node.text()
+    data = node.checked(read_input, file, "map's image", MAX_BYTES, ScenarioError)
     if data[:2] not in (b"P2", b"P5"):
         node.fail(f"{file}: is no PGM image (P2 or P5)")
     numbers, at = [], 2
@@ -105,7 +105,7 @@ def read_pgm(node: Node) -> NDArray[np.float64]:
     return image
 
 
-def _numbers(data: bytes, at: int, most: int) -> NDArray[np.float64]:
+def _numbers(data: bytes, at: int, most: int) -> Array:
     """At most so many numbers between blanks, from a place on; piece by piece, for a word takes ten times its bytes."""
     parts, count = [np.empty(0)], 0
     while at < len(data) and count < most:

@@ -1,25 +1,29 @@
-"""IO room, point clouds: PLY, PCD and XYZ files as arrays of points, and scenes of them."""
+"""IO room, point clouds: PLY, PCD, XYZ, NPY and CSV files as arrays of points, and scenes of them."""
 
 from __future__ import annotations
 
 import os
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError, nearest_name
-from elastic_strips.input_file import read_input
-from elastic_strips.scene import Scene, Voxels, checks
+from elastic_strips.files import open_input, read_input
+from elastic_strips.scene import Scene, Voxels
+from elastic_strips.scene.parts import MAX_CENTERS
+from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH, check_points
 from elastic_strips.summary import Summary
+
+from .npy_source import NpyError, read_npy
 
 MAX_BYTES = 200_000_000
 MAX_POINTS = 5_000_000
+MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -87,8 +91,44 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     return PointCloud(points, int(len(raw) - len(points)))
 
 
+def read_points(path: str | os.PathLike[str]) -> Array:
+    """Points (n, 3) that a scene file refers to: all of a .npy, .csv, .txt or .xyz file, those of a .ply or .pcd file.
+
+    Each line of text holds three numbers, between commas in a .csv file and else between blanks; what follows ``#`` is
+    a comment. Points of a .ply or .pcd file that are not finite are left out; another file must have none.
+
+    Raises:
+        SceneError: no such file, another kind, damaged, or what it holds does not fit.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    suffixes = (".npy", ".csv", ".txt", ".xyz", ".ply", ".pcd")
+    if suffix not in suffixes:
+        raise SceneError(f"{file}: files of kind {file.suffix!r} are not read{nearest_name(file.suffix, suffixes)}")
+    if suffix in (".ply", ".pcd"):
+        return read_point_cloud(file).points
+    if suffix == ".npy":
+        with open_input(file, "file of points", MAX_LISTED_BYTES, SceneError) as (stream, size):
+            try:
+                points = read_npy(stream, size, MAX_LISTED_BYTES)
+            except NpyError as problem:
+                raise SceneError(f"{file}: the array {problem}") from None
+        if points.shape[:1] > (MAX_CENTERS,):
+            raise SceneError(f"{file}: the file has {len(points)} points; at most {MAX_CENTERS} are read")
+    else:
+        data = read_input(file, "file of points", MAX_LISTED_BYTES, SceneError)
+        comma = "," if suffix == ".csv" else None
+        try:
+            points = _listed(data, lambda text: text.partition("#")[0].split(comma, 3), "hold", MAX_CENTERS)
+        except ValueError as error:
+            raise SceneError(f"{file}{str(error)[:500]}") from None
+        if not len(points):
+            raise SceneError(f"{file}: the file holds no points")
+    return check_points(str(file), points, (None, 3))
+
+
 def cloud_scene(
-    points: Any,
+    points: ArrayLike | PointCloud,
     voxel: float = 0.05,
     *,
     low: float | None = None,
@@ -116,11 +156,11 @@ def cloud_scene(
     if not np.isfinite(cloud).all():
         bad = int(np.argmin(np.isfinite(cloud).all(axis=1)))
         raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be finite")
-    if np.abs(cloud).max() > checks.MAX_LENGTH:
+    if np.abs(cloud).max() > MAX_LENGTH:
         bad = int(np.argmax(np.abs(cloud).max(axis=1)))
-        raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be within ±{checks.MAX_LENGTH:g} m")
-    if not (np.isfinite(voxel) and voxel >= checks.MIN_LENGTH):
-        raise SceneError(f"voxel={voxel!r} must be a length of at least {checks.MIN_LENGTH:g} m")
+        raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be within ±{MAX_LENGTH:g} m")
+    if not (np.isfinite(voxel) and voxel >= MIN_LENGTH):
+        raise SceneError(f"voxel={voxel!r} must be a length of at least {MIN_LENGTH:g} m")
     keep = np.ones(len(cloud), dtype=bool)
     if low is not None:
         keep &= cloud[:, 2] >= low
@@ -197,18 +237,28 @@ def _pcd(data: bytes) -> Array:
 
 
 def _xyz(data: bytes) -> Array:
+    def words(text: str) -> list[str]:
+        comment = text.startswith(("#", "//"))
+        return [] if comment else text.replace(",", " ").replace(";", " ").split(None, 3)[:3]
+
+    return _listed(data, words, "begin with", MAX_POINTS)
+
+
+def _listed(data: bytes, words: Callable[[str], list[str]], verb: str, most: int) -> Array:
+    """Points (n, 3) of lines of text, each of which has three ``words`` or holds nothing."""
     values = array("d")
-    for k, line in enumerate(_rows(data, 0), start=1):
+    for k, line in enumerate(_rows(data.removeprefix(b"\xef\xbb\xbf"), 0), start=1):
         text = line.decode("utf-8", "replace").strip()
-        if not text or text.startswith(("#", "//")):
+        split = words(text)
+        if not "".join(split).strip():
             continue
         try:
-            x, y, z = text.replace(",", " ").replace(";", " ").split(None, 3)[:3]
+            x, y, z = split
             values.extend((float(x), float(y), float(z)))
         except ValueError:
-            raise ValueError(f":{k}: must begin with three numbers, not {text[:60]!r}") from None
-        if len(values) > 3 * MAX_POINTS:
-            raise ValueError(f":{k}: the file has more than {MAX_POINTS} points, which is the most that is read")
+            raise ValueError(f":{k}: must {verb} three numbers, not {text[:60]!r}") from None
+        if len(values) > 3 * most:
+            raise ValueError(f":{k}: the file has more than {most} points, which is the most that is read")
     return np.array(values).reshape(-1, 3)
 
 

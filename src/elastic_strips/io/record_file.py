@@ -21,123 +21,18 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips._version import __version__
-from elastic_strips.arrays import Array
+from elastic_strips.control.interfaces import Event
+from elastic_strips.control.record import DRIVE_NAMES, ControlRows, PlanningRows, Record, RecordError, frozen
 from elastic_strips.errors import InputError, RobotError, missing_extra
-from elastic_strips.execution.record import DRIVE_NAMES, ControlRows, Event, PlanningRows, Record, RecordError, frozen
-from elastic_strips.input_file import open_input
-from elastic_strips.io.files import check_writable, write_whole
-from elastic_strips.io.npy_source import NpzArrays
-from elastic_strips.io.scene_file import obstacle_documents
+from elastic_strips.files import atomic_write, check_writable, open_input
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
-from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Keyframes, Obstacle, Scene, Sphere, World
 from elastic_strips.validation import check_type
 
-MAX_ROWS = 4_000_000
-"""Most poses of moving pieces that a record's world is made of: their number times the control rows."""
+from .nodes import Node, Source
+from .npy_source import NpzArrays
+from .obstacle_document import world_documents, world_from_documents
 
-
-def world_documents(world: World, time: Array) -> tuple[list[dict[str, Any]], list[str], Array, Array]:
-    """A world as obstacle documents and tracks.
-
-    Args:
-        world: the obstacles.
-        time: (T,) when moving ones are looked at [s].
-
-    Returns:
-        Documents as of ``obstacle_documents``, each with ``appears`` and ``vanishes`` [s] (None: always, never) and
-        ``track``: None for a fixed one, else its place among the tracks, whose pose its own ``pose`` is relative to;
-        the names of the obstacles that move (M), their positions (T, M, 3) [m] and quaternions (T, M, 4).
-    """
-    from scipy.spatial.transform import Rotation  # late: slow to import
-
-    documents: list[dict[str, Any]] = []
-    moving: list[Obstacle] = []
-    taken: set[str] = set()
-    for obstacle in world.scene:
-        name = obstacle.name or ""
-        when = {"appears": world.appears.get(name), "vanishes": world.vanishes.get(name)}
-        moves = obstacle.motion is not None and not obstacle.motion.still
-        for document in obstacle_documents(Scene([obstacle], time=obstacle.time)):
-            while document["name"] in taken:  # "a#0" may be a piece of "a", or an obstacle's name
-                document["name"] += "'"
-            taken.add(document["name"])
-            if moves:
-                document["pose"] = _vector(
-                    np.asarray(np.linalg.solve(obstacle.pose, _matrix(document["pose"])), dtype=float)
-                )
-            documents.append({**document, **when, "track": len(moving) if moves else None})
-        if moves:
-            moving.append(obstacle)
-    poses = np.array([[o.at(float(t)).pose for o in moving] for t in time]).reshape(len(time), len(moving), 4, 4)
-    quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat() if moving else np.zeros((0, 4))
-    names = [o.name or "" for o in moving]
-    return documents, names, poses[..., :3, 3].copy(), quaternions.reshape(len(time), len(moving), 4)
-
-
-def world_from_documents(documents: Any, time: Array, position: Array, quaternion: Array) -> World:
-    """The world of what `world_documents` gave: convex obstacles that follow the recorded poses.
-
-    Raises:
-        RecordError: the documents are damaged; a `SceneError` where an obstacle cannot be made.
-    """
-    from scipy.spatial.transform import Rotation
-
-    obstacles: list[Obstacle] = []
-    appears: dict[str, float] = {}
-    vanishes: dict[str, float] = {}
-    try:
-        rows = len(time) * sum(document["track"] is not None for document in documents)
-        if rows > MAX_ROWS:
-            raise RecordError(f"the pieces of the obstacles that move need {rows} rows; at most {MAX_ROWS} are read")
-        for document in documents:
-            name, track = document["name"], document["track"]
-            place = _matrix(document["pose"])
-            if track is None:
-                where: dict[str, Any] = {"at": place[:3, 3], "quat": document["pose"][3:]}
-            elif isinstance(track, int) and 0 <= track < position.shape[1]:
-                turned = Rotation.from_quat(quaternion[:, track])
-                positions = position[:, track] + turned.apply(place[:3, 3])
-                quats = (turned * Rotation.from_matrix(place[:3, :3])).as_quat()
-                where = {"motion": Keyframes(time, positions, quats=quats)}
-            else:
-                raise RecordError(f"obstacle {name!r} follows track {track!r}; there are {position.shape[1]}")
-            obstacles.append(_obstacle(document["shape"], document["size"], {**where, "name": name}))
-            for times, key in ((appears, "appears"), (vanishes, "vanishes")):
-                if document[key] is not None:
-                    times[name] = document[key]
-    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
-        if isinstance(error, RecordError):
-            raise
-        raise RecordError(f"an obstacle is damaged: {type(error).__name__}: {error}") from None
-    return World(Scene(obstacles, time=float(time[0])), appears, vanishes)
-
-
-def _obstacle(shape: str, size: Any, where: dict[str, Any]) -> Obstacle:
-    if shape == "box":
-        return Box(size, **where)
-    if shape == "convex":
-        return ConvexHull(size, **where)
-    return {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule, "cone": Cone}[shape](*size, **where)
-
-
-def _matrix(pose: Any) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    values = np.array(pose, dtype=float)
-    if values.shape != (7,) or not np.isfinite(values).all() or not math.isclose(np.linalg.norm(values[3:]), 1.0):
-        raise RecordError(f"a pose is seven finite numbers with a unit quaternion, not {pose!s:.80}")
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = Rotation.from_quat(values[3:]).as_matrix(), values[:3]
-    return result
-
-
-def _vector(T: Array) -> list[float]:
-    from scipy.spatial.transform import Rotation
-
-    return [*map(float, T[:3, 3]), *map(float, Rotation.from_matrix(T[:3, :3]).as_quat())]
-
-
-UNITS = {
+_UNITS = {
     "time": "s",
     "chart": "m, m, rad (base); rad or m (joints)",
     "velocity": "m/s, m/s, rad/s (base, in its own frame); rad/s or m/s (joints)",
@@ -149,43 +44,43 @@ UNITS = {
 }
 
 
-def chart_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
+def _chart_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
     """Names of the columns of a chart row (nv): x, y, yaw of a base that moves, then the joints."""
     base = ("x", "y", "yaw") if record.drive_names else ()
     return tuple(prefix + name for name in (*base, *record.joint_names))
 
 
-def velocity_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
+def _velocity_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
     """Names of the columns of a velocity (nv)."""
     base = ("vx", "vy", "omega") if record.drive_names else ()
     return tuple(prefix + name for name in (*base, *(f"{joint}_rate" for joint in record.joint_names)))
 
 
-def control_columns(record: Record) -> tuple[str, ...]:
+def _control_columns(record: Record) -> tuple[str, ...]:
     """Names of all columns of a control row, in the order of a CSV file."""
     return (
         "time",
         "state",
-        *chart_columns(record),
-        *velocity_columns(record),
-        *chart_columns(record, "reference_"),
-        *velocity_columns(record, "reference_"),
-        *chart_columns(record, "estimate_"),
+        *_chart_columns(record),
+        *_velocity_columns(record),
+        *_chart_columns(record, "reference_"),
+        *_velocity_columns(record, "reference_"),
+        *_chart_columns(record, "estimate_"),
         *(f"command_{name}" for name in record.drive_names),
         *(f"command_{name}_rate" for name in record.joint_names),
         *(f"motor_{name}" for name in record.drive_names),
     )
 
 
-def record_columns(record: Record) -> dict[str, Any]:
+def record_columns(record: Record) -> dict[str, npt.NDArray[Any]]:
     """The control rows by column name: arrays (T,); ``state`` holds names."""
     rows = record.control
     arrays = (rows.chart, rows.v, rows.reference, rows.reference_v, rows.estimate, rows.drive, rows.joints, rows.motors)
     columns = [rows.time, np.array(record.states)[rows.state], *chain.from_iterable(array.T for array in arrays)]
-    return dict(zip(control_columns(record), columns, strict=True))
+    return dict(zip(_control_columns(record), columns, strict=True))
 
 
-def record_frame(record: Record) -> Any:
+def record_frame(record: Record) -> object:
     """The control rows as a ``pandas.DataFrame``.
 
     Raises:
@@ -205,7 +100,7 @@ def record_csv(record: Record) -> str:
     numbers = np.column_stack(list(columns.values())).tolist()
     stream = io.StringIO(newline="")
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(control_columns(record))
+    writer.writerow(_control_columns(record))
     for (time, *rest), state in zip(numbers, states, strict=True):
         writer.writerow([repr(time), state, *("" if x != x else repr(x) for x in rest)])
     return stream.getvalue()
@@ -245,7 +140,7 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
     check_type("record", record, Record)
     target = check_record_file(path)
     data = record_csv(record).encode() if target.suffix.lower() == ".csv" else _packed(record)
-    return write_whole(target, data)
+    return atomic_write(target, data)
 
 
 def read_record(path: str | os.PathLike[str]) -> Record:
@@ -308,12 +203,12 @@ def _packed(record: Record) -> bytes:
         "states": list(record.states),
         **{name: list(getattr(planning, name)) for name in _TABLES},
         "columns": {
-            "chart": chart_columns(record),
-            "velocity": velocity_columns(record),
+            "chart": _chart_columns(record),
+            "velocity": _velocity_columns(record),
             "drive": record.drive_names,
             "joints": record.joint_names,
         },
-        "units": UNITS,
+        "units": _UNITS,
         "events": [[event.time, event.kind, event.reason] for event in record.events],
         "tracks": names,
         "obstacles": documents,
@@ -341,7 +236,7 @@ def _packed(record: Record) -> bytes:
     return stream.getvalue()
 
 
-def _metadata(loaded: Mapping[str, Any]) -> dict[str, Any]:
+def _metadata(loaded: Mapping[str, npt.NDArray[Any]]) -> dict[str, object]:
     if "metadata" not in loaded:
         raise RecordError("holds no array 'metadata': it is no record")
     text = loaded["metadata"]
@@ -358,25 +253,15 @@ def _metadata(loaded: Mapping[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
-    try:
-        base = BaseKind(document["base"])
-        joints, states = _names(document, "joint_names"), _names(document, "states")
-        nv = len(joints) + (3 if base.planar else 0)
-        tables = {name: _names(document, name) for name in _TABLES}
-        goal = None if document["goal"] is None else np.array(document["goal"], dtype=float)
-        if goal is not None and not np.isfinite(goal).all():
-            raise ValueError(f"goal {goal.tolist()!s:.80} must be finite")
-        events = tuple(
-            Event(_finite("an event's time", time), str(kind), str(reason)) for time, kind, reason in document["events"]
-        )
-        locked = {str(name): _finite(f"locked[{name!r}]", value) for name, value in document["locked"].items()}
-        obstacles, tracks, metadata = document["obstacles"], len(document["tracks"]), dict(document["metadata"])
-        robot, urdf = document["robot"], document["urdf"]
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
-        raise RecordError(f"the metadata are damaged: {type(error).__name__}: {error}") from None
-    if goal is not None and goal.shape != (nv,):
-        raise RecordError(f"the goal has shape {goal.shape}; it must be ({nv},)")
+def _unpacked(document: dict[str, object], loaded: Mapping[str, npt.NDArray[Any]]) -> Record:
+    root = Node(document, "", Source(Path("metadata"), RecordError))
+    base = BaseKind(root["base"].text(valid=[kind.value for kind in BaseKind]))
+    joints, states = _names(root["joint_names"]), _names(root["states"])
+    nv = len(joints) + (3 if base.planar else 0)
+    tables = {name: _names(root[name]) for name in _TABLES}
+    goal = None if root["goal"].value is None else root["goal"].vector(nv, limit=math.inf)
+    locked = {name: entry.number(**_ANY) for name, entry in root["locked"].mapping().items()}
+    urdf, tracks = root["urdf"].value, len(root["tracks"].items())
     T = _array(loaded, "control_time", (None,)).shape[0]
     widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints), "motors": len(DRIVE_NAMES[base])}
     shapes = {name: (T,) if name in ("time", "state") else (T, widths.get(name, nv)) for name in _CONTROL}
@@ -389,35 +274,35 @@ def _unpacked(document: dict[str, Any], loaded: Mapping[str, Any]) -> Record:
     position = _array(loaded, "track_position", (T, tracks, 3))
     quaternion = _array(loaded, "track_quaternion", (T, tracks, 4))
     return Record(
-        robot=str(robot),
+        robot=str(root["robot"].value),
         base=base,
         joint_names=joints,
         locked=locked,
         urdf=None if urdf is None else str(urdf),
         control=control,
         planning=planning,
-        events=events,
-        world=world_from_documents(obstacles, control.time, position, quaternion),
+        events=tuple(map(_event, root["events"])),
+        world=world_from_documents(root["obstacles"].value, control.time, position, quaternion),
         goal=None if goal is None else frozen(goal),
         states=states,
-        metadata=metadata,
+        metadata={key: entry.value for key, entry in root["metadata"].mapping().items()},
     )
 
 
-def _finite(what: str, value: Any) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{what} is {number}; it must be finite")
-    return number
+def _event(node: Node) -> Event:
+    entries = node.items()
+    if len(entries) != 3:
+        node.fail(f"must be a list of time, kind and reason, not {node.kind}")
+    return Event(entries[0].number(**_ANY), str(entries[1].value), str(entries[2].value))
 
 
-def _names(document: dict[str, Any], key: str) -> tuple[str, ...]:
-    names = document[key]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"{key} must be a list of names")
-    return tuple(names)
+def _names(node: Node) -> tuple[str, ...]:
+    if not isinstance(node.value, list) or not all(isinstance(name, str) for name in node.value):
+        node.fail(f"must be a list of names, not {node.kind}")
+    return tuple(node.value)
 
 
+_ANY: dict[str, Any] = {"low": -math.inf, "high": math.inf, "unit": ""}  # bounds of a number that only has to be finite
 _KINDS = {"state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i"}
 _MAY_BE_NAN = frozenset(
     (
@@ -436,7 +321,7 @@ _MAY_BE_NAN = frozenset(
 _KIND_NAMES = {"u": "unsigned integers", "b": "truth values", "i": "integers", "f": "floating point numbers"}
 
 
-def _array(loaded: Mapping[str, Any], key: str, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
+def _array(loaded: Mapping[str, npt.NDArray[Any]], key: str, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
     if key not in loaded:
         raise RecordError(f"the array {key!r} is missing")
     array = loaded[key]

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from elastic_strips.errors import ScenarioError
-from elastic_strips.io import schema
-from elastic_strips.io.scene_file import VERSION, world_from_node
-from elastic_strips.io.yaml_source import Node, load_yaml
 from elastic_strips.scene import Scene, World
 
-BASES = ("diff_drive", "omni", "fixed")
-PRESETS = ("default", "paper")
+from .nodes import Node, load_yaml
+from .scene_file import VERSION, world_from_node
+
+_BASES = ("diff_drive", "omni", "fixed")
+_PRESETS = ("default", "paper")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,30 +90,30 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
             names file, line and key.
     """
     root = load_yaml(path, error=ScenarioError)
-    entries = schema.mapping(root, _KEYS, needed=("robot", "scene", "start", "goal"), what="a scenario")
+    entries = root.mapping(_KEYS, needed=("robot", "scene", "start", "goal"), what="a scenario")
     file = root.source.path
     if "version" in entries:
-        schema.integer(entries["version"], low=VERSION, high=VERSION)
+        entries["version"].integer(low=VERSION, high=VERSION)
     world = _world(entries["scene"])
     return ScenarioSpec(
-        name=schema.string(entries["name"]) if "name" in entries else file.stem,
-        description=schema.string(entries["description"]) if "description" in entries else "",
+        name=entries["name"].text() if "name" in entries else file.stem,
+        description=entries["description"].text() if "description" in entries else "",
         robot=_robot(entries["robot"]),
-        base=schema.string(entries["base"], valid=BASES) if "base" in entries else None,
-        preset=schema.string(entries["preset"], valid=PRESETS) if "preset" in entries else None,
+        base=entries["base"].text(valid=_BASES) if "base" in entries else None,
+        preset=entries["preset"].text(valid=_PRESETS) if "preset" in entries else None,
         params=_numbers(entries["params"], high=1e12) if "params" in entries else {},
         scene=world.at(world.scene.time),
         world=world,
         start=_pose(entries["start"]),
         goal=_pose(entries["goal"]),
-        seed=schema.integer(entries["seed"], low=0, high=2**32 - 1) if "seed" in entries else 0,
+        seed=entries["seed"].integer(low=0, high=2**32 - 1) if "seed" in entries else 0,
         path=file,
     )
 
 
 def _robot(node: Node) -> str:
     """A robot's name as it is; a path to a URDF, relative to the file, as an absolute path."""
-    robot = schema.string(node)
+    robot = node.text()
     if not robot.lower().endswith(".urdf") and "/" not in robot and "\\" not in robot:
         return robot
     path = (node.source.path.parent / robot).absolute()
@@ -125,17 +125,16 @@ def _robot(node: Node) -> str:
 def _world(node: Node) -> World:
     if not isinstance(node.value, str):
         return world_from_node(node)
-    return world_from_node(load_yaml(node.source.path.parent / schema.string(node), error=ScenarioError))
+    return world_from_node(load_yaml(node.source.path.parent / node.text(), error=ScenarioError))
 
 
 def _pose(node: Node) -> PoseSpec:
-    entries = schema.mapping(node, ("x", "y", "yaw", "joints"), what="a pose")
-    yaw = schema.number(entries["yaw"], low=-1e3 * math.pi, high=1e3 * math.pi, unit="rad") if "yaw" in entries else 0.0
-    x, y = (schema.number(entries[key]) if key in entries else 0.0 for key in ("x", "y"))
+    entries = node.mapping(("x", "y", "yaw", "joints"), what="a pose")
+    yaw = entries["yaw"].number(low=-1e3 * math.pi, high=1e3 * math.pi, unit="rad") if "yaw" in entries else 0.0
+    x, y = (entries[key].number() if key in entries else 0.0 for key in ("x", "y"))
     return PoseSpec(x=x, y=y, yaw=yaw, joints=_numbers(entries["joints"], high=1e6) if "joints" in entries else {})
 
 
 def _numbers(node: Node, *, high: float) -> dict[str, float]:
-    if not isinstance(node.value, dict):
-        node.fail(f"must be a mapping of names to numbers, not {schema.kind(node)}")
-    return {key: schema.number(entry, low=-high, high=high, unit="") for key, entry in node.value.items()}
+    entries = node.mapping(what="names to numbers")
+    return {key: entry.number(low=-high, high=high, unit="") for key, entry in entries.items()}

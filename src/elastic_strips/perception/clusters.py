@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.scene import Box, Cylinder, Obstacle
 
-from ..scene import Box, Cylinder, Obstacle
 from .params import SceneEstimatorParams
 from .readings import ScanRays
 
@@ -53,7 +53,7 @@ def clusters_of(rays: ScanRays, params: SceneEstimatorParams) -> tuple[Cluster, 
     if not len(hit):
         return ()
     r = rays.ranges[hit]
-    points = rays.origin + r[:, None] * rays.way[hit]
+    points = rays.origin + r[:, None] * rays.direction[hit]
     count, empty = len(rays.ranges), np.isposinf(rays.ranges)
     free = np.concatenate(([0], np.cumsum(empty)))  # free rays before each ray
     turn = np.diff(rays.bearing[hit], append=rays.bearing[hit[0]] + 2.0 * math.pi)  # the last one: round to the first
@@ -99,7 +99,7 @@ ROUND, STRAIGHT, OTHER = "round", "straight", "other"
 
 
 @dataclass(frozen=True, slots=True)
-class Footprint:
+class ClusterShape:
     """What a cluster is taken for.
 
     Attributes:
@@ -157,7 +157,7 @@ def fit_circle(points: Array) -> tuple[float, float, float]:
     return float(mean[0] + cx), float(mean[1] + cy), math.sqrt(cx * cx + cy * cy + mz)
 
 
-def footprint(cluster: Cluster, params: SceneEstimatorParams) -> Footprint:
+def fit_shape(cluster: Cluster, params: SceneEstimatorParams) -> ClusterShape:
     """A circle or one box that holds a cluster's points, and plausibly the back of the thing."""
     points = cluster.points
     tolerance = 3.0 * params.range_noise
@@ -169,13 +169,13 @@ def footprint(cluster: Cluster, params: SceneEstimatorParams) -> Footprint:
         return circle
     if off <= tolerance or len(points) < 3:
         return _box(points, math.atan2(chord[1], chord[0]), cluster, params, STRAIGHT)
-    pieces = split_points(points, tolerance)
+    pieces = _split_points(points, tolerance)
     a, b = max(pieces, key=lambda p: float(np.hypot(*(points[p[1]] - points[p[0]]))))
     along = points[b] - points[a]
     return _box(points, math.atan2(along[1], along[0]), cluster, params, OTHER)
 
 
-def split_points(points: Array, tolerance: float) -> list[tuple[int, int]]:
+def _split_points(points: Array, tolerance: float) -> list[tuple[int, int]]:
     """Pieces (first, last) of a chain of points (n, 2) that are straight to ``tolerance`` [m]: split, then merge.
 
     Neighbouring pieces share a point, so that no surface is left out between them.
@@ -207,11 +207,11 @@ def cluster_obstacles(cluster: Cluster, params: SceneEstimatorParams, name: str)
     One for what is round, straight, or small and bulging towards the sensor; else (a room's corner, a curved wall) one
     box for every straight piece: ``name``, or ``name.0``, ``name.1``, ….
     """
-    shape = footprint(cluster, params)
+    shape = fit_shape(cluster, params)
     bulging = cluster.extent <= params.max_mover_size and _bulges(cluster)
     if shape.kind in (ROUND, STRAIGHT) or bulging:
         return (_solid(shape, params, name),)
-    points, pieces = cluster.points, split_points(cluster.points, 3.0 * params.range_noise)
+    points, pieces = cluster.points, _split_points(cluster.points, 3.0 * params.range_noise)
     solids = []
     for k, (a, b) in enumerate(pieces):
         part = Cluster(points[a : b + 1], cluster.origin, cluster.hidden, cluster.hidden)
@@ -221,7 +221,7 @@ def cluster_obstacles(cluster: Cluster, params: SceneEstimatorParams, name: str)
     return tuple(solids)
 
 
-def _solid(shape: Footprint, params: SceneEstimatorParams, name: str) -> Obstacle:
+def _solid(shape: ClusterShape, params: SceneEstimatorParams, name: str) -> Obstacle:
     at = (*shape.center, 0.5 * params.height)
     if shape.kind == ROUND:
         return Cylinder(shape.radius + params.padding, params.height, at=at, name=name)
@@ -230,7 +230,7 @@ def _solid(shape: Footprint, params: SceneEstimatorParams, name: str) -> Obstacl
     return Box(np.maximum(size, 1e-3), at=at, quat=quat, name=name)
 
 
-def _circle(cluster: Cluster, params: SceneEstimatorParams, off: float, length: float) -> Footprint | None:
+def _circle(cluster: Cluster, params: SceneEstimatorParams, off: float, length: float) -> ClusterShape | None:
     """The circle of a cluster, if it is round: enough of it is seen, all of it near a circle, on its near side."""
     points = cluster.points
     mean = points.mean(axis=0)
@@ -242,7 +242,7 @@ def _circle(cluster: Cluster, params: SceneEstimatorParams, off: float, length: 
             return None
         center = mean + view / far * 0.5 * extent
         radius = max(float(np.hypot(*(points - center).T).max()), 0.01)
-        return Footprint(ROUND, (float(center[0]), float(center[1])), radius, (2.0 * radius, 2.0 * radius), 0.0)
+        return ClusterShape(ROUND, (float(center[0]), float(center[1])), radius, (2.0 * radius, 2.0 * radius), 0.0)
     x, y, radius = fit_circle(points)
     if not radius <= params.max_round_radius:
         return None
@@ -256,10 +256,10 @@ def _circle(cluster: Cluster, params: SceneEstimatorParams, off: float, length: 
     if length < 0.8 * radius or off < max(2.0 * params.range_noise, 0.12 * length):  # too little of the circle is seen
         return None
     radius = max(radius, float(distance.max()))
-    return Footprint(ROUND, (x, y), radius, (2.0 * radius, 2.0 * radius), 0.0)
+    return ClusterShape(ROUND, (x, y), radius, (2.0 * radius, 2.0 * radius), 0.0)
 
 
-def _box(points: Array, yaw: float, cluster: Cluster, params: SceneEstimatorParams, kind: str) -> Footprint:
+def _box(points: Array, yaw: float, cluster: Cluster, params: SceneEstimatorParams, kind: str) -> ClusterShape:
     """Box along ``yaw`` that holds the points, and as much behind them as the parameters say."""
     c, s = math.cos(yaw), math.sin(yaw)
     u, v = points @ (c, s), points @ (-s, c)
@@ -273,7 +273,7 @@ def _box(points: Array, yaw: float, cluster: Cluster, params: SceneEstimatorPara
             v1 = v0 + thin
     mu, mv = 0.5 * (u0 + u1), 0.5 * (v0 + v1)
     center = (c * mu - s * mv, s * mu + c * mv)
-    return Footprint(kind, center, 0.5 * math.hypot(length, v1 - v0), (length, v1 - v0), yaw)
+    return ClusterShape(kind, center, 0.5 * math.hypot(length, v1 - v0), (length, v1 - v0), yaw)
 
 
 def _bulges(cluster: Cluster) -> bool:

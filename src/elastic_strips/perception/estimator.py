@@ -1,21 +1,22 @@
-"""Perception room, estimator: readings in, scenes out: a map of what stands, and tracks of what moves."""
+"""Scene estimator: readings in, scenes out: a map of what stands, and tracks of what moves."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..scene import Obstacle, Scene
-from ..validation import check_type
+from elastic_strips.arrays import ArrayLike
+from elastic_strips.errors import ParameterError
+from elastic_strips.scene import Obstacle, Scene
+from elastic_strips.validation import check_type
+
 from .clusters import cluster_obstacles, clusters_of
+from .occupancy_grid import OccupancyGrid
 from .params import SceneEstimatorParams
 from .readings import LaserScan, RangeRing, Reading, pose_matrix, rays_of
 from .tracking import TrackedObstacle, Tracker
-from .voxel_map import VoxelMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class EstimatorReport:
         time: of it [s].
         hits, nothing, no_answer: how many of its ranges met something, met nothing, and say nothing.
         clusters: how many things it fell into.
-        tracks, movers, suspects: how many things are followed, how many of them move, and how many may.
+        tracks, movers, possibly_moving: how many things are followed, how many of them move, and how many may.
         started, lost: how many tracks began and ended.
         tiles: how many obstacles the map has; rebuilt: how many of them were made anew for the last scene.
     """
@@ -40,7 +41,7 @@ class EstimatorReport:
     clusters: int = 0
     tracks: int = 0
     movers: int = 0
-    suspects: int = 0
+    possibly_moving: int = 0
     started: int = 0
     lost: int = 0
     tiles: int = 0
@@ -68,14 +69,14 @@ class SceneEstimator:
     def __init__(self, params: SceneEstimatorParams | None = None) -> None:
         check_type("params", params, SceneEstimatorParams, none=True)
         self.params = params or SceneEstimatorParams()
-        self.map = VoxelMap(self.params)
-        self.near = VoxelMap(replace(self.params, unseen="free"), "near")
+        self.map = OccupancyGrid(self.params)
+        self.near = OccupancyGrid(replace(self.params, unseen="free"), "near")
         self.tracker = Tracker(self.params)
         self.report = EstimatorReport()
         self._newest: dict[str, float] = {}
         self._scan_time = self._time = -math.inf
         self._movers: tuple[TrackedObstacle, ...] = ()
-        self._suspects: tuple[TrackedObstacle, ...] = ()
+        self._possibly_moving: tuple[TrackedObstacle, ...] = ()
         self._static: tuple[Obstacle, ...] = ()
         self._scene: Scene | None = None
 
@@ -85,16 +86,16 @@ class SceneEstimator:
         return self._movers
 
     @property
-    def suspects(self) -> tuple[TrackedObstacle, ...]:
-        """What has moved and may set off again, or begins to; in the map too, and in scenes of `Unknown` motion."""
-        return self._suspects
+    def possibly_moving(self) -> tuple[TrackedObstacle, ...]:
+        """What has moved and may set off again, or begins to; in the map too, and in scenes with `UnknownMotion`."""
+        return self._possibly_moving
 
     @property
     def times(self) -> dict[str, float]:
         """Sensor → time of its newest reading [s]; a sensor that has died is one whose time stands still."""
         return dict(self._newest)
 
-    def update(self, reading: Reading, base_pose: Any) -> EstimatorReport:
+    def update(self, reading: Reading, base_pose: ArrayLike) -> EstimatorReport:
         """Take a reading in.
 
         Args:
@@ -117,12 +118,12 @@ class SceneEstimator:
         else:
             counts = self._ring(reading, base_pose)
         T = pose_matrix(base_pose)
-        self.map.stand(float(T[0, 3]), float(T[1, 3]))
+        self.map.clear_footprint(float(T[0, 3]), float(T[1, 3]))
         self._newest[reading.sensor] = reading.time
         if isinstance(reading, LaserScan):
             self._scan_time = max(self._scan_time, reading.time)
         self._time = self._scan_time if self._scan_time > -math.inf else max(self._time, reading.time)
-        self._movers, self._suspects = self.tracker.movers, self.tracker.suspects
+        self._movers, self._possibly_moving = self.tracker.movers, self.tracker.possibly_moving
         self._scene = None
         r = reading.ranges
         self.report = EstimatorReport(
@@ -132,7 +133,7 @@ class SceneEstimator:
             nothing=int(np.isposinf(r).sum()),
             no_answer=int(np.isnan(r).sum()),
             movers=len(self._movers),
-            suspects=len(self._suspects),
+            possibly_moving=len(self._possibly_moving),
             tiles=len(self._static),
             rebuilt=self.map.rebuilt + self.near.rebuilt,
             **counts,
@@ -140,7 +141,7 @@ class SceneEstimator:
         return self.report
 
     def scene(self, t: float | None = None) -> Scene:
-        """The newest scene: what stands, the movers with their velocities, and the suspects.
+        """The newest scene: what stands, the movers with their velocities, and what possibly moves.
 
         Its ``time`` is the newest scan's.
 
@@ -161,18 +162,18 @@ class SceneEstimator:
             raise ParameterError(f"a scene at t={t!r} s is asked for, but scans up to {self._time:g} s are in it")
         if self._scene is None:
             self._static = self.map.obstacles() + self.near.obstacles()
-            tracked = (t.obstacle for t in (*self._movers, *self._suspects))
+            tracked = (t.obstacle for t in (*self._movers, *self._possibly_moving))
             self._scene = Scene([*self._static, *tracked], time=self._time)
         return self._scene
 
-    def _scan(self, scan: LaserScan, base_pose: Any) -> dict[str, int]:
+    def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> dict[str, int]:
         rays = rays_of(scan, base_pose)
         clusters = clusters_of(rays, self.params)
         sighting = self.tracker.update(rays, clusters, scan.sensor)
         self.map.forget(sighting.moved)
         at = np.flatnonzero(rays.hits)
         ignored = np.zeros(len(rays.ranges), dtype=bool)
-        ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.way[at])
+        ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
         return {
             "clusters": len(clusters),
@@ -181,14 +182,14 @@ class SceneEstimator:
             "lost": sighting.lost,
         }
 
-    def _ring(self, ring: RangeRing, base_pose: Any) -> dict[str, int]:
+    def _ring(self, ring: RangeRing, base_pose: ArrayLike) -> dict[str, int]:
         T = pose_matrix(base_pose) @ ring.T_base_sensor
         ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
         self.near.add_ring(ring, base_pose, self.tracker.of_movers(ends))
         return {}
 
 
-def scan_scene(scan: LaserScan, base_pose: Any, params: SceneEstimatorParams | None = None) -> Scene:
+def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:
     """The scene that a single scan shows, without a history: nothing moves.
 
     Every cluster becomes upright solids that hold what was seen, padded: a cylinder where it is round, a thin box where

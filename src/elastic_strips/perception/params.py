@@ -1,16 +1,17 @@
-"""Perception room, parameters of scenes from readings: noise, sizes, tracks, map; validated where they are made."""
+"""Parameters of scenes from readings: noise, sizes, tracks, map; validated where they are made."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from ..errors import ParameterError, nearest_name
-from ..validation import check_numbers
+from elastic_strips.errors import ParameterError, nearest_name
+from elastic_strips.validation import check_numbers
 
-UNSEEN = ("free", "blocked")
+_UNSEEN = ("free", "blocked")
 _MAY_BE_ZERO = (
-    "wary_time", "stir_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range", "settle_delay",
+    "recent_motion_time", "motion_onset_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range",
+    "settle_delay",
 )  # fmt: skip
 
 
@@ -20,7 +21,7 @@ class SceneEstimatorParams:
 
     A planar scan says nothing about height: whatever it meets is assumed to reach from the floor up to ``height``.
     What lies wholly above or below the scan's plane is not seen at all; see
-    :func:`~elastic_strips.sim.sensors.seen_obstacles`.
+    :func:`~elastic_strips.sim.evaluation.seen_obstacles`.
 
     Attributes:
         height: of all sensed obstacles, from the floor (z = 0) up; at least that of the robot with its arm stretched.
@@ -38,16 +39,16 @@ class SceneEstimatorParams:
         max_speed: of movers [m/s].
         min_speed: what is slower stands [m/s].
         significance: a mover's speed is at least so many of its standard deviations.
-        look_back: to be a mover, a thing must be where an earlier scan, so long ago, saw nothing, or the other way.
+        history: to be a mover, a thing must be where an earlier scan, so long ago, saw nothing, or the other way.
         confirm_hits: scans with a cluster until a track is confirmed.
         lost_misses: scans in a row that see through a track until it is lost.
         coast_time: how long a track that is hidden is foreseen.
         rest_time: a mover that has not moved significantly for so long goes back into the map.
-        wary_time: for so long after that it may set off again: until then the scene has it as a thing of
-            unknown motion as well; wary_speed: at most so fast, until it is seen to move [m/s].
-        stir_time: what is where nothing was, or not any more where it was, is in the scene as a thing of unknown
-            motion too, before its velocity is known, and for so long after that was last seen;
-            stir_speed: at most so fast [m/s].
+        recent_motion_time: for so long after that it may set off again: until then the scene has it as a thing of
+            unknown motion as well; recent_motion_speed: at most so fast, until it is seen to move [m/s].
+        motion_onset_time: what is where nothing was, or not any more where it was, is in the scene as a thing of
+            unknown motion too, before its velocity is known, and for so long after that was last seen;
+            motion_onset_speed: at most so fast [m/s].
         shape_change: a mover keeps its shape until its radius has changed by more.
         cell: edge of the map's cells; tile: edge of the tiles that the map's obstacles consist of.
         hit, miss: log-odds that a scan adds to cells that it hits, and takes from those it sees through.
@@ -79,15 +80,15 @@ class SceneEstimatorParams:
     max_speed: float = 3.0
     min_speed: float = 0.12
     significance: float = 3.0
-    look_back: float = 0.8
+    history: float = 0.8
     confirm_hits: int = 3
     lost_misses: int = 4
     coast_time: float = 2.0
     rest_time: float = 2.0
-    wary_time: float = 10.0
-    wary_speed: float = 0.2
-    stir_time: float = 0.2
-    stir_speed: float = 1.0
+    recent_motion_time: float = 10.0
+    recent_motion_speed: float = 0.2
+    motion_onset_time: float = 0.2
+    motion_onset_speed: float = 1.0
     shape_change: float = 0.04
     cell: float = 0.05
     tile: float = 1.0
@@ -105,8 +106,8 @@ class SceneEstimatorParams:
     sonar_range: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.unseen not in UNSEEN:
-            raise ParameterError(f"SceneEstimatorParams.unseen={self.unseen!r}{nearest_name(self.unseen, UNSEEN)}")
+        if self.unseen not in _UNSEEN:
+            raise ParameterError(f"SceneEstimatorParams.unseen={self.unseen!r}{nearest_name(self.unseen, _UNSEEN)}")
         check_numbers(self, zero=_MAY_BE_ZERO)
         self._check_pairs()
 

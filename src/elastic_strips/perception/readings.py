@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Mask
-
-from ..errors import ParameterError
-from ..summary import Summary
+from elastic_strips.arrays import Array, ArrayLike, Mask
+from elastic_strips.errors import ParameterError
+from elastic_strips.summary import Summary
 
 NOTHING = np.inf
 """A range at which nothing is, as far as the sensor reaches."""
@@ -122,7 +120,7 @@ class ScanRays:
         time: of the scan [s].
         origin: (2,) where its rays start [m].
         height: of its plane over the floor [m].
-        way: (R, 2) unit directions.
+        direction: (R, 2) unit vectors along the rays.
         bearing: (R,) their angles, ascending, not wrapped [rad].
         ranges: (R,) as in the scan [m].
         range_min, range_max: of the sensor [m].
@@ -132,7 +130,7 @@ class ScanRays:
     time: float
     origin: Array
     height: float
-    way: Array
+    direction: Array
     bearing: Array
     ranges: Array
     range_min: float
@@ -179,10 +177,10 @@ class ScanRays:
         return through, hidden
 
 
-def pose_matrix(base_pose: Any) -> Array:
+def pose_matrix(base_pose: ArrayLike) -> Array:
     """T_world_base (4, 4) of a base's pose (x [m], y [m], yaw [rad]) on the floor."""
     try:
-        x, y, yaw = (float(v) for v in base_pose)
+        x, y, yaw = (float(v) for v in np.asarray(base_pose, dtype=float).tolist())
     except (TypeError, ValueError):
         raise ParameterError(f"base_pose={base_pose!r} must be three numbers: x [m], y [m], yaw [rad]") from None
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
@@ -191,7 +189,7 @@ def pose_matrix(base_pose: Any) -> Array:
     return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def rays_of(scan: LaserScan, base_pose: Any) -> ScanRays:
+def rays_of(scan: LaserScan, base_pose: ArrayLike) -> ScanRays:
     """Lay a scan out in the world.
 
     Args:
@@ -215,7 +213,7 @@ def rays_of(scan: LaserScan, base_pose: Any) -> ScanRays:
         time=scan.time,
         origin=T[:2, 3].copy(),
         height=float(T[2, 3]),
-        way=np.column_stack((np.cos(bearing), np.sin(bearing))),
+        direction=np.column_stack((np.cos(bearing), np.sin(bearing))),
         bearing=bearing,
         ranges=ranges,
         range_min=scan.range_min,

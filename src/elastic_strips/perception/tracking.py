@@ -11,9 +11,9 @@ from enum import Enum
 import numpy as np
 
 from elastic_strips.arrays import Array, Mask
+from elastic_strips.scene import Cylinder, Motion, Obstacle, Twist, UnknownMotion
 
-from ..scene import Cylinder, Motion, Obstacle, Twist, Unknown
-from .clusters import OTHER, ROUND, Cluster, Footprint, footprint
+from .clusters import OTHER, ROUND, Cluster, ClusterShape, fit_shape
 from .params import SceneEstimatorParams
 from .readings import ScanRays
 
@@ -36,7 +36,7 @@ class TrackedObstacle:
 
     Attributes:
         name: of the track and of the obstacle, ``"track-3"``; it stays with the thing.
-        obstacle: with its pose and `Twist` at `time`, or `Unknown` where that is all that is known; its solid is
+        obstacle: with its pose and `Twist` at `time`, or `UnknownMotion` where that is all that is known; its solid is
             the same object as long as its size is.
         time: of the estimate [s].
         position: (2,) of the cylinder's axis [m].
@@ -59,10 +59,6 @@ class TrackedObstacle:
     seen: float
     age: float
 
-    def within(self, position_error: float, velocity_error: float, *, sigmas: float = 3.0) -> bool:
-        """Whether ``sigmas`` standard deviations are no more than what a planner assumes [m, m/s]."""
-        return sigmas * self.position_sigma <= position_error and sigmas * self.velocity_sigma <= velocity_error
-
 
 class Track:
     """Workspace: the state of one thing.
@@ -73,6 +69,7 @@ class Track:
 
     __slots__ = (
         "born",
+        "displaced_at",
         "fitted",
         "hits",
         "misses",
@@ -89,14 +86,13 @@ class Track:
         "solid",
         "solid_radius",
         "state",
-        "stirred",
         "time",
         "v",
         "votes",
         "vv",
     )
 
-    def __init__(self, number: int, time: float, cluster: Cluster, shape: Footprint, params: SceneEstimatorParams):
+    def __init__(self, number: int, time: float, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams):
         self.number, self.time, self.born, self.seen = number, time, time, time
         self.p, self.v = np.array(shape.center), np.zeros(2)
         self.pp, self.pv, self.vv = _noise(cluster, shape, params, shape.radius), 0.0, (0.5 * params.max_speed) ** 2
@@ -104,7 +100,7 @@ class Track:
         self.hits, self.misses, self.votes = 1, 0, 0
         self.state, self.moving = TrackState.TENTATIVE, False
         # when it last moved, when it came to rest, and when scans last contradicted that it stands
-        self.moved = self.rested = self.stirred = -math.inf
+        self.moved = self.rested = self.displaced_at = -math.inf
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
         self.solid: Cylinder | None = None
         self.solid_radius = 0.0
@@ -127,7 +123,7 @@ class Track:
         self.vv += q * dt * dt
         self.time = max(time, self.time)
 
-    def measured(self, cluster: Cluster, shape: Footprint) -> Array:
+    def measured(self, cluster: Cluster, shape: ClusterShape) -> Array:
         """(2,) where the cluster has the thing's centre, given the radius that earlier scans had [m].
 
         Of a circle the side next to the sensor is known well and its far side is not: the centre is put behind the
@@ -139,14 +135,14 @@ class Track:
         view = center - cluster.origin
         return center + view / max(float(np.hypot(view[0], view[1])), 1e-9) * (self.fitted - shape.radius)
 
-    def distance2(self, cluster: Cluster, shape: Footprint, params: SceneEstimatorParams) -> float:
+    def distance2(self, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams) -> float:
         """Squared Mahalanobis distance of a cluster; infinite where it is too far for anything that moves."""
         d = self.measured(cluster, shape) - self.p
         square = float(d @ d)
         size = abs(shape.radius - self.fitted) / (0.1 + 0.3 * self.fitted)
         return square / (self.pp + _noise(cluster, shape, params, self.fitted)) + size * size
 
-    def correct(self, cluster: Cluster, shape: Footprint, params: SceneEstimatorParams) -> None:
+    def correct(self, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams) -> None:
         """Take a cluster in."""
         noise = _noise(cluster, shape, params, self.fitted)
         total = self.pp + noise
@@ -173,13 +169,13 @@ class Track:
         """Whether it is faster than what stands, and than its uncertainty."""
         return self.speed >= max(params.min_speed, params.significance * math.sqrt(self.vv))
 
-    def wary(self, params: SceneEstimatorParams) -> bool:
+    def recently_moved(self, params: SceneEstimatorParams) -> bool:
         """Whether it has moved, stands, and may set off again."""
-        return not self.moving and self.time - self.rested <= params.wary_time
+        return not self.moving and self.time - self.rested <= params.recent_motion_time
 
-    def stirring(self, params: SceneEstimatorParams) -> bool:
+    def begins_to_move(self, params: SceneEstimatorParams) -> bool:
         """Whether scans contradict that it stands, while its velocity is not known yet."""
-        return not self.moving and self.time - self.stirred <= params.stir_time
+        return not self.moving and self.time - self.displaced_at <= params.motion_onset_time
 
     def past_points(self, time: float) -> Array:
         """The newest points that are not younger than ``time`` [s]; empty where there are none."""
@@ -200,13 +196,13 @@ class Track:
         position, velocity = self.p.copy(), self.v.copy()
         position.flags.writeable = velocity.flags.writeable = False
         motion: Motion = Twist(np.array([velocity[0], velocity[1], 0.0]))
-        if self.stirring(params):
-            motion = Unknown(min(params.stir_speed, self.speed + 2.0 * math.sqrt(self.vv)))
+        if self.begins_to_move(params):
+            motion = UnknownMotion(min(params.motion_onset_speed, self.speed + 2.0 * math.sqrt(self.vv)))
         elif not self.moving:
-            motion = Unknown(params.wary_speed)
+            motion = UnknownMotion(params.recent_motion_speed)
         return TrackedObstacle(
             name=self.name,
-            obstacle=self.solid.at(self.time).sensed(pose, motion),
+            obstacle=self.solid.at(self.time).observed(pose, motion),
             time=self.time,
             position=position,
             velocity=velocity,
@@ -218,7 +214,7 @@ class Track:
         )
 
 
-def _noise(cluster: Cluster, shape: Footprint, params: SceneEstimatorParams, radius: float) -> float:
+def _noise(cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams, radius: float) -> float:
     """Variance of a cluster's centre along any direction, given the radius of earlier scans [m²]."""
     fit = 2.0 if shape.kind == ROUND else 4.0
     variance = (fit * params.range_noise) ** 2 + params.pose_noise**2
@@ -234,7 +230,7 @@ _FORBIDDEN = 1e6
 _VIEW_STEP = 0.04
 _MAX_VIEWS = 64
 _WAY = 0.3
-"""A thing is looked for where it was this far [m] ago, or as long ago as ``look_back``."""
+"""A thing is looked for where it was this far [m] ago, or as long ago as ``history``."""
 _EVIDENCE = 0.2
 _VOTES = 2
 
@@ -275,21 +271,18 @@ class Tracker:
         return tuple(t.tracked(self.params) for t in self._tracks if t.moving)
 
     @property
-    def suspects(self) -> tuple[TrackedObstacle, ...]:
+    def possibly_moving(self) -> tuple[TrackedObstacle, ...]:
         """What has moved and may set off again, or begins to: with bounds of their speeds, by age."""
-        return tuple(t.tracked(self.params) for t in self._tracks if t.wary(self.params) or t.stirring(self.params))
-
-    def predict(self, time: float) -> None:
-        """Take all tracks to ``time`` [s]."""
-        for track in self._tracks:
-            track.predict(time, self.params)
+        p = self.params
+        return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
 
     def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Sighting:
         """Take a scan in: assign its clusters, judge what was not seen, begin new tracks."""
         params = self.params
-        self.predict(rays.time)
+        for track in self._tracks:
+            track.predict(rays.time, params)
         small = [c for c in clusters if len(c.points) >= params.min_points and c.extent <= params.max_mover_size]
-        shapes = [footprint(c, params) for c in small]
+        shapes = [fit_shape(c, params) for c in small]
         pairs = self._assign(small, shapes)
         moved: list[Array] = []
         seen, used = set(), set()
@@ -320,7 +313,7 @@ class Tracker:
                 inside |= np.hypot(d[:, 0], d[:, 1]) <= track.radius + self.params.padding
         return inside
 
-    def _assign(self, clusters: list[Cluster], shapes: list[Footprint]) -> list[tuple[int, int]]:
+    def _assign(self, clusters: list[Cluster], shapes: list[ClusterShape]) -> list[tuple[int, int]]:
         if not clusters or not self._tracks:
             return []
         from scipy.optimize import linear_sum_assignment  # late: slow to import
@@ -349,16 +342,16 @@ class Tracker:
             return
         displaced = self._displaced(track, cluster, rays, sensor)
         if displaced:
-            track.stirred = track.time
+            track.displaced_at = track.time
         # what has moved before needs no proof that it can
-        track.votes = track.votes + 1 if significant and (displaced or track.wary(params)) else 0
+        track.votes = track.votes + 1 if significant and (displaced or track.recently_moved(params)) else 0
         if track.votes >= _VOTES:
             track.moving, track.moved = True, track.time
             moved.extend(points for _, points in track.points)
 
     def _displaced(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str) -> bool:
         """Whether scans some time apart contradict that a track stands."""
-        then = rays.time - min(self.params.look_back, _WAY / max(track.speed, 1e-9))
+        then = rays.time - min(self.params.history, _WAY / max(track.speed, 1e-9))
         view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
         if view is None:
             return False
@@ -384,7 +377,7 @@ class Tracker:
         if rays.time - track.seen > params.coast_time:
             track.state = TrackState.LOST
 
-    def _begin(self, fresh: list[tuple[Cluster, Footprint]], time: float) -> int:
+    def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float) -> int:
         """New tracks, but for parts of movers."""
         if not fresh:
             return 0

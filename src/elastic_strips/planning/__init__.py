@@ -1,38 +1,42 @@
-"""Planning: initial strips, alternatives on other sides of the obstacles, and families of them."""
+"""Planning: an initial strip, or several on different sides of the obstacles, and sets of them kept in a scene."""
 
-from .alternatives import Alternative, AlternativesReport, plan_alternatives, strip_cost
-from .ends import check_ends
-from .family import FamilyParams, FamilyReport, StripFamily
 from .grid_path import GridPath, grid_path
-from .homotopy import Component, Way, base_class, base_components, distinct_ways, parted_by
-from .line import straight_line, tucked_rows, waypoint_rows
-from .ompl_planner import PathResult, ompl_path
+from .homotopy.alternatives import Alternative, strip_cost
+from .homotopy.classes import (
+    HomotopyPath,
+    ObstacleCluster,
+    homotopy_class,
+    homotopy_paths,
+    obstacle_clusters,
+    separating_obstacles,
+)
+from .homotopy.strip_set import StripSet, StripSetParams, StripSetReport
+from .initial_strip import straight_line, tucked_rows, waypoint_rows
+from .ompl_planner import PathResult, Validity, certify_path, ompl_path
 from .plan import PlanReport, plan, plan_report
-from .validity import Validity, certify_path
+from .problem import check_endpoints
 
 __all__ = [
     "Alternative",
-    "AlternativesReport",
-    "Component",
-    "FamilyParams",
-    "FamilyReport",
     "GridPath",
+    "HomotopyPath",
+    "ObstacleCluster",
     "PathResult",
     "PlanReport",
-    "StripFamily",
+    "StripSet",
+    "StripSetParams",
+    "StripSetReport",
     "Validity",
-    "Way",
-    "base_class",
-    "base_components",
     "certify_path",
-    "check_ends",
-    "distinct_ways",
+    "check_endpoints",
     "grid_path",
+    "homotopy_class",
+    "homotopy_paths",
+    "obstacle_clusters",
     "ompl_path",
-    "parted_by",
     "plan",
-    "plan_alternatives",
     "plan_report",
+    "separating_obstacles",
     "straight_line",
     "strip_cost",
     "tucked_rows",

@@ -1,6 +1,6 @@
-"""Paths over a grid: the cheapest way of the base among the obstacles as seen from above, wide gaps before short ways.
+"""Paths over a grid: the cheapest one of the base among the obstacles seen from above, wide gaps before short paths.
 
-The robot is a disc to the grid, as narrow as the narrowest way it could pass; where it is wider, and whether it can
+The robot is a disc to the grid, as narrow as the narrowest gap it could pass; where it is wider, and whether it can
 turn there, the relaxation and the certificate decide. So a path is an initial guess, no proof.
 """
 
@@ -9,45 +9,30 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import coal
 import numpy as np
-import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices
-
-from ..errors import ParameterError
-from ..robot import RobotModel
-from ..scene import Scene
-from ..summary import Summary
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import PlanarFootprint, RobotModel
+from elastic_strips.robot.coal_shapes import support
+from elastic_strips.robot.footprint import DIRECTIONS, outline_directions
+from elastic_strips.scene import Scene
+from elastic_strips.summary import Summary
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-_DIRECTIONS = 32  # of which half planes hold an obstacle's outline: it is at most 0.5 % of its radius too large
 FLOOR = 0.02  # [m] obstacles that lie lower are driven over
 _STEEP = 12.0  # cost of a cell at the narrowest clearance against one in the open
 _SMOOTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
 MOST_CELLS = 400_000
 """Largest grid; searching it takes about a second."""
+COMFORT = 0.35
+"""Clearance [m] beyond the inner disc from which on more of it is worth nothing."""
 _COARSEST = 0.5  # [m] a larger cell says nothing about where a robot passes
 _MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
-
-
-@dataclass(frozen=True, slots=True)
-class Footprint:
-    """A robot as seen from above in one posture: the disc that its base at least needs, and the one that holds all.
-
-    Attributes:
-        inner: radius [m] of the largest disc about the base's origin within the widest body that stands on the floor.
-        outer: radius [m] of a disc about the base's origin that holds the robot.
-        height: of its highest point [m].
-    """
-
-    inner: float
-    outer: float
-    height: float
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -55,13 +40,13 @@ class GridPath(Summary):
     """What was found on the grid.
 
     Attributes:
-        way: (K, 2) waypoints of the base from start to goal [m], a cell apart; None where there is no way.
+        points: (K, 2) waypoints of the base from start to goal [m], a cell apart; None where there is no path.
         reason: why there is none, else empty.
         cells: size of the grid.
         seconds: what it took.
     """
 
-    way: Array | None
+    points: Array | None
     reason: str
     cells: int
     seconds: float
@@ -74,63 +59,61 @@ def grid_path(
     goal: Array,
     *,
     resolution: float = 0.05,
-    comfort: float = 0.35,
     widen: float = 3.0,
     box: tuple[Array, Array] | None = None,
     inner: float | None = None,
     most_cells: int = MOST_CELLS,
     over: Callable[[], bool] = lambda: False,
 ) -> GridPath:
-    """A way of the base from start to goal, found on a grid by Dijkstra's algorithm, its corners rounded.
+    """A path of the base from start to goal, found on a grid by Dijkstra's algorithm, its corners rounded.
 
-    A cell costs more the nearer an obstacle is; it is closed where the robot's `Footprint.inner` disc does not fit.
-    All obstacles that are not above the robot in its start posture, or on the floor below 2 cm, count.
+    A cell costs more the nearer an obstacle is; it is closed where the disc `PlanarFootprint.inner` does not
+    fit. All obstacles that are not above the robot in its start posture, or on the floor below 2 cm, count.
 
     Args:
         robot: the robot; its base must move.
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
         resolution: edge of a cell [m]; where there would be more than ``most_cells`` of them, they are larger.
-        comfort: clearance [m] beyond the inner disc from which on more of it is worth nothing.
         widen: how far beyond start and goal the grid reaches [m].
         box: low and high corner (2,) of the grid [m], instead of ``widen``.
         inner: radius [m] of the disc that has to fit, instead of the robot's.
         most_cells: largest size of the grid.
-        over: says whether the time is over; then no way is found.
+        over: says whether the time is over; then none is found.
 
     Raises:
         ParameterError: the base is fixed, or a length is not positive.
     """
     if not robot.space.planar:
         raise ParameterError(f"grid_path: the base of {robot.name!r} is fixed; diff_drive or omni is needed")
-    for name, value in (("resolution", resolution), ("comfort", comfort), ("widen", widen)):
+    for name, value in (("resolution", resolution), ("widen", widen)):
         if not value > 0.0:
             raise ParameterError(f"grid_path: {name}={value!r} must be > 0 m")
     began = perf_counter()
-    ends = robot.space.to_chart(np.stack((start, goal)))[:, :2]
-    low_in, high_in = (ends.min(axis=0) - widen, ends.max(axis=0) + widen) if box is None else box
+    endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
+    low_in, high_in = (endpoints.min(axis=0) - widen, endpoints.max(axis=0) + widen) if box is None else box
     low, shape, resolution = grid_frame(low_in, high_in, resolution, most_cells)
     if resolution > _COARSEST:
         size = resolution * (shape - 1)
         reason = f"an area of {size[0]:.0f} m × {size[1]:.0f} m is too large for a grid of {most_cells} cells"
         return GridPath(None, reason, 0, perf_counter() - began)
-    body = footprint(robot, start)
-    clear = clearance_map(scene, low, shape, resolution, body.height, over=over)
+    footprint = PlanarFootprint.of(robot, start)
+    clear = clearance_map(scene, low, shape, resolution, footprint.height, over=over)
     if over():
         return GridPath(None, "the time was over before the grid was searched", 0, perf_counter() - began)
     for axis, cells in enumerate(shape.tolist()):  # the outermost cells can lie outside by less than a cell
         middle = low[axis] + resolution * np.arange(cells)
         outside = (middle < low_in[axis]) | (middle > high_in[axis])
         np.moveaxis(clear, axis, 0)[outside] = 0.0
-    inner = body.inner if inner is None else inner
-    way = cheapest_way(clear, low, resolution, ends, inner=inner, comfort=comfort)
+    inner = footprint.inner if inner is None else inner
+    path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=COMFORT)
     spent = perf_counter() - began
-    if way is None:
+    if path is None:
         (x, y), (u, w) = low, low + resolution * (shape - 1)
         where = f"within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
         reason = f"no way for the base on a grid of {resolution:.3g} m {where}"
         return GridPath(None, reason, clear.size, spent)
-    return GridPath(smooth_way(way, resolution), "", clear.size, perf_counter() - began)
+    return GridPath(smooth_path(path, resolution), "", clear.size, perf_counter() - began)
 
 
 def grid_frame(low: Array, high: Array, resolution: float, most_cells: int) -> tuple[Array, Indices, float]:
@@ -151,60 +134,26 @@ def grid_frame(low: Array, high: Array, resolution: float, most_cells: int) -> t
         edge = wanted * max(np.ceil(edge / wanted * np.sqrt(cells / most_cells)), np.rint(edge / wanted) + 1.0)
 
 
-def cheapest_way(
-    clear: Array, low: Array, resolution: float, ends: Array, *, inner: float, comfort: float
+def cheapest_path(
+    clear: Array, low: Array, resolution: float, endpoints: Array, *, inner: float, comfort: float
 ) -> Array | None:
-    """Waypoints (K, 2) of the cheapest way from ``ends[0]`` to ``ends[1]`` [m], a cell apart; None where there is none.
+    """Waypoints (K, 2) [m] of the cheapest path between two endpoints, a cell apart; None where there is none.
 
     Args:
         clear: (rows, columns) distance of each cell's middle to the nearest obstacle [m].
         low: (2,) middle of the first cell [m].
         resolution: edge of a cell [m].
-        ends: (2, 2) start and goal [m].
+        endpoints: (2, 2) start and goal [m].
         inner: clearance below which a cell is closed [m].
         comfort: clearance beyond ``inner`` from which on more of it is worth nothing [m].
     """
-    cells = np.clip(np.rint((ends - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
+    cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
     route = _cheapest(cell_cost(clear, inner, comfort, cells, resolution), cells)
     if route is None:
         return None
-    way = low + resolution * route
-    way[0], way[-1] = ends
-    return way
-
-
-def footprint(robot: RobotModel, q: Array) -> Footprint:
-    """A robot seen from above in the posture of the configuration ``q`` (nq,)."""
-    still = q.copy()
-    still[:4] = 0.0, 0.0, 1.0, 0.0
-    data, geometry = robot.model.createData(), robot.collision_model.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.collision_model, geometry, still)
-    turn = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    around = np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_DIRECTIONS)))
-    inner = outer = height = 0.0
-    for piece, pose in zip(robot.geometries, geometry.oMg, strict=True):
-        reach = support(piece.geometry, around @ pose.rotation) + around @ pose.translation
-        height = max(height, float(support(piece.geometry, pose.rotation[2:]).item() + pose.translation[2]))
-        inner, outer = max(inner, float(reach.min())), max(outer, float(reach.max()) / np.cos(np.pi / _DIRECTIONS))
-    return Footprint(inner, outer, height)
-
-
-def support(geometry: Any, directions: Array) -> Array:
-    """Support (K,) [m] of a convex Coal geometry: how far it extends along each of ``directions`` (K, 3), its frame."""
-    flat = np.hypot(directions[:, 0], directions[:, 1])
-    up = np.abs(directions[:, 2])
-    if isinstance(geometry, coal.Box):
-        return np.abs(directions) @ np.asarray(geometry.halfSide)
-    if isinstance(geometry, coal.Sphere):
-        return np.full(len(directions), geometry.radius)
-    if isinstance(geometry, coal.Capsule):
-        return geometry.radius + geometry.halfLength * up
-    if isinstance(geometry, coal.Cylinder):
-        return geometry.radius * flat + geometry.halfLength * up
-    if isinstance(geometry, coal.Cone):
-        base = geometry.radius * flat - geometry.halfLength * directions[:, 2]
-        return np.maximum(base, geometry.halfLength * directions[:, 2])
-    return (directions @ np.asarray(geometry.points()).reshape(-1, 3).T).max(axis=1)
+    path = low + resolution * route
+    path[0], path[-1] = endpoints
+    return path
 
 
 def clearance_map(
@@ -249,8 +198,7 @@ def owner_map(
     """
     table = scene.table
     owner = np.full(tuple(shape), -1, dtype=np.intp)
-    turn = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    around = np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_DIRECTIONS)))
+    around = outline_directions()
     center, half = table.center, table.half_extents
     high = low + resolution * (shape - 1)
     near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
@@ -271,7 +219,7 @@ def owner_map(
 
 def _fill(owner: Indices, whose: int, reach: Array, at: Array, around: Array, low: Array, resolution: float) -> None:
     """Give the cells within half a cell of an outline, with the supports ``reach`` about ``at``, to ``whose``."""
-    quarter = _DIRECTIONS // 4
+    quarter = DIRECTIONS // 4
     extent = reach[[0, quarter, 2 * quarter, 3 * quarter]] + 0.5 * resolution  # towards x, y, -x, -y
     first = np.maximum(np.ceil((at[:2] - extent[2:] - low) / resolution).astype(int), 0)
     last = np.minimum(np.floor((at[:2] + extent[:2] - low) / resolution).astype(int), np.array(owner.shape) - 1)
@@ -285,31 +233,31 @@ def _fill(owner: Indices, whose: int, reach: Array, at: Array, around: Array, lo
     owner[first[0] : last[0] + 1, first[1] : last[1] + 1][inside] = whose
 
 
-def cell_cost(clear: Array, inner: float, comfort: float, ends: Array, resolution: float) -> Array:
+def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, resolution: float) -> Array:
     """Cost of each cell per metre: 1 in the open, more near obstacles, infinite where the robot does not fit."""
     spare = np.clip((clear - inner) / comfort, 0.0, 1.0)
     cost = 1.0 + (_STEEP - 1.0) * (1.0 - spare) ** 2
     cost[clear < inner] = np.inf
     reach = int(np.ceil(inner / resolution))
-    for i, j in ends:  # start and goal are known to be free; the map is coarse
+    for i, j in endpoints:  # start and goal are known to be free; the map is coarse
         window = (slice(max(i - reach, 0), i + reach + 1), slice(max(j - reach, 0), j + reach + 1))
         closed = ~np.isfinite(cost[window]) & (clear[window] > 0.0)
         cost[window] = np.where(closed, 4.0 * _STEEP, cost[window])
     return cost
 
 
-def _cheapest(cost: Array, ends: Array) -> Array | None:
-    """Cells (K, 2) of the cheapest way between two cells, or None."""
+def _cheapest(cost: Array, endpoints: Array) -> Array | None:
+    """Cells (K, 2) of the cheapest path between two cells, or None."""
     from scipy.sparse.csgraph import dijkstra  # late: slow to import
 
-    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in ends)
+    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in endpoints)
     _, before = dijkstra(cell_graph(cost), directed=False, indices=first, return_predecessors=True)
     if first != last and before[last] < 0:
         return None
-    way = [last]
-    while way[-1] != first:
-        way.append(int(before[way[-1]]))
-    return np.column_stack(np.unravel_index(way[::-1], cost.shape)).astype(float)
+    cells = [last]
+    while cells[-1] != first:
+        cells.append(int(before[cells[-1]]))
+    return np.column_stack(np.unravel_index(cells[::-1], cost.shape)).astype(float)
 
 
 def cell_graph(cost: Array) -> csr_array:
@@ -331,12 +279,12 @@ def cell_graph(cost: Array) -> csr_array:
     )
 
 
-def smooth_way(way: Array, resolution: float) -> Array:
-    """The way with even steps and rounded corners; its ends stay."""
+def smooth_path(path: Array, resolution: float) -> Array:
+    """The path with even steps and rounded corners; its ends stay."""
     from scipy.ndimage import gaussian_filter1d  # late: slow to import
 
     step = 0.5 * resolution
-    even = resample(way, step)
+    even = resample(path, step)
     if len(even) < 4:
         return even
     aside = even - np.linspace(even[0], even[-1], len(even))  # zero at both ends: an odd continuation keeps them
@@ -344,13 +292,13 @@ def smooth_way(way: Array, resolution: float) -> Array:
         np.vstack((-aside[:0:-1], aside, -aside[-2::-1])), _SMOOTH / step, axis=0, mode="nearest"
     )
     result = rounded[len(even) - 1 : 2 * len(even) - 1] + np.linspace(even[0], even[-1], len(even))
-    result[0], result[-1] = way[0], way[-1]
+    result[0], result[-1] = path[0], path[-1]
     return resample(result, resolution)
 
 
-def resample(way: Array, step: float) -> Array:
+def resample(path: Array, step: float) -> Array:
     """Points at even distances, about ``step`` [m], along a polyline (K, 2); its ends stay."""
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     count = max(int(np.ceil(length[-1] / step)), 1) + 1
     at = np.linspace(0.0, length[-1], count)
-    return np.column_stack([np.interp(at, length, way[:, k]) for k in range(2)])
+    return np.column_stack([np.interp(at, length, path[:, k]) for k in range(2)])

@@ -1,131 +1,118 @@
-"""OMPL: paths of the whole body by sampling, in boxes that widen."""
+"""Sampling: paths of the whole body by OMPL, and the checks of configurations and edges that they rest on."""
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import coal
 import numpy as np
-import numpy.typing as npt
+import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision import Certificate
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.strip.deformer import Deformer
+from elastic_strips.strip.solver import project_rolling
 
-from ..errors import ConfigurationError, ParameterError
-from ..robot import BaseKind, RobotModel
-from ..scene import Scene
-from ..strip import Strip
-from .deadline import Deadline
-from .grid_path import FLOOR, footprint
-from .validity import Validity
+from .problem import Deadline
 
-Box2 = tuple[Array, Array]
-"""Low and high corner (2,) of an upright box [m]."""
-
-_ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
-_LEAST = 2.0  # [m] about start and goal, to turn and to back up
+_MAX_PAIRED = 400
 
 
-class Region:
-    """Boxes of the plane in which the base is looked for.
+class Validity:
+    """Workspace: tells whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
-    Without bounds a box about start and goal is widened until it holds all obstacles and the way around them.
+    Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
+    parts (voxels) stand in one Coal tree that each link asks.
 
     Args:
-        robot: the robot; its base must move.
+        robot: the robot.
         scene: the obstacles.
-        start, goal: configurations (nq,).
-        bounds: low and high corner ((x, y), (x, y)) [m] of a box that the base does not leave.
-
-    Attributes:
-        given: the caller's bounds, or None.
-        cover: the box beyond which there is nothing to be passed; the bounds where they are given.
-
-    Raises:
-        ParameterError: bounds of another shape, not finite, or empty.
-        ConfigurationError: start or goal is outside of the bounds.
+        margin: distance to keep to obstacles [m].
+        low, high: (2,) region of the base that will be asked about [m]; parts that the robot cannot reach from there
+            are left out. None takes all.
+        reach: how far [m] the robot extends from its base.
     """
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None = None
-    ) -> None:
-        self.ends = robot.space.to_chart(np.stack((start, goal)))[:, :2]
-        self.given = None if bounds is None else _checked(bounds, self.ends)
-        self.cover = self._cover(robot, scene, start, goal) if self.given is None else self.given
-
-    @staticmethod
-    def of(robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None) -> Region | None:
-        """The region of a robot whose base moves; None for a fixed base.
-
-        Raises:
-            ParameterError, ConfigurationError: bounds for a fixed base, or as :class:`Region`.
-        """
-        if robot.space.planar:
-            return Region(robot, scene, start, goal, bounds)
-        if bounds is not None:
-            raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
-        return None
-
-    def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> Box2:
-        bodies = [footprint(robot, q) for q in (start, goal, robot.home_q)]
-        outer, height = max(b.outer for b in bodies), max(b.height for b in bodies)
+        self, robot: RobotModel, scene: Scene, *, margin: float,
+        low: Array | None = None, high: Array | None = None, reach: float = 2.0,
+    ) -> None:  # fmt: skip
+        self.robot, self.checks = robot, 0
         table = scene.table
-        low, high = table.center - table.half_extents, table.center + table.half_extents
-        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR)
-        least, room = max(_LEAST, outer + _ROOM), outer + _ROOM
-        corners = np.vstack((self.ends - least, self.ends + least, low[counts, :2] - room, high[counts, :2] + room))
-        return np.min(corners, axis=0), np.max(corners, axis=0)
+        rows = np.arange(len(table.parts))
+        if low is not None and high is not None and len(rows):
+            c, h = table.center[:, :2], table.half_extents[:, :2]
+            near = ((c - h <= high + reach) & (c + h >= low - reach)).all(axis=1)
+            rows = rows[near]
+        shapes = []
+        for r in rows:
+            part, R, t = table.parts[r], table.rotation[r], table.translation[r]
+            if part.geometry is None:
+                shapes += [(box, R, t + R @ np.asarray(at)) for box, at in part.boxes]
+            else:
+                shapes.append((part.geometry, R, t))
+        self._data = robot.model.createData()
+        self._model = robot.collision_model.clone()
+        self._links = len(robot.geometries)
+        self._manager = None
+        if len(shapes) <= _MAX_PAIRED:
+            for k, (geometry, R, t) in enumerate(shapes):
+                grown = geometry.clone()
+                grown.setSweptSphereRadius(grown.getSweptSphereRadius() + margin)
+                grown.computeLocalAABB()
+                index = self._model.addGeometryObject(
+                    pin.GeometryObject(f"obstacle-part-{k}", 0, 0, pin.SE3(np.asarray(R), np.asarray(t)), grown)
+                )
+                for link in range(self._links):
+                    self._model.addCollisionPair(pin.CollisionPair(link, index))
+        else:
+            self._keep = [coal.CollisionObject(g, np.asarray(R), np.asarray(t)) for g, R, t in shapes]
+            self._manager = coal.DynamicAABBTreeCollisionManager()
+            for item in self._keep:
+                self._manager.registerObject(item)
+            self._manager.setup()
+            self._queries = []
+            for piece in robot.geometries:
+                grown = piece.geometry.clone()
+                grown.setSweptSphereRadius(grown.getSweptSphereRadius() + margin)
+                grown.computeLocalAABB()
+                self._queries.append(coal.CollisionObject(grown))
+        self._geometry = self._model.createData()
+        self._broadphase = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(
+            robot.model, self._model, self._geometry
+        )
 
-    def box(self, widen: float) -> Box2:
-        """The box that reaches ``widen`` [m] beyond start and goal, no further than anything is; or the bounds."""
-        low, high = self.cover
-        if self.given is None:
-            low = np.maximum(low, self.ends.min(axis=0) - widen)
-            high = np.minimum(high, self.ends.max(axis=0) + widen)
-        return low, high
+    def __call__(self, q: Array) -> bool:
+        """Whether the configuration (nq,) is valid."""
+        self.checks += 1
+        if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
+            return False
+        return self._manager is None or not self._hits_tree()
 
-    def boxes(self, widen: float) -> Iterator[Box2]:
-        """Boxes that reach ``widen`` [m] beyond start and goal, then twice as far, until one is all there is."""
-        while True:
-            low, high = self.box(widen)
-            yield low, high
-            if np.array_equal(low, self.cover[0]) and np.array_equal(high, self.cover[1]):
-                return
-            widen *= 2.0
-
-    def left_by(self, strip: Strip) -> float:
-        """How far [m] the base leaves the caller's bounds on a strip; 0 without bounds."""
-        if self.given is None:
-            return 0.0
-        low, high = self.given
-        path = strip.robot.space.to_chart(strip.sample(0.1))[:, :2]
-        return float(max((low - path).max(), (path - high).max(), 0.0))
+    def _hits_tree(self) -> bool:
+        assert self._manager is not None
+        for link, query in enumerate(self._queries):
+            pose = self._geometry.oMg[link]
+            query.setTransform(coal.Transform3s(pose.rotation, pose.translation))
+            query.computeAABB()
+            callback = coal.CollisionCallBackDefault()
+            self._manager.collide(query, callback)
+            if callback.data.result.isCollision():
+                return True
+        return False
 
 
-def _checked(bounds: npt.ArrayLike, ends: Array) -> Box2:
-    try:
-        corners = np.array(bounds, dtype=float)
-    except (TypeError, ValueError):
-        corners = np.zeros(0)
-    if corners.shape != (2, 2) or not np.isfinite(corners).all():
-        raise ParameterError(f"bounds={bounds!r} must be ((x, y), (x, y)): two corners of finite numbers [m]")
-    low, high = corners[0], corners[1]
-    if not (low < high).all():
-        raise ParameterError(f"bounds={bounds!r}: the first corner must lie below the second in x and y")
-    for what, at in zip(("start", "goal"), ends, strict=True):
-        if (at < low).any() or (at > high).any():
-            raise ConfigurationError(
-                f"{what}: the base at x={at[0]:.6g}, y={at[1]:.6g} m is outside of bounds={corners.tolist()}"
-            )
-    return low, high
-
-
-JOINT_WEIGHT = 0.3
-"""Weight [m/rad] of joint distances against base distances."""
+_JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
 _OMPL = threading.Lock()
 """OMPL draws all its seeds from one generator of the process: one search at a time, or seeds mean nothing."""
+_TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
 _BASE_STEP = 0.07  # spacing of validity checks [m]
 _JOINT_STEP = 0.2  # and in joint space [rad]; the certificate, not the planner, vouches for what lies between
 
@@ -135,14 +122,14 @@ class PathResult:
     """What the planner found.
 
     Attributes:
-        chart: (N, nv) waypoints along the path, or None where none was found.
+        rows: (N, nv) waypoints along the path, or None where none was found.
         reason: why there is none, else empty.
         checks: configurations checked.
         seconds: planning and simplification.
         searched: whether it was searched at all; not where an end is too near something.
     """
 
-    chart: Array | None
+    rows: Array | None
     reason: str
     checks: int
     seconds: float
@@ -158,7 +145,6 @@ def ompl_path(
     seed: int,
     margin: float,
     timeout: float,
-    turning_radius: float = 0.3,
     spacing: float = 0.12,
     widen: float = 2.0,
     box: tuple[Array, Array] | None = None,
@@ -180,7 +166,6 @@ def ompl_path(
         seed: of OMPL's random numbers.
         margin: distance to keep to obstacles [m].
         timeout: longest search [s].
-        turning_radius: of the Reeds–Shepp curves [m].
         spacing: distance between waypoints [m].
         widen: how far beyond start and goal the base may go [m].
         box: low and high corner (2,) of where the base may go [m], instead of ``widen``.
@@ -195,8 +180,8 @@ def ompl_path(
         raise ParameterError(f"ompl_path: fineness={fineness!r} must be > 0")
     began = Deadline(timeout)
     space = robot.space
-    ends = space.to_chart(np.stack((start, goal)))
-    low, high = (ends[:, :2].min(axis=0) - widen, ends[:, :2].max(axis=0) + widen) if box is None else box
+    endpoints = space.to_chart(np.stack((start, goal)))
+    low, high = (endpoints[:, :2].min(axis=0) - widen, endpoints[:, :2].max(axis=0) + widen) if box is None else box
     planar = space.planar
     valid = Validity(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
     for name, q in (("start", start), ("goal", goal)):
@@ -209,23 +194,21 @@ def ompl_path(
         return PathResult(None, "another thread's search with OMPL took all the time", valid.checks, began.spent, False)
     try:
         left = timeout if deadline is None else min(timeout, deadline.left)
-        chart = None
+        rows = None
         if left > 0.0:
-            chart = _search(
-                robot, valid, ends, low, high, seed, left, turning_radius, spacing, fineness, most, deadline
-            )
+            rows = _search(robot, valid, endpoints, low, high, seed, left, spacing, fineness, most, deadline)
     finally:
         _OMPL.release()
-    if chart is None:
+    if rows is None:
         return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks, began.spent)
-    return PathResult(chart, "", valid.checks, began.spent)
+    return PathResult(rows, "", valid.checks, began.spent)
 
 
 def _search(
-    robot: RobotModel, valid: Validity, ends: Array, low: Array, high: Array, seed: int, timeout: float,
-    turning_radius: float, spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
+    robot: RobotModel, valid: Validity, endpoints: Array, low: Array, high: Array, seed: int, timeout: float,
+    spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
 ) -> Array | None:  # fmt: skip
-    """Chart rows of a path, or None; for one thread at a time."""
+    """Rows of a path, or None; for one thread at a time."""
     from ompl import base as ob
     from ompl import geometric as og
     from ompl import util as ou
@@ -233,7 +216,7 @@ def _search(
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed % 2**31 + 1)
     planar = robot.space.planar
-    states = _state_space(robot, ob, low, high, turning_radius)
+    states = _state_space(robot, ob, low, high)
     setup = og.SimpleSetup(states)
     info = setup.getSpaceInformation()
     reader = _Reader(robot)
@@ -247,8 +230,8 @@ def _search(
         step = (_BASE_STEP if planar and k == 0 else _JOINT_STEP) / fineness
         part.setLongestValidSegmentFraction(min(step / part.getMaximumExtent(), 0.5))
     first, last = states.allocState(), states.allocState()
-    reader.write(first, ends[0])
-    reader.write(last, ends[1])
+    reader.write(first, endpoints[0])
+    reader.write(last, endpoints[1])
     setup.setStartAndGoalStates(first, last, 1e-6)
     planner = og.RRTConnect(info)
     planner.setRange(1.5 if planar else 0.6)
@@ -261,22 +244,22 @@ def _search(
     simplifier.partialShortcutPath(path, 12, 6)
     count = max(math.ceil(path.length() / spacing) + 1, 5)
     path.interpolate(count if most is None else min(count, most))
-    chart = np.array([reader.chart(s) for s in path.getStates()])
-    chart[0], chart[-1] = ends
+    rows = np.array([reader.row(s) for s in path.getStates()])
+    rows[0], rows[-1] = endpoints
     if planar:
-        chart[:, 2] = np.unwrap(chart[:, 2])
-    if most is not None and len(chart) > most:
-        chart = chart[np.linspace(0, len(chart) - 1, most).round().astype(int)]
-    return chart
+        rows[:, 2] = np.unwrap(rows[:, 2])
+    if most is not None and len(rows) > most:
+        rows = rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
+    return rows
 
 
-def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array, turning_radius: float) -> Any:
+def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array) -> Any:
     space = robot.space
     nj = space.nv - space.base_nv
     compound = ob.CompoundStateSpace()
     if space.planar:
         drive = robot.base_kind is BaseKind.DIFF_DRIVE
-        base = ob.ReedsSheppStateSpace(turning_radius) if drive else ob.SE2StateSpace()
+        base = ob.ReedsSheppStateSpace(_TURNING_RADIUS) if drive else ob.SE2StateSpace()
         bounds = ob.RealVectorBounds(2)
         for i in range(2):
             bounds.setLow(i, float(low[i]))
@@ -291,7 +274,7 @@ def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array, turning_ra
             bounds.setLow(i, float(lo) if np.isfinite(lo) else -np.pi)
             bounds.setHigh(i, float(hi) if np.isfinite(hi) else np.pi)
         joints.setBounds(bounds)
-        compound.addSubspace(joints, JOINT_WEIGHT if space.planar else 1.0)
+        compound.addSubspace(joints, _JOINT_WEIGHT if space.planar else 1.0)
     return compound
 
 
@@ -310,7 +293,7 @@ class _Reader:
     def configuration(self, state: Any) -> Array:
         """The state as a configuration (nq,), in a buffer that the next call overwrites."""
         if not self._plain:
-            return self._space.from_chart(self.chart(state))
+            return self._space.from_chart(self.row(state))
         q = self._q
         offset = 0
         if self._planar:
@@ -324,7 +307,7 @@ class _Reader:
                 q[offset + i] = joints[i]
         return q
 
-    def chart(self, state: Any) -> Array:
+    def row(self, state: Any) -> Array:
         row = np.zeros(self._space.nv)
         if self._planar:
             base = state[0]
@@ -344,3 +327,19 @@ class _Reader:
             joints = state[1 if self._planar else 0]
             for i in range(self._nj):
                 joints[i] = float(row[self._space.base_nv + i])
+
+
+def certify_path(deformer: Deformer, scene: Scene, rows: Array) -> Certificate:
+    """The certificate of a path as it is, edge by edge, with the clearances of the deformer's parameters.
+
+    A differential drive's waypoints are first moved, as little as possible, until wheels can follow them.
+
+    Args:
+        deformer: a workspace of the robot; what it knows of other strips is lost.
+        scene: the obstacles.
+        rows: waypoints (N, nv).
+    """
+    robot = deformer.robot
+    if robot.base_kind is BaseKind.DIFF_DRIVE:
+        rows, _ = project_rolling(robot.space, rows)
+    return deformer.certify(Strip.from_chart(robot, rows), scene)

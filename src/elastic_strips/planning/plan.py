@@ -1,8 +1,8 @@
-"""plan: an initial strip, by the straight line where that relaxes to a certified strip, else by the grid or OMPL.
+"""Plan: an initial strip, by the straight line where that relaxes to a certified strip, else by the grid or OMPL.
 
-A path that is given comes before all. The grid's way is tried with the joints in step and with the arm tucked; where
-that does not fit, so is a way on which the whole robot does. The base is looked for in a box about start and goal,
-which widens as attempts fail, or within the bounds that are given.
+A path that is given comes before all. The grid's path is tried with the joints in step and with the arm tucked; where
+that does not fit, so is one on which the whole robot does. The base is looked for in a box about start and goal, which
+widens as attempts fail, or within the bounds that are given.
 """
 
 from __future__ import annotations
@@ -16,27 +16,34 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.robot import PlanarFootprint, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_count
 
-from ..deform import Deformer, DeformParams, DeformReport
-from ..errors import ParameterError
-from ..robot import RobotModel
-from ..scene import Scene
-from ..strip import Strip
-from ..summary import Summary
-from .deadline import Deadline
-from .ends import check_ends, check_search, workspace
-from .grid_path import MOST_CELLS, footprint, grid_path
-from .line import straight_line, waypoint_rows
-from .ompl_planner import Region, ompl_path
-from .relaxation import at_most, path_strip, relax_line, relax_path, way_rows
-from .validity import certify_path
+from .grid_path import MOST_CELLS, grid_path
+from .homotopy.alternatives import Alternative, AlternativesSearch
+from .homotopy.classes import ObstacleCluster
+from .initial_strip import (
+    LINE_TICKS,  # fmt: skip
+    STUCK_TICKS,
+    at_most,
+    line_strip,
+    path_rows,
+    path_strip,
+    relax_line,
+    relax_path,
+    waypoint_rows,
+)
+from .ompl_planner import certify_path, ompl_path
+from .problem import Deadline, PlanningProblem
 
 _log = logging.getLogger(__name__)
 _FINEST = 4.0  # times as many samples on an edge as usual, at most
 _MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
-_STUCK = 6  # most ticks in a row in which a strip along a grid's way gets no clearer
 _GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
-_DETOUR, _ASIDE = 3.0, 5.0  # a grid's way of more than 3 times the direct way and 5 m [m] waits for OMPL
+_DETOUR, _ASIDE = 3.0, 5.0  # a grid's path of more than 3 times the direct one and 5 m [m] waits for OMPL
 _SHORTER_SHARE, _SHORTER = 0.25, 2.0  # of the time, and most [s], is OMPL's then
 _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
@@ -54,10 +61,13 @@ class PlanReport(Summary):
         method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, or ``"none"`` where nothing was certified.
         reason: what happened, for people; where nothing was certified, what stands in the way last, and what to try.
         report: the last deformation report.
-        attempts: planner calls made.
+        attempts: planner calls made; where several strips were asked for, paths that were relaxed.
         ticks: deformation ticks made.
-        seconds: from nothing to the first certified strip (or to giving up).
+        seconds: from nothing to the first certified strip (or to giving up); all of it where several were asked for.
         timings: seconds by phase: line, planner, relaxation.
+        alternatives: where several strips were asked for, those of different classes that were certified, the cheapest
+            first: ``strip`` is that of the first.
+        clusters: of obstacles, among which the classes are.
     """
 
     strip: Strip
@@ -70,11 +80,15 @@ class PlanReport(Summary):
     ticks: int
     seconds: float
     timings: dict[str, float] = field(default_factory=dict)
+    alternatives: tuple[Alternative, ...] = ()
+    clusters: tuple[ObstacleCluster, ...] = ()
 
     def _summary(self) -> dict[str, object]:
+        several = {"costs": [round(a.cost, 3) for a in self.alternatives]} if self.alternatives else {}
         return {
             "certified": self.certified, "method": self.method, "reason": self.reason, "robot": self.strip.robot.name,
-            "nodes": len(self.strip), "attempts": self.attempts, "ticks": self.ticks, "seconds": self.seconds,
+            "nodes": len(self.strip), **several, "attempts": self.attempts, "ticks": self.ticks,
+            "seconds": self.seconds,
         }  # fmt: skip
 
     def _measured(self) -> dict[str, object]:
@@ -87,23 +101,28 @@ def plan_report(
     start: npt.ArrayLike,
     goal: npt.ArrayLike,
     *,
+    count: int = 1,
     seed: int = 0,
     params: DeformParams | None = None,
     timeout: float = 10.0,
     bounds: npt.ArrayLike | None = None,
-    line_ticks: int = 6,
+    line_ticks: int = LINE_TICKS,
     deformer: Deformer | None = None,
     line: bool = True,
     path: npt.ArrayLike | None = None,
     grid: bool = True,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
-    """Plan an initial strip and tell how it went.
+    """Plan an initial strip, or several that pass the obstacles on different sides, and tell how it went.
+
+    Where several are asked for, the straight line, paths over a grid that differ in class, and paths of OMPL are
+    relaxed until there are enough. A fixed base has one class only.
 
     Args:
         robot: the robot.
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
+        count: so many strips at most; with more than one they are the report's ``alternatives``.
         seed: of the planner's random numbers.
         params: of the relaxation, with the clearances to prove; the default preset where None.
         timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
@@ -113,46 +132,72 @@ def plan_report(
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         line: whether to try the straight line at all.
         path: what to try first: waypoints (K, 2) of the base [m], or chart rows (K, nv), from start to goal.
-        grid: whether to try the way that :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
+        grid: whether to try what :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
         watch: called with every tick's report.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
             pair, or the distance.
-        ParameterError: a seed, timeout, number of ticks or bounds outside their range, or a path of another shape.
+        ParameterError: a count, seed, timeout, number of ticks or bounds outside their range, or a path of another
+            shape.
     """
-    deadline = check_search(seed, timeout)
-    if isinstance(line_ticks, bool) or not isinstance(line_ticks, (int, np.integer)) or line_ticks < 0:
-        raise ParameterError(f"line_ticks={line_ticks!r} must be an integer ≥ 0")
-    search = _Search(robot, scene, start, goal, params, deformer, bounds, deadline, watch)
+    count, ticks = check_count("count", count, low=1), check_count("line_ticks", line_ticks)
+    problem = PlanningProblem(
+        robot, scene, start, goal, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout
+    )
+    ticks = ticks if line else 0
+    if count > 1:
+        return _several(problem, count, ticks, path, grid, watch)
+    search = _Search(problem, watch)
     report = search.given_path(path) if path is not None else None
-    report = report or search.straight(int(line_ticks) if line else 0)
-    if report is None and grid and search.region is not None:
-        direct = float(np.hypot(*np.diff(search.region.ends, axis=0)[0]))
+    report = report or search.straight(ticks)
+    if report is None and grid and problem.region is not None:
+        direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
         report = search.over_the_grid(_DETOUR * direct + _ASIDE)
         if report is None and search.put_off:  # is there no shorter one that the base alone does not find?
-            report = search.with_ompl(
-                int(seed), min(_SHORTER_SHARE * search.deadline.left, _SHORTER)
-            ) or search.over_the_grid(np.inf)
-    return report or search.with_ompl(int(seed)) or search.failed()
+            report = search.with_ompl(min(_SHORTER_SHARE * problem.deadline.left, _SHORTER)) or search.over_the_grid(
+                np.inf
+            )
+    return report or search.with_ompl() or search.failed()
+
+
+def _given_rows(problem: PlanningProblem, path: npt.ArrayLike) -> Array:
+    """Rows (N, nv) along a path that the caller gives."""
+
+    def rows(spacing: float) -> Array:
+        return waypoint_rows(problem.robot, problem.start, problem.goal, path, spacing=spacing)
+
+    return at_most(rows, problem.spacing, problem.params.max_nodes)
+
+
+def _several(
+    problem: PlanningProblem, count: int, line_ticks: int, path: npt.ArrayLike | None, grid: bool,
+    watch: Callable[[DeformReport], object] | None,
+) -> PlanReport:  # fmt: skip
+    given = None if path is None else _given_rows(problem, path)
+    search = AlternativesSearch(problem, count, line_ticks=line_ticks, given=given, grid=grid, watch=watch)
+    search.run()
+    found = search.alternatives
+    if found:
+        report, initial = found[0].report, search.initial[found[0].homotopy_class]
+    else:
+        assert search.best is not None  # the straight line at least was looked at
+        report, initial = search.best
+    return PlanReport(
+        strip=report.strip, initial=initial, certified=bool(found), method=found[0].method if found else "none",
+        reason=search.reason, report=report, attempts=search.attempts, ticks=search.ticks,
+        seconds=problem.deadline.spent, timings=search.timings, alternatives=found, clusters=search.clusters,
+    )  # fmt: skip
 
 
 class _Search:
-    """Tries one kind of way after the other; each says the report of a certified strip, or None."""
+    """Tries one kind of path after the other; each says the report of a certified strip, or None."""
 
-    def __init__(
-        self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams | None,
-        deformer: Deformer | None, bounds: npt.ArrayLike | None, deadline: Deadline,
-        watch: Callable[[DeformReport], object] | None,
-    ) -> None:  # fmt: skip
-        self.deformer = workspace(robot, scene, params, deformer)
-        self.params = self.deformer.params
-        self.robot, self.scene, self.deadline, self.watch = robot, scene, deadline, watch
-        self.start, self.goal = check_ends(robot, scene, start, goal, self.params)
-        self.ends = np.stack((self.start, self.goal))
-        self.region = Region.of(robot, scene, self.start, self.goal, bounds)
-        self.spacing = min(0.13, self.params.max_spacing)
+    def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
+        self.problem, self.watch = problem, watch
+        self.robot, self.scene, self.deadline = problem.robot, problem.scene, problem.deadline
+        self.deformer, self.params, self.region = problem.deformer, problem.params, problem.region
         self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
         self.ticks = self.attempts = 0
         self.reasons: list[str] = []
@@ -160,25 +205,20 @@ class _Search:
         self.hit = ""  # what was last in the way
         self.initial: Strip | None = None
         self.box: tuple[Array, Array] | None = None  # where the base was last looked for
-        self.ways: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
-        self.relaxed_ways: set[float | None] = set()
-        self.put_off = False  # whether a way is longer than others should be looked for first
+        self.paths: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
+        self.relaxed_paths: set[float | None] = set()
+        self.put_off = False  # whether a path is longer than others should be looked for first
         self.calls = self.searches = 0  # of OMPL
         self.fineness = 1.0
 
     def given_path(self, path: npt.ArrayLike) -> PlanReport | None:
         """A path that the caller knows."""
-        most = self.params.max_nodes
-        rows = at_most(
-            lambda apart: waypoint_rows(self.robot, self.start, self.goal, path, spacing=apart), self.spacing, most
-        )
-        return self._relaxed(rows, "path", "given path", None)
+        return self._relaxed(_given_rows(self.problem, path), "path", "given path", None)
 
     def straight(self, ticks: int) -> PlanReport | None:
         """The straight line, which gets a few ticks."""
         mark = perf_counter()
-        rows = straight_line(self.robot, self.start, self.goal, spacing=self.spacing, most=self.params.max_nodes)
-        initial = Strip.from_chart(self.robot, rows, ends=self.ends)
+        initial = line_strip(self.problem)
         self.initial = initial  # shown where nothing is certified
         report = relax_line(self.deformer, initial, self.scene, ticks, self.watch, over=self.deadline.over)
         self.ticks += report.ticks if ticks else 0
@@ -186,33 +226,35 @@ class _Search:
         return self._judged(initial, report, "line", "straight line")
 
     def over_the_grid(self, longest: float) -> PlanReport | None:
-        """The way over a grid: first as narrow as the base, then, where that did not relax, as wide as the robot.
+        """The path over a grid: first as narrow as the base, then, where that did not relax, as wide as the robot.
 
-        A way longer than ``longest`` [m] is put off.
+        A path longer than ``longest`` [m] is put off.
         """
+        problem = self.problem
         over = Deadline(_GRID_SHARE * self.deadline.left).over
-        folded = min(footprint(self.robot, q).outer for q in (self.start, self.robot.home_q))
+        folded = min(PlanarFootprint.of(self.robot, q).outer for q in (problem.start, self.robot.home_q))
         for inner in (None, folded + self.params.clearance):
-            if inner not in self.ways:
-                self.ways[inner] = self._way(inner, over)
-            way = self.ways[inner]
-            if way is None:
+            if inner not in self.paths:
+                self.paths[inner] = self._grid_path(inner, over)
+            path = self.paths[inner]
+            if path is None:
                 return None  # nor is there a wider one
-            self.put_off = _length(way) > longest
+            self.put_off = float(np.hypot(*np.diff(path, axis=0).T).sum()) > longest
             if self.put_off:
                 return None
-            if inner in self.relaxed_ways:
+            if inner in self.relaxed_paths:
                 continue
-            self.relaxed_ways.add(inner)
-            for rows, what in way_rows(self.robot, self.start, self.goal, way, self.spacing, self.params.max_nodes):
-                report = self._relaxed(rows, "grid", f"grid's path{what}", _STUCK, over)
+            self.relaxed_paths.add(inner)
+            for rows, what in path_rows(problem, path):
+                report = self._relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
                 if report is not None or over():
                     return report
         return None
 
-    def _way(self, inner: float | None, over: Callable[[], bool]) -> Array | None:
-        """A way (K, 2) on the smallest grid that has one."""
-        no_way = "the time was over before the grid was searched"
+    def _grid_path(self, inner: float | None, over: Callable[[], bool]) -> Array | None:
+        """A path (K, 2) on the smallest grid that has one."""
+        problem = self.problem
+        none = "the time was over before the grid was searched"
         for box in self.region.boxes(_WIDEN) if self.region else ():
             if over():
                 break
@@ -220,17 +262,18 @@ class _Search:
             self.box = box
             cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
             found = grid_path(
-                self.robot, self.scene, self.start, self.goal, box=box, inner=inner, most_cells=cells, over=over
+                self.robot, self.scene, problem.start, problem.goal, box=box, inner=inner, most_cells=cells, over=over
             )
             self.timings["planner"] += found.seconds
-            if found.way is not None:
-                return found.way
-            no_way = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
-        self.reasons.append(no_way)
+            if found.points is not None:
+                return found.points
+            none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
+        self.reasons.append(none)
         return None
 
-    def with_ompl(self, seed: int, seconds: float = np.inf) -> PlanReport | None:
+    def with_ompl(self, seconds: float = np.inf) -> PlanReport | None:
         """Paths of RRTConnect, each with another seed, in boxes of several sizes, for some of the time."""
+        problem = self.problem
         deadline = Deadline(min(seconds, self.deadline.left))
         futile, last = 0, ""
         while self.calls < _MOST_CALLS and not deadline.over():
@@ -240,35 +283,35 @@ class _Search:
             mark = perf_counter()
             self.box = self._ompl_box(searches)
             found = ompl_path(
-                self.robot, self.scene, self.start, self.goal, seed=seed + 7919 * attempt,
+                self.robot, self.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
                 margin=_MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance),
-                timeout=1.0 + 0.5 * searches, spacing=self.spacing, box=self.box, fineness=self.fineness,
+                timeout=1.0 + 0.5 * searches, spacing=problem.spacing, box=self.box, fineness=self.fineness,
                 most=self.params.max_nodes, deadline=deadline,
             )  # fmt: skip
             self.timings["planner"] += perf_counter() - mark
             self.searches += found.searched
-            if found.chart is None:
+            if found.rows is None:
                 futile += found.searched
                 last = found.reason
                 continue
-            report = self._relaxed(found.chart, "ompl", f"OMPL path {self.attempts}", None)
+            report = self._relaxed(found.rows, "ompl", f"OMPL path {self.attempts}", None)
             if report is not None:
                 return report
-            if self.fineness < _FINEST and not certify_path(self.deformer, self.scene, found.chart).certified:
+            if self.fineness < _FINEST and not certify_path(self.deformer, self.scene, found.rows).certified:
                 self.fineness *= 2.0  # the planner's samples had missed something on an edge
         if futile:
             self.reasons.append(f"{last} ({futile} searches without a path)" if futile > 1 else last)
         return None
 
     def _ompl_box(self, search: int) -> tuple[Array, Array] | None:
-        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's ways."""
+        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's paths."""
         if self.region is None:
             return None
         low, high = self.region.box(2.0 + 0.5 * (search % 4) if search % 3 == 0 else 2.0 * 1.6**search)
         if self.region.given is None and not self.put_off:
-            for way in self.ways.values():
-                if way is not None:
-                    low, high = np.minimum(low, way.min(axis=0) - 1.0), np.maximum(high, way.max(axis=0) + 1.0)
+            for path in self.paths.values():
+                if path is not None:
+                    low, high = np.minimum(low, path.min(axis=0) - 1.0), np.maximum(high, path.max(axis=0) + 1.0)
         return low, high
 
     def failed(self) -> PlanReport:
@@ -293,7 +336,7 @@ class _Search:
         self, rows: Array, method: str, what: str, stuck: int | None, over: Callable[[], bool] | None = None
     ) -> PlanReport | None:
         mark = perf_counter()
-        strip = path_strip(self.robot, rows, self.ends)
+        strip = path_strip(self.problem, rows)
         report = relax_path(
             self.deformer, strip, self.scene, stuck=stuck, over=over or self.deadline.over, watch=self.watch
         )
@@ -303,12 +346,12 @@ class _Search:
 
     def _judged(self, initial: Strip, report: DeformReport, method: str, what: str) -> PlanReport | None:
         """The plan's report where a strip is certified and within the bounds; else why not is noted."""
-        aside = 0.0 if self.region is None else self.region.left_by(report.strip)
-        if report.usable and aside == 0.0:
+        failure = self.problem.failure(report)
+        if not failure:
             self.initial = initial
             return self._done(report, method, f"the {what} relaxed to a certified strip in {report.ticks} ticks")
         if report.usable:
-            report = replace(report, reason=f"the base leaves the bounds by {aside:.3f} m")
+            report = replace(report, reason=failure)
         broken = report.certificate.broken
         self.hit = str(broken) if broken is not None else report.reason
         self.reasons.append(f"{what}: {report.reason}")
@@ -324,10 +367,6 @@ class _Search:
             report=report, attempts=self.attempts, ticks=self.ticks, seconds=self.deadline.spent,
             timings=self.timings,
         )  # fmt: skip
-
-
-def _length(way: Array) -> float:
-    return float(np.hypot(*np.diff(way, axis=0).T).sum())
 
 
 def plan(

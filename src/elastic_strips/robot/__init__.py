@@ -1,9 +1,10 @@
 """Robots: URDF files and Pinocchio models become frozen :class:`RobotModel` values."""
 
-from ..catalogue import recorded_robot, robot_names, robot_summary
-from .control_points import ControlPoints
+from elastic_strips.catalogue import recorded_robot, robot_names, robot_summary
+
+from .footprint import PlanarFootprint
 from .geometry import Capsule, LinkGeometry
-from .kinematics import Kinematics, KinematicTree
+from .kinematics import ControlPoints, Kinematics, KinematicTree
 from .loading import load_robot
 from .model import RobotModel
 from .space import BaseKind, ConfigurationSpace
@@ -16,6 +17,7 @@ __all__ = [
     "KinematicTree",
     "Kinematics",
     "LinkGeometry",
+    "PlanarFootprint",
     "RobotModel",
     "load_robot",
     "recorded_robot",

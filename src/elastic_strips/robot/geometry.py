@@ -1,13 +1,14 @@
-"""Collision geometry of a robot: meshes become convex hulls that contain them, every shape gets a bounding capsule.
+"""Collision geometry of a robot: convex pieces with bounding capsules, and the pairs of them that must not touch.
 
-``BVHModel`` of Coal is hollow, so no mesh may reach the distance queries as such. What is contained in another shape of
-the same body is dropped and hulls that hardly grow by being joined are joined: both keep containment.
+Meshes become convex hulls that contain them. What is contained in another shape of the same body is dropped and hulls
+that hardly grow by being joined are joined: both keep containment.
 """
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
@@ -16,21 +17,23 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 
-from ..errors import RobotError
-
-if TYPE_CHECKING:
-    from scipy.spatial import ConvexHull
-
-_CIRCLE = np.column_stack(
-    (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
+from .coal_shapes import (
+    SIGNS,
+    ShapeKind,
+    box_about,
+    contains,
+    convex_from_vertices,
+    convex_hull,
+    shape_of,
+    support_points,
 )
-_FARTHEST = 1e3  # [m]
-_THINNEST = 1e-6  # [m]
+
+_log = logging.getLogger(__name__)
 _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
-_MOST_NEIGHBOURS = 255  # of a corner of a Coal shape
-_LARGE_FACE = 50  # triangles
-_TIP = 1e-5  # [m]
-_CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
+_SAMPLES = 300
+_ALWAYS = 0.95
+_TOUCH = 1.5e-3  # pieces nearer than this [m] count as touching
+_APART = 1e-4  # distance [m] below which a proof that two pieces never touch gives up
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,155 +66,6 @@ class LinkGeometry:
     capsule: Capsule
 
 
-def _hull(points: Array) -> ConvexHull:
-    from scipy.spatial import ConvexHull  # late: slow to import, and robots of primitives need none
-
-    return ConvexHull(points)
-
-
-def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
-    """Convex hull of points (V, 3) [m] as a Coal shape.
-
-    The triangles come from scipy: ``coal.Convex.convexHull`` ends the process on points that are nearly flat.
-
-    Raises:
-        RobotError: a point is not finite or further than 1 km away, or the points are fewer than four or flat.
-    """
-    points = np.asarray(vertices, dtype=float)
-    if not np.isfinite(points).all() or np.abs(points).max(initial=0.0) > _FARTHEST:
-        raise RobotError(f"{name}: a vertex is not finite or further than {_FARTHEST:g} m from the origin")
-    points = np.unique(points.round(12), axis=0)
-    flat = RobotError(f"{name}: {len(points)} distinct vertices without volume; a convex hull needs 4, not coplanar")
-    if len(points) < 4:
-        raise flat
-    middle = points.mean(axis=0)
-    thin = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
-    if float(np.ptp((points - middle) @ thin)) < _THINNEST:
-        raise flat
-    from scipy.spatial import QhullError
-
-    try:
-        corners, triangles = _hull_triangles(points)
-    except QhullError:
-        raise flat from None
-    shape = _coal_convex(corners, triangles)
-    shape.computeLocalAABB()
-    return shape
-
-
-def _coal_convex(corners: Array, triangles: npt.NDArray[np.intp]) -> coal.Convex:
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    points.extend(list(corners))
-    faces.extend([coal.Triangle(*abc) for abc in triangles.tolist()])
-    return coal.Convex(points, faces)
-
-
-def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Corners (V, 3) and triangles (T, 3) of a convex hull in which no corner has more neighbours than Coal takes.
-
-    Where one has, as in a wheel's flat side that is cut into a fan, large flat faces are cut into strips: the same
-    hull. An apex that still has too many becomes the corners of a tiny polygon about it: the hull grows by ``_TIP``.
-    """
-    hull = _hull(points)
-    corners, triangles = _numbered(points, hull.vertices, hull.simplices)
-    if _neighbours(triangles, len(corners)).max() <= _MOST_NEIGHBOURS:
-        return corners, triangles
-    for _ in range(4):
-        corners, triangles = _numbered(points, hull.vertices, _strips(points, hull))
-        count = _neighbours(triangles, len(corners))
-        if count.max() <= _MOST_NEIGHBOURS:
-            return corners, triangles
-        grown = [corners[count <= _MOST_NEIGHBOURS]]
-        for worst in np.flatnonzero(count > _MOST_NEIGHBOURS):
-            sides = corners[triangles[(triangles == worst).any(axis=1)]]
-            normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
-            outward = np.sum(
-                normals * np.sign(np.sum(normals * (sides[:, 0] - corners.mean(axis=0)), axis=1))[:, None], 0
-            )
-            across = np.linalg.svd(outward[None] / np.linalg.norm(outward))[2][1:]
-            angles = np.linspace(0.0, 2.0 * np.pi, 3 + count[worst] // 100, endpoint=False)
-            grown.append(corners[worst] + _TIP * np.column_stack((np.cos(angles), np.sin(angles))) @ across)
-        points = np.vstack(grown)
-        hull = _hull(points)
-    raise RobotError(f"a corner of a convex hull has {count.max()} neighbours; Coal takes {_MOST_NEIGHBOURS}")
-
-
-def _numbered(
-    points: Array, used: npt.NDArray[np.integer], triangles: npt.NDArray[np.integer]
-) -> tuple[Array, npt.NDArray[np.intp]]:
-    """The used points alone, and triangles of their new numbers."""
-    number = np.full(len(points), -1, dtype=np.intp)
-    number[used] = np.arange(len(used))
-    return points[used], number[triangles]
-
-
-def _neighbours(triangles: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:
-    """Number of neighbours (V,) of each corner: in a closed surface, that of its triangles."""
-    return np.bincount(triangles.ravel(), minlength=count)
-
-
-def _strips(points: Array, hull: ConvexHull) -> npt.NDArray[np.intp]:
-    """The hull's triangles (T, 3), those of each large flat face as one zigzag strip."""
-    _, face, size = np.unique(hull.equations, axis=0, return_inverse=True, return_counts=True)
-    face = face.ravel()  # triangles of one flat face share its plane exactly
-    triangles = list(hull.simplices[size[face] < _LARGE_FACE])
-    for large in np.flatnonzero(size >= _LARGE_FACE):
-        around = np.unique(hull.simplices[face == large])
-        local = points[around] - points[around].mean(axis=0)
-        normal = hull.equations[int(np.argmax(face == large)), :3]
-        first = local[0] / np.linalg.norm(local[0])
-        around = around[np.argsort(np.arctan2(local @ np.cross(normal, first), local @ first))]
-        low, high = 0, len(around) - 1
-        while high - low >= 2:
-            triangles.append(around[[low, low + 1, high]])
-            low += 1
-            if high - low >= 2:
-                triangles.append(around[[low, high - 1, high]])
-                high -= 1
-    return np.array(triangles, dtype=np.intp)
-
-
-def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
-    """Points (V, 3) and a radius [m] whose sphere-swept convex hull contains the shape, in the shape's frame.
-
-    Raises:
-        RobotError: the shape has no convex description here.
-    """
-    points, radius = _core_points(geometry)
-    if isinstance(geometry, coal.ShapeBase):
-        radius += float(geometry.getSweptSphereRadius())
-    return points, radius
-
-
-def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
-    """The same for a shape without its swept-sphere radius."""
-    if isinstance(geometry, coal.Sphere):
-        return np.zeros((1, 3)), float(geometry.radius)
-    if isinstance(geometry, coal.Capsule):
-        h = geometry.halfLength
-        return np.array([[0, 0, -h], [0, 0, h]]), float(geometry.radius)
-    if isinstance(geometry, coal.Box):
-        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        return signs * np.asarray(geometry.halfSide), 0.0
-    if isinstance(geometry, (coal.Cylinder, coal.Cone)):
-        ring = _CIRCLE * (float(geometry.radius) * _CIRCUMSCRIBED)
-        h = geometry.halfLength
-        low = np.column_stack((ring, np.full(len(ring), -h)))
-        if isinstance(geometry, coal.Cone):
-            return np.vstack((low, [[0, 0, h]])), 0.0
-        return np.vstack((low, low + np.array([0, 0, 2 * h]))), 0.0
-    if isinstance(geometry, coal.Ellipsoid):
-        return _core_points(coal.Box(*(2 * np.asarray(geometry.radii))))
-    if isinstance(geometry, coal.ConvexBase):
-        return np.asarray(geometry.points()).reshape(-1, 3).copy(), 0.0
-    if isinstance(geometry, coal.BVHModelBase):
-        return np.asarray(geometry.vertices()).reshape(-1, 3).copy(), 0.0
-    raise RobotError(
-        f"collision shape {type(geometry).__name__} is not supported. "
-        "Valid: Box, Sphere, Cylinder, Capsule, Cone, Ellipsoid, Convex, mesh."
-    )
-
-
 def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:
     """A small capsule that contains the spheres of ``radius`` [m] about ``points`` (V, 3)."""
     if len(points) == 1:
@@ -238,25 +92,6 @@ def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:
     return best[1]
 
 
-def _inside(points: Array, radius: float, shape: coal.CollisionGeometry) -> bool:
-    """Whether the spheres about ``points`` (in the shape's frame) all lie inside a convex shape."""
-    if radius > 0 or len(points) > 400:
-        return False
-    if isinstance(shape, coal.Box):
-        return bool(np.all(np.abs(points) <= np.asarray(shape.halfSide) + 1e-9))
-    if isinstance(shape, coal.Sphere):
-        return bool(np.all(np.linalg.norm(points, axis=1) <= shape.radius + 1e-9))
-    if isinstance(shape, coal.Cylinder):
-        return bool(
-            np.all(np.linalg.norm(points[:, :2], axis=1) <= shape.radius + 1e-9)
-            and np.all(np.abs(points[:, 2]) <= shape.halfLength + 1e-9)
-        )
-    if isinstance(shape, coal.ConvexBase):
-        hull = _hull(np.asarray(shape.points()).reshape(-1, 3))
-        return bool(np.all(hull.equations[:, :3] @ points.T + hull.equations[:, 3:] <= 1e-9))
-    return False
-
-
 def _transformed(points: Array, T: Array) -> Array:
     return points @ T[:3, :3].T + T[:3, 3]
 
@@ -267,7 +102,7 @@ def _piece(name: str, links: tuple[str, ...], joint: int, shape: coal.CollisionG
 
 
 def _hull_volume(points: Array) -> float:
-    return float(_hull(points).volume)
+    return float(convex_hull(points).volume)
 
 
 def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_ratio: float = 1.06) -> list[LinkGeometry]:
@@ -288,12 +123,12 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_rati
         shape, T = obj.geometry, np.array(obj.placement.homogeneous)
         link = model.frames[obj.parentFrame].name if obj.parentFrame < len(model.frames) else obj.name
         points, _ = support_points(shape)
-        if isinstance(shape, coal.BVHModelBase):
+        kind = shape_of(shape)[0]
+        if kind is ShapeKind.MESH:
             meshes = True
             shape = convex_from_vertices(points, name=f"{obj.name} ({obj.meshPath})")
-        elif isinstance(shape, coal.Ellipsoid):
-            shape = coal.Box(*(2 * np.asarray(shape.radii)))
-            shape.setSweptSphereRadius(obj.geometry.getSweptSphereRadius())
+        elif kind is ShapeKind.ELLIPSOID:
+            shape = box_about(shape)
         shape.computeLocalAABB()
         pieces.append(_piece(obj.name, (link,), obj.parentJoint, shape, T))
     if not meshes:
@@ -314,7 +149,7 @@ def _without_contained(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
             if k == i or k in dropped or other.joint != p.joint:
                 continue
             T = np.asarray(np.linalg.inv(other.placement), dtype=float)
-            if _inside(_transformed(world, T), 0.0, other.geometry):
+            if contains(other.geometry, _transformed(world, T)):
                 dropped.add(i)
                 links[k] |= links[i]
                 break
@@ -329,8 +164,7 @@ def _cloud(piece: LinkGeometry) -> Array:
     """Points in the joint's frame whose hull contains the piece."""
     points, radius = support_points(piece.geometry)
     if radius > 0:
-        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        points = (points[:, None, :] + radius * signs[None]).reshape(-1, 3)
+        points = (points[:, None, :] + radius * SIGNS[None]).reshape(-1, 3)
     return _transformed(points, piece.placement)
 
 
@@ -365,3 +199,171 @@ def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
         for other in [n for n in live if n != new]:
             consider(other, new)
     return list(live.values())
+
+
+def self_pairs(
+    model: pin.Model,
+    pieces: Sequence[LinkGeometry],
+    home: Array,
+    disabled: Iterable[Iterable[str]] | None,
+) -> npt.NDArray[np.intp]:
+    """Pairs (S, 2) of pieces to keep apart.
+
+    Pieces of one joint never move relative to each other and those of neighbouring joints touch by design: both are
+    left out. A pair of links is left out where ``disabled`` names it. Pairs that touch in nearly every sampled posture
+    are left out: hulls of meshes do where the bodies do not. Without ``disabled``, so are those that touch at home and
+    those that never can. The log says so, with a warning where ``disabled`` or other postures tell otherwise.
+    """
+    ignored = None if disabled is None else {frozenset(p) for p in disabled}
+    pairs = []
+    for i in range(len(pieces)):
+        for k in range(i + 1, len(pieces)):
+            a, b = pieces[i].joint, pieces[k].joint
+            if a == b or (model.parents[a] == b and a > 0) or (model.parents[b] == a and b > 0):
+                continue
+            if ignored is not None and all(
+                frozenset((la, lb)) in ignored for la in pieces[i].links for lb in pieces[k].links
+            ):
+                continue
+            pairs.append((i, k))
+    if ignored is not None:
+        pairs, _ = _without_permanent(model, pieces, None, pairs)
+    else:
+        pairs, touched = _without_permanent(model, pieces, home, pairs)
+        pairs = [p for p in pairs if p in touched or not never_touch(model, pieces, *p)]
+    return np.asarray(pairs, dtype=np.intp).reshape(-1, 2)
+
+
+def _without_permanent(
+    model: pin.Model, pieces: Sequence[LinkGeometry], home: Array | None, pairs: list[tuple[int, int]]
+) -> tuple[list[tuple[int, int]], set[tuple[int, int]]]:
+    """The pairs that do not always touch, nor at a home posture, and those among them that were seen to.
+
+    Without a home only the pairs that always touch are looked for.
+    """
+    data = model.createData()
+    rng = np.random.default_rng(0)
+    hits = np.zeros(len(pairs), dtype=int)
+    at_home = np.zeros(len(pairs), dtype=bool)
+    touched = np.zeros(len(pairs), dtype=bool)
+    first, second = np.asarray(pairs, dtype=np.intp).reshape(-1, 2).T
+    # a ball about each piece: most pairs are too far from each other to be asked
+    center = [0.5 * (p.capsule.a + p.capsule.b) for p in pieces]
+    radius = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in pieces])
+    reach = radius[first] + radius[second] + _TOUCH
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    wide = ~((np.abs(lower) < 1e6) & (np.abs(upper) < 1e6))
+    lower[wide], upper[wide] = -np.pi, np.pi
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request.security_margin = _TOUCH
+    for sample in range(_SAMPLES + 1):
+        if home is None and sample > 0 and not np.any(hits >= sample - (1.0 - _ALWAYS) * _SAMPLES):
+            break
+        q = home if sample == 0 and home is not None else pin.normalize(model, rng.uniform(lower, upper))
+        pin.forwardKinematics(model, data, q)
+        at = np.array([data.oMi[p.joint].act(c) for p, c in zip(pieces, center, strict=True)])
+        near = np.flatnonzero(np.linalg.norm(at[first] - at[second], axis=1) <= reach)
+        poses = {n: _pose(data, pieces[n]) for n in {*first[near].tolist(), *second[near].tolist()}}
+        for n in near:
+            i, k = pairs[n]
+            result.clear()
+            if coal.collide(pieces[i].geometry, poses[i], pieces[k].geometry, poses[k], request, result):
+                hits[n] += 1
+                at_home[n] |= sample == 0 and home is not None
+                touched[n] |= result.getContact(0).penetration_depth < _APART
+    drop = at_home | (hits > _ALWAYS * _SAMPLES)
+    surprising: dict[str, list[str]] = {}
+    for n in np.flatnonzero(drop):
+        i, k = pairs[n]
+        why = "touch at home" if at_home[n] else "touch nearly always"
+        _log.info("self-collision of %s and %s is not checked: they %s", pieces[i].name, pieces[k].name, why)
+        if home is None or hits[n] < 0.5 * _SAMPLES:
+            surprising.setdefault(why, []).append(f"{pieces[i].name} and {pieces[k].name}")
+    for why, names in surprising.items():
+        more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+        _log.warning(
+            "self-collision of %d pairs is not checked, though %s: they %s (%s%s)",
+            len(names), "the SRDF asks for it" if home is None else "they seldom touch elsewhere", why,
+            "; ".join(names[:8]), more,
+        )  # fmt: skip
+    kept = [p for n, p in enumerate(pairs) if not drop[n]]
+    return kept, {p for n, p in enumerate(pairs) if touched[n]}
+
+
+def _pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
+    T = data.oMi[piece.joint] * pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
+    return coal.Transform3s(T.rotation, T.translation)
+
+
+def never_touch(model: pin.Model, pieces: Sequence[LinkGeometry], i: int, k: int, *, cells: int = 4000) -> bool:
+    """Whether two pieces are proven apart in every posture: only tried where at most two joints lie between them.
+
+    The box of these joints' limits is divided until, in each cell, the distance at its middle exceeds what the
+    pieces can move towards each other inside it. True is a proof; False means that they touch somewhere or that
+    ``cells`` did not suffice.
+    """
+    between = _joints_between(model, pieces[i].joint, pieces[k].joint)
+    if not 1 <= len(between) <= 2:
+        return False
+    low, high, radius = [], [], []
+    for j in between:
+        joint = model.joints[j]
+        if joint.nq != 1:
+            return False
+        low.append(float(model.lowerPositionLimit[joint.idx_q]))
+        high.append(float(model.upperPositionLimit[joint.idx_q]))
+        revolute = not joint.shortname().startswith("JointModelP")
+        lever = max(_chain_reach(model, pieces[n], j) for n in (i, k))
+        radius.append(lever if revolute else 1.0)
+    reach = np.asarray(radius)
+    data, q = model.createData(), pin.neutral(model)
+    request, result = coal.DistanceRequest(True), coal.DistanceResult()
+    open_cells = [(np.asarray(low), np.asarray(high))]
+    if not np.isfinite(np.asarray(low + high)).all():
+        return False
+    for _ in range(cells):
+        if not open_cells:
+            return True
+        a, b = open_cells.pop()
+        for value, j in zip(0.5 * (a + b), between, strict=True):
+            q[model.joints[j].idx_q] = value
+        pin.forwardKinematics(model, data, q)
+        poses = [_pose(data, p) for p in (pieces[i], pieces[k])]
+        result.clear()
+        d = coal.distance(pieces[i].geometry, poses[0], pieces[k].geometry, poses[1], request, result)
+        if d <= _APART:
+            return False
+        travel = 0.5 * (b - a) * reach
+        if d - _APART > travel.sum():
+            continue
+        axis = int(np.argmax(travel))
+        middle = 0.5 * (a[axis] + b[axis])
+        left, right = b.copy(), a.copy()
+        left[axis] = right[axis] = middle
+        open_cells += [(a, left), (right, b)]
+    return not open_cells
+
+
+def _joints_between(model: pin.Model, a: int, b: int) -> list[int]:
+    """Joints that move one of the bodies of joints ``a`` and ``b`` and not the other."""
+    chains = []
+    for joint in (a, b):
+        chain = set()
+        while joint > 0:
+            chain.add(joint)
+            joint = model.parents[joint]
+        chains.append(chain)
+    return sorted(chains[0] ^ chains[1])
+
+
+def _chain_reach(model: pin.Model, piece: LinkGeometry, joint: int) -> float:
+    """Bound [m] of a piece's distance from a joint's origin in any posture; 0 where the joint does not carry it."""
+    far = max(float(np.linalg.norm(piece.capsule.a)), float(np.linalg.norm(piece.capsule.b))) + piece.capsule.r
+    at = piece.joint
+    while at > 0 and at != joint:
+        far += float(np.linalg.norm(model.jointPlacements[at].translation))
+        if model.joints[at].shortname().startswith("JointModelP"):
+            index = model.joints[at].idx_q
+            far += max(abs(float(model.lowerPositionLimit[index])), abs(float(model.upperPositionLimit[index])))
+        at = model.parents[at]
+    return far if at == joint else 0.0

@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from ..catalogue import find_robot, is_known
-from ..errors import RobotError, nearest_name
+from elastic_strips.catalogue import find_robot, is_known
+from elastic_strips.errors import RobotError, nearest_name
+
+from .coal_shapes import ShapeKind, shape_of, vertices
 from .model import RobotModel
 from .space import BaseKind
 from .srdf import Srdf, read_srdf, within_limits
@@ -207,11 +208,11 @@ def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
                 "not strict URDF (numbers, <inertial> without <inertia>, <material> without a name, …)"
             )
     for shape in collision.geometryObjects:
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            what, vertices = f"collision mesh {shape.meshPath} of {shape.name!r}", shape.geometry.vertices()
-            if not np.isfinite(vertices).all():
+        if shape_of(shape.geometry)[0] is ShapeKind.MESH:
+            what, points = f"collision mesh {shape.meshPath} of {shape.name!r}", vertices(shape.geometry)
+            if not np.isfinite(points).all():
                 raise RobotError(f"{what} has vertices that are not finite")
-            if np.abs(vertices).max(initial=0.0) > MAX_LENGTH:
+            if np.abs(points).max(initial=0.0) > MAX_LENGTH:
                 raise RobotError(f"{what} reaches beyond {MAX_LENGTH:g} m")
 
 

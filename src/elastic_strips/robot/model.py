@@ -12,13 +12,11 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
+from elastic_strips.summary import Summary
 
-from ..errors import ConfigurationError, RobotError, nearest_name
-from ..summary import Summary
-from .control_points import ControlPoints, default_control_points, find_frame, parse_control_points
-from .geometry import LinkGeometry, link_geometries
-from .kinematics import KinematicTree
-from .self_pairs import self_pairs
+from .geometry import LinkGeometry, link_geometries, self_pairs
+from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
 from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
 
 _log = logging.getLogger(__name__)

@@ -15,9 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
-
-from ..errors import RobotError, nearest_name
-from ..summary import Summary
+from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.summary import Summary
 
 
 class BaseKind(str, Enum):
@@ -56,7 +55,7 @@ _SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
 
 
-def where_true(mask: Mask) -> tuple[Indices, ...]:
+def nonzero(mask: Mask) -> tuple[Indices, ...]:
     """``np.nonzero`` of a mask with several axes and few true entries, several times as fast."""
     return np.unravel_index(np.flatnonzero(mask), mask.shape)
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..errors import RobotError
+from elastic_strips.errors import RobotError
+
 from .space import LIMIT_TOLERANCE
 from .urdf import Mends, UrdfSource, read_xml
 

@@ -18,9 +18,9 @@ import coal
 import pinocchio as pin
 from lxml import etree
 
-from ..errors import RobotError, nearest_name
-from ..input_file import check_input, read_input
-from ..summary import shortened
+from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.files import check_input, read_input
+from elastic_strips.summary import shortened
 
 _log = logging.getLogger(__name__)
 _SHOWN = 12
@@ -139,8 +139,8 @@ def floats(
 
 _MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
 MAX_MESH_BYTES = 100_000_000
-MAX_SHAPES = 500
-MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
+_MAX_SHAPES = 500
+_MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
 _SHAPES = {
     "box": ("size", 3),
     "sphere": ("radius", 1),
@@ -175,15 +175,15 @@ def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
     return next((f / name for f in [source.parent, *folders] if os.path.isfile(f / name)), None)
 
 
-def check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) -> None:
+def _check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) -> None:
     """Check all shapes; mesh names become paths, and a visual shape with a fault is left out.
 
     Raises:
         RobotError: a collision shape with a fault, or too many of them.
     """
     count = len(root.findall("link/collision"))
-    if count > MAX_SHAPES:
-        raise RobotError(f"{source}: the robot has {count} collision shapes; at most {MAX_SHAPES} are accepted")
+    if count > _MAX_SHAPES:
+        raise RobotError(f"{source}: the robot has {count} collision shapes; at most {_MAX_SHAPES} are accepted")
     for link in root.findall("link"):
         for tag in ("collision", "visual"):
             for element in link.findall(tag):
@@ -247,8 +247,8 @@ def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> Non
     if found is None:
         searched = ", ".join(str(f) for f in folders[:4])
         raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh {name!r} not found (searched {searched}, …)")
-    if found.suffix.lower() not in MESH_SUFFIXES:
-        hint = nearest_name(found.suffix.lower(), MESH_SUFFIXES)
+    if found.suffix.lower() not in _MESH_SUFFIXES:
+        hint = nearest_name(found.suffix.lower(), _MESH_SUFFIXES)
         raise RobotError(
             f"{source}:{shape.sourceline}: {what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}"
         )
@@ -310,7 +310,7 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
     parents = _check_tree(root, links, source)
     limits, mimic, continuous = _check_joints(root, joints, source, mends)
     _check_inertials(root, source, mends)
-    check_geometry(root, source, search_folders(source, package_dirs), mends)
+    _check_geometry(root, source, search_folders(source, package_dirs), mends)
     if not root.get("name"):
         mends.add("robot without a name, called", source.stem)
         root.set("name", source.stem)

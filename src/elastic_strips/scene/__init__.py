@@ -1,12 +1,9 @@
 """Scene room: what stands and moves around the robot, as immutable snapshots made of convex Coal parts."""
 
-from elastic_strips.scene.motion import Keyframes, Motion, Twist, Unknown
-from elastic_strips.scene.obstacle import Obstacle
-from elastic_strips.scene.parts import Part
-from elastic_strips.scene.scene import PartTable, Scene
-from elastic_strips.scene.shapes import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Sphere, Voxels
-from elastic_strips.scene.world import World
-from elastic_strips.scene.yielding import Yielding
+from .motion import Keyframes, Motion, PedestrianMotion, Twist, UnknownMotion
+from .obstacle import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Obstacle, Points, Sphere, Voxels
+from .parts import Part
+from .scene import PartTable, Scene, World
 
 __all__ = [
     "Box",
@@ -20,12 +17,12 @@ __all__ = [
     "Obstacle",
     "Part",
     "PartTable",
+    "PedestrianMotion",
     "Points",
     "Scene",
     "Sphere",
     "Twist",
-    "Unknown",
+    "UnknownMotion",
     "Voxels",
     "World",
-    "Yielding",
 ]

@@ -28,10 +28,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array
 from elastic_strips.errors import SceneError, nearest_name
-from elastic_strips.input_file import read_input
-from elastic_strips.scene.checks import Array
-from elastic_strips.scene.parts import MIN_THICKNESS, flatness
+from elastic_strips.files import read_input
+
+from .parts import MIN_THICKNESS, flatness
 
 # trimesh is imported where it is used: it takes half a second, and only scenes with meshes need it.
 _log = logging.getLogger(__name__)

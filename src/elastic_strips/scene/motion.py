@@ -1,29 +1,33 @@
 """Motions: how an obstacle moves with time, and how fast any of its points can get.
 
-Motions that are known: `Twist`, `Keyframes`; one that is not: `Unknown`. One
-that depends on what others do: `Yielding` in `elastic_strips.scene.yielding`.
+Motions that are known: `Twist`, `Keyframes`; one that is not: `UnknownMotion`. One whose rate a simulation sets:
+`PedestrianMotion`; see `elastic_strips.sim.pedestrians`.
 """
 
 from __future__ import annotations
 
 import abc
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import checks
-from elastic_strips.scene.checks import Array
 from elastic_strips.summary import Summary
+from elastic_strips.validation import check_number, shown
+
+from .quantities import QUAT_TOLERANCE, check_points, check_quaternion, rotation_of
 
 MAX_SPEED = 1e4
 """Largest linear [m/s] or angular [rad/s] speed that is accepted."""
 
+_SLACK = 1e-9  # [s] by which a place on a track may be rounded
+
 
 class Motion(abc.ABC):
-    """A rigid motion in the world frame; immutable, but for `Yielding`, whose future is not written yet."""
+    """A rigid motion in the world frame; immutable, but for `PedestrianMotion`."""
 
     __slots__ = ()
 
@@ -73,7 +77,7 @@ class Twist(Motion):
 
     def __post_init__(self) -> None:
         for key in ("linear", "angular"):
-            object.__setattr__(self, key, checks.array(f"Twist {key}", getattr(self, key), (3,), limit=MAX_SPEED))
+            object.__setattr__(self, key, check_points(f"Twist {key}", getattr(self, key), (3,), limit=MAX_SPEED))
 
     def pose(self, initial_pose: Array, t: float) -> Array:
         """Pose (4, 4) at time ``t`` [s]; see `Motion.pose`."""
@@ -90,15 +94,15 @@ class Twist(Motion):
 
     def speed_bound(self, radius: float, *, start: float | None = None, end: float | None = None) -> float:
         """Largest speed [m/s] of a point within ``radius`` [m] of the origin; the same at all times."""
-        return float(np.linalg.norm(self.linear) + np.linalg.norm(self.angular) * check_radius(radius))
+        return float(np.linalg.norm(self.linear) + np.linalg.norm(self.angular) * _check_radius(radius))
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return Twist, (self.linear, self.angular)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unknown(Motion):
-    """A motion of which nothing is known but a bound of its speed; what a sensor makes of an obstacle it sees once.
+class UnknownMotion(Motion):
+    """A motion of which nothing is known but a bound of its speed; what is known of an obstacle seen once.
 
     As far as is known the obstacle stays where it is: `pose` is its last pose and `velocity` is 0, but any of its
     points may be up to ``max_speed`` times the elapsed time away from there.
@@ -110,7 +114,9 @@ class Unknown(Motion):
     max_speed: float
 
     def __post_init__(self) -> None:
-        speed = checks.number("Unknown max_speed", self.max_speed, low=0.0, high=MAX_SPEED, unit="m/s")
+        speed = check_number(
+            "UnknownMotion max_speed", self.max_speed, low=0.0, high=MAX_SPEED, unit="m/s", error=SceneError
+        )
         object.__setattr__(self, "max_speed", speed)
 
     @property
@@ -128,29 +134,8 @@ class Unknown(Motion):
 
     def speed_bound(self, radius: float, *, start: float | None = None, end: float | None = None) -> float:
         """``max_speed`` [m/s], whatever the ``radius``."""
-        check_radius(radius)
+        _check_radius(radius)
         return self.max_speed
-
-
-def check_motion(value: Any) -> Motion | None:
-    """Check that ``value`` is a `Motion` or None."""
-    if value is not None and not isinstance(value, Motion):
-        raise SceneError(f"motion must be a Twist, Keyframes, Unknown, Yielding or None, not {checks.shown(value)}")
-    return value
-
-
-def check_radius(value: float) -> float:
-    """Check a distance from an obstacle's origin [m]."""
-    radius = float(value)
-    if not radius >= 0.0:
-        raise SceneError(f"radius is {radius:g} m; it must be at least 0")
-    return radius
-
-
-def _axis_rotation(axis: Array, angle: float) -> Array:
-    """Rotation matrix (3, 3) about the unit ``axis`` by ``angle`` [rad]."""
-    half = 0.5 * math.remainder(angle, 2.0 * math.pi)
-    return checks.rotation_of(np.append(axis * math.sin(half), math.cos(half)))
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
@@ -176,10 +161,12 @@ class Keyframes(Motion, Summary):
     _linear: Array  # (K - 1,) speed of the origin in each piece [m/s]
     _angular: Array  # (K - 1,) [rad/s]
 
-    def __init__(self, times: Any, positions: Any, *, quats: Any = None, loop: bool = False) -> None:
+    def __init__(
+        self, times: ArrayLike, positions: ArrayLike, *, quats: ArrayLike | None = None, loop: bool = False
+    ) -> None:
         put = object.__setattr__
-        t = checks.array("Keyframes times", times, (None,))
-        p = checks.array("Keyframes positions", positions, (None, 3))
+        t = check_points("Keyframes times", times, (None,))
+        p = check_points("Keyframes positions", positions, (None, 3))
         if len(p) != len(t):
             raise SceneError(f"Keyframes need one position per time: {len(p)} positions, {len(t)} times")
         late = np.flatnonzero(np.diff(t) <= 0.0)
@@ -187,19 +174,19 @@ class Keyframes(Motion, Summary):
             k = int(late[0])
             raise SceneError(f"Keyframes times must increase strictly: times[{k + 1}] = {t[k + 1]:g} after {t[k]:g}")
         if not isinstance(loop, (bool, np.bool_)):
-            raise SceneError(f"Keyframes loop must be true or false, not {checks.shown(loop)}")
+            raise SceneError(f"Keyframes loop must be true or false, not {shown(loop)}")
         if loop and len(t) < 2:
             raise SceneError("a Keyframes loop needs at least two keyframes, not 1")
         rotations = np.zeros(len(t) - 1)
         q = None
         if quats is not None:
-            raw = checks.array("Keyframes quats", quats, (None, 4), limit=1e3)
+            raw = check_points("Keyframes quats", quats, (None, 4), limit=1e3)
             if len(raw) != len(t):
                 raise SceneError(f"Keyframes need one quaternion per time: {len(raw)} quaternions, {len(t)} times")
             norm = np.linalg.norm(raw, axis=1)
-            bad = np.flatnonzero(np.abs(norm - 1.0) > checks.QUAT_TOLERANCE)
+            bad = np.flatnonzero(np.abs(norm - 1.0) > QUAT_TOLERANCE)
             if bad.size:
-                checks.quaternion(f"Keyframes quats[{int(bad[0])}]", raw[bad[0]])  # raises, and says what is needed
+                check_quaternion(f"Keyframes quats[{int(bad[0])}]", raw[bad[0]])  # raises, and says what is needed
             q = raw / norm[:, None]
             q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))[:, None]  # slerp the short way
             a, b = q[:-1], q[1:]
@@ -239,7 +226,7 @@ class Keyframes(Motion, Summary):
             share, after = (phase - float(times[k])) / float(times[k + 1] - times[k]), k + 1
         result[:3, 3] = positions[k] + share * (positions[after] - positions[k])
         if self.quats is not None:
-            result[:3, :3] = checks.rotation_of(_slerp(self.quats[k], self.quats[after], share))
+            result[:3, :3] = rotation_of(_slerp(self.quats[k], self.quats[after], share))
         return result
 
     def velocity(self, initial_pose: Array, t: float) -> tuple[Array, Array]:
@@ -261,11 +248,8 @@ class Keyframes(Motion, Summary):
 
         Infinite if the loop jumps in that interval.
         """
-        radius = check_radius(radius)
-        begin = -math.inf if start is None else float(start)
-        stop = math.inf if end is None else float(end)
-        if not begin <= stop:
-            raise SceneError(f"speed_bound needs start <= end, not {begin:g} and {stop:g} s")
+        radius = _check_radius(radius)
+        begin, stop = _interval(start, end)
         if not self._linear.size:
             return 0.0
         speeds = self._linear + radius * self._angular
@@ -286,7 +270,7 @@ class Keyframes(Motion, Summary):
             moving |= (self.times[:-1] <= b + shift) & (self.times[1:] >= a + shift)
         return float(speeds[moving].max(initial=0.0))
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return _keyframes, (self.times, self.positions, self.quats, self.loop)
 
     def _phase(self, t: float) -> float:
@@ -294,6 +278,149 @@ class Keyframes(Motion, Summary):
         if first <= t < last:  # exact: a keyframe's own time belongs to the piece that begins there
             return t
         return first + (t - first) % (last - first)
+
+
+class PedestrianMotion(Motion):
+    """Workspace, the one motion that is not frozen: a track, and the history of the rate at which it was followed.
+
+    At time t the obstacle is where the track is at its own time s(t). Before time 0, s = t; from then on the
+    simulation sets the rate ds/dt in [-1, 1] by `advance` (below 0: backwards), which holds until it is set again.
+    The past never changes. All copies of an obstacle share its motion.
+
+    Args:
+        track: Motion of the obstacle while nothing blocks it; a loop must not jump.
+        acceleration: Largest acceleration of the obstacle in any direction, turns of the track included [m/s²]; the
+            rates that are set must keep to it.
+
+    Raises:
+        SceneError: No track, one that jumps, or an acceleration that is not positive.
+    """
+
+    __slots__ = ("_places", "_rates", "_times", "acceleration", "track")
+
+    track: Keyframes
+    acceleration: float
+    _times: list[float]  # begin of each piece of the history [s]; the first reaches back for ever
+    _places: list[float]  # of the track [s], at these times
+    _rates: list[float]
+
+    def __init__(self, track: Keyframes, acceleration: float = math.inf) -> None:
+        if not isinstance(track, Keyframes):
+            raise SceneError(f"PedestrianMotion needs Keyframes as its track, not {shown(track)}")
+        if track.jumps:
+            raise SceneError("a PedestrianMotion cannot follow a loop that jumps: its last pose must be its first one")
+        if not acceleration > 0.0:
+            raise SceneError(f"PedestrianMotion acceleration={acceleration!r} must be positive [m/s²]")
+        self.track, self.acceleration = track, float(acceleration)
+        self.reset()
+
+    def reset(self) -> None:
+        """Delete the history: rate 1 at all times."""
+        self._times, self._places, self._rates = [0.0, 0.0], [0.0, 0.0], [1.0, 1.0]
+
+    def advance(self, t: float, rate: float) -> None:
+        """Follow the track at ``rate`` in [-1, 1] from the time ``t`` [s] on, the latest so far or later.
+
+        Raises:
+            SceneError: A rate outside its range, or a time before the last one that was given.
+        """
+        if not -1.0 <= rate <= 1.0:
+            raise SceneError(f"rate={rate!r} must lie in [-1, 1]")
+        if not self._times[-1] <= t < math.inf:
+            raise SceneError(f"time {t:g} s is before {self._times[-1]:g} s; what has been cannot be changed")
+        if rate == self._rates[-1]:
+            return
+        if t > self._times[-1]:
+            self._places.append(self.place(t))
+            self._times.append(float(t))
+            self._rates.append(float(rate))
+        else:
+            self._rates[-1] = float(rate)
+
+    def place(self, t: float) -> float:
+        """The track's time s [s] at the time ``t`` [s]."""
+        k = self._piece(t)
+        return self._places[k] + self._rates[k] * (t - self._times[k])
+
+    def rate(self, t: float) -> float:
+        """ds/dt from the time ``t`` [s] on."""
+        return self._rates[self._piece(t)]
+
+    @property
+    def relative(self) -> bool:
+        """False: the track is absolute."""
+        return False
+
+    def pose(self, initial_pose: Array, t: float) -> Array:
+        """Pose (4, 4) at time ``t`` [s]; see `Keyframes.pose`."""
+        return self.track.pose(initial_pose, self.place(t))
+
+    def velocity(self, initial_pose: Array, t: float) -> tuple[Array, Array]:
+        """The track's velocities (3,) [m/s] and (3,) [rad/s], times the rate; see `Motion.velocity`."""
+        k = self._piece(t)
+        linear, angular = self.track.velocity(initial_pose, self._places[k] + self._rates[k] * (t - self._times[k]))
+        return self._rates[k] * linear, self._rates[k] * angular
+
+    def speed_bound(self, radius: float, *, start: float | None = None, end: float | None = None) -> float:
+        """Largest speed [m/s] of a point within ``radius`` [m] of the origin between ``start`` and ``end`` [s].
+
+        Exact for the past; for the future it holds for any rates.
+        """
+        radius = _check_radius(radius)
+        begin, stop = _interval(start, end)
+        last, first, final = self._times[-1], self._piece(begin), self._piece(stop)
+        places = [self.place(min(begin, last)), *self._places[first + 1 : final + 1]]
+        if stop > last:
+            low, high, rate = min(places) - (stop - last), max(places) + (stop - last), 1.0
+        else:
+            places.append(self.place(stop))
+            low, high, rate = min(places), max(places), max(map(abs, self._rates[first : final + 1]))
+        return rate * self.track.speed_bound(radius, start=low - _SLACK, end=high + _SLACK)
+
+    def copy(self, *, history: bool = True) -> PedestrianMotion:
+        """Another motion along the same track, with the same history or with none."""
+        new = PedestrianMotion(self.track, self.acceleration)
+        if history:
+            new._times, new._places, new._rates = list(self._times), list(self._places), list(self._rates)
+        return new
+
+    def _piece(self, t: float) -> int:
+        return max(bisect_right(self._times, t) - 1, 0)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _restored_pedestrian, (
+            self.track,
+            self.acceleration,
+            list(self._times),
+            list(self._places),
+            list(self._rates),
+        )
+
+
+def check_motion(value: object) -> Motion | None:
+    """Check that ``value`` is a `Motion` or None."""
+    if value is not None and not isinstance(value, Motion):
+        raise SceneError(
+            f"motion must be a Twist, Keyframes, UnknownMotion, PedestrianMotion or None, not {shown(value)}"
+        )
+    return value
+
+
+def _check_radius(value: float) -> float:
+    """Check a distance from an obstacle's origin [m]."""
+    radius = float(value)
+    if not radius >= 0.0:
+        raise SceneError(f"radius is {radius:g} m; it must be at least 0")
+    return radius
+
+
+def _interval(start: float | None, end: float | None) -> tuple[float, float]:
+    """Begin and end [s] of an interval of time; None is infinity."""
+    begin = -math.inf if start is None else float(start)
+    stop = math.inf if end is None else float(end)
+    if not begin <= stop:
+        raise SceneError(f"speed_bound needs start <= end, not {begin:g} and {stop:g} s")
+    return begin, stop
 
 
 def _keyframes(times: Array, positions: Array, quats: Array | None, loop: bool) -> Keyframes:
@@ -321,3 +448,17 @@ def _turn(a: Array, b: Array) -> Array:
     axis = a[3] * b[:3] - b[3] * a[:3] - np.cross(b[:3], a[:3])  # vector part of b times the conjugate of a
     length = float(np.linalg.norm(axis))
     return axis * (_angle(a, b) / length) if length > 0.0 else np.zeros(3)
+
+
+def _restored_pedestrian(
+    track: Keyframes, acceleration: float, times: list[float], places: list[float], rates: list[float]
+) -> PedestrianMotion:
+    new = PedestrianMotion(track, acceleration)
+    new._times, new._places, new._rates = times, places, rates
+    return new
+
+
+def _axis_rotation(axis: Array, angle: float) -> Array:
+    """Rotation matrix (3, 3) about the unit ``axis`` by ``angle`` [rad]."""
+    half = 0.5 * math.remainder(angle, 2.0 * math.pi)
+    return rotation_of(np.append(axis * math.sin(half), math.cos(half)))

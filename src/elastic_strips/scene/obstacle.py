@@ -1,18 +1,41 @@
-"""Scene room, obstacle: the immutable value that all shapes share: a solid, its pose, its motion, its name."""
+"""Scene room, obstacles: immutable values of a solid, its pose, its motion and its name; and the shapes they have.
+
+Sizes are full lengths in metres. Everything after the first argument of a shape (two for shapes of two lengths) is by
+keyword: ``at`` is the position (3,) of the obstacle's origin [m], ``quat`` its unit quaternion (x, y, z, w), both in
+the world frame; ``name`` is unique in a scene; ``motion`` says how it moves.
+"""
 
 from __future__ import annotations
 
+import math
+import os
+from pathlib import Path
 from typing import Any, TypeVar
 
+import coal
 import numpy as np
 
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import checks
-from elastic_strips.scene.checks import Array
-from elastic_strips.scene.motion import Motion, check_motion
-from elastic_strips.scene.parts import Part, Solid
 from elastic_strips.summary import shortened
+from elastic_strips.validation import check_number, shown
 
+from .decompose import convex_pieces, load_mesh
+from .motion import Motion, check_motion
+from .parts import Part, Solid, cluster_solid, hull_part, primitive
+from .quantities import (
+    MAX_LENGTH,
+    POSE_TOLERANCE,
+    check_length,
+    check_points,
+    check_pose,
+    check_sizes,
+    check_time,
+    pose_of,
+)
+
+_ORIGIN = (0.0, 0.0, 0.0)
+_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 _put = object.__setattr__
 _Self = TypeVar("_Self", bound="Obstacle")
 
@@ -45,10 +68,17 @@ class Obstacle:
     spec: dict[str, Any]
 
     def _fill(
-        self, shape: str, spec: dict[str, Any], solid: Solid, *, at: Any, quat: Any, name: Any, motion: Any
+        self,
+        shape: str,
+        spec: dict[str, Any],
+        solid: Solid,
+        at: ArrayLike,
+        quat: ArrayLike,
+        name: str | None,
+        motion: Motion | None,
     ) -> None:
-        anchor = checks.placement(at, quat)
-        _put(self, "name", checks.name(name))
+        anchor = pose_of(at, quat)
+        _put(self, "name", check_name(name))
         _put(self, "shape", shape)
         _put(self, "motion", check_motion(motion))
         pose = _pose_at(motion, anchor, 0.0)
@@ -99,15 +129,15 @@ class Obstacle:
             return np.zeros(3), np.zeros(3)
         return self.motion.velocity(self.anchor, self.time - self._origin_time())
 
-    def moved(self: _Self, pose: Any) -> _Self:
+    def moved(self: _Self, pose: object) -> _Self:
         """Copy at ``pose`` (4, 4) (or a ``pin.SE3``) [m] now, sharing the parts; a twist goes on from there.
 
         `Keyframes` are absolute: the copy is back on its track at the next `at`.
         """
-        pose = checks.pose(pose)
+        pose = check_pose(pose)
         return self._copy(self.name, pose, self.time, pose, self.time)
 
-    def sensed(self: _Self, pose: Array, motion: Motion | None) -> _Self:
+    def observed(self: _Self, pose: Array, motion: Motion | None) -> _Self:
         """Copy as a sensor sees it: at ``pose`` (4, 4) [m] now, and moving from there as ``motion`` says.
 
         Shares the parts; ``pose`` and ``motion`` are not checked.
@@ -118,7 +148,7 @@ class Obstacle:
 
     def at(self: _Self, t: float) -> _Self:
         """Copy at its pose at time ``t`` [s], or itself if it does not move."""
-        t = checks.number("time", t, low=-1e12, high=1e12, unit="s")
+        t = check_time("time", t)
         if self.motion is None or self.motion.still or t == self.time:
             return self
         pose = _pose_at(self.motion, self.anchor, t - self._origin_time())
@@ -126,7 +156,7 @@ class Obstacle:
 
     def named(self: _Self, name: str) -> _Self:
         """Copy with another name."""
-        if checks.name(name) is None:
+        if check_name(name) is None:
             raise SceneError("name must be a non-empty printable string, not None")
         return self._copy(name, self.pose, self.time, self.anchor, self.anchor_time)
 
@@ -149,8 +179,273 @@ class Obstacle:
     def __delattr__(self, key: str) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable; {key!r} cannot be deleted")
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return _restored, (type(self), {key: getattr(self, key) for key in Obstacle.__slots__})
+
+
+class Box(Obstacle):
+    """A box.
+
+    Args:
+        size: Full lengths (3,) along its x, y, z axes [m].
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        size: ArrayLike,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        lengths = check_sizes("Box size", size, 3)
+        half = 0.5 * lengths
+        solid = primitive(coal.Box(*lengths.tolist()), half, float(np.linalg.norm(half)))
+        self._fill("box", {"size": lengths}, solid, at, quat, name, motion)
+
+
+class Sphere(Obstacle):
+    """A sphere.
+
+    Args:
+        radius: Radius [m].
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        radius: float,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        r = check_length("Sphere radius", radius)
+        self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion)
+
+
+class Cylinder(Obstacle):
+    """A cylinder about its z axis; the origin is at half its length.
+
+    Args:
+        radius: Radius [m].
+        length: Full length along z [m].
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        radius: float,
+        length: float,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        r, z = check_length("Cylinder radius", radius), check_length("Cylinder length", length)
+        solid = primitive(coal.Cylinder(r, z), (r, r, 0.5 * z), math.hypot(r, 0.5 * z))
+        self._fill("cylinder", {"radius": r, "length": z}, solid, at, quat, name, motion)
+
+
+class Capsule(Obstacle):
+    """A capsule about its z axis; the origin is at its centre.
+
+    Args:
+        radius: Radius [m].
+        length: Length [m] of the cylindrical part along z, without the two half spheres.
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        radius: float,
+        length: float,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        r, z = check_length("Capsule radius", radius), check_length("Capsule length", length)
+        solid = primitive(coal.Capsule(r, z), (r, r, 0.5 * z + r), 0.5 * z + r)
+        self._fill("capsule", {"radius": r, "length": z}, solid, at, quat, name, motion)
+
+
+class Cone(Obstacle):
+    """A cone about its z axis, apex at +z; the origin is at half its height.
+
+    Args:
+        radius: Radius of the base [m].
+        length: Height [m].
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        radius: float,
+        length: float,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        r, z = check_length("Cone radius", radius), check_length("Cone length", length)
+        solid = primitive(coal.Cone(r, z), (r, r, 0.5 * z), math.hypot(r, 0.5 * z))
+        self._fill("cone", {"radius": r, "length": z}, solid, at, quat, name, motion)
+
+
+class ConvexHull(Obstacle):
+    """The convex hull of points.
+
+    Args:
+        vertices: Points (V, 3) [m] in the obstacle's frame, at least four, not in one plane.
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        points = check_points("ConvexHull vertices", vertices, (None, 3))
+        solid = Solid([hull_part(points, "ConvexHull vertices")])
+        self._fill("convex", {"vertices": points}, solid, at, quat, name, motion)
+
+
+class Mesh(Obstacle):
+    """A solid triangle mesh, made of convex parts; see `elastic_strips.scene.decompose` for how well they fit.
+
+    Args:
+        vertices: Vertices (V, 3) [m] in the obstacle's frame.
+        faces: Triangles (F, 3), indices of vertices.
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        points = check_points("Mesh vertices", vertices, (None, 3))
+        raw = check_points("Mesh faces", faces, (None, 3), limit=float(2**31))
+        triangles = raw.astype(np.int64)
+        if (triangles != raw).any() or triangles.min() < 0 or triangles.max() >= len(points):
+            raise SceneError(
+                f"Mesh faces must be integers in [0, {len(points) - 1}] (there are {len(points)} vertices); "
+                f"they range from {raw.min():g} to {raw.max():g}"
+            )
+        triangles.flags.writeable = False
+        solid = Solid([hull_part(piece, "Mesh piece") for piece in convex_pieces(points, triangles)])
+        spec = {"vertices": points, "faces": triangles}
+        self._fill("mesh", spec, solid, at, quat, name, motion)
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        scale: float = 1.0,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> Mesh:
+        """Read an STL, OBJ, PLY or DAE file; its numbers times ``scale`` are metres.
+
+        Raises:
+            SceneError: The file is missing, unreadable, empty, corrupt or of another kind.
+        """
+        factor = check_number("Mesh scale", scale, low=1e-9, high=1e9, error=SceneError)
+        vertices, faces = load_mesh(Path(path))
+        try:
+            mesh = cls(vertices * factor, faces, at=at, quat=quat, name=name, motion=motion)
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from None
+        mesh.spec.update(path=str(path), scale=factor)
+        return mesh
+
+
+class Voxels(Obstacle):
+    """Equal axis-aligned boxes, such as the occupied cells of a grid map; merged into larger boxes where possible.
+
+    Args:
+        centers: Centres of the voxels (V, 3) [m] in the obstacle's frame.
+        size: Edge of a voxel [m], or its lengths (3,) along x, y, z.
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        centers: ArrayLike,
+        size: ArrayLike,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        points = check_points("Voxels centers", centers, (None, 3))
+        edges = check_sizes("Voxels size", size, 3) if np.ndim(size) else np.full(3, check_length("Voxels size", size))
+        edges.flags.writeable = False
+        spec = {"centers": points, "size": edges}
+        self._fill("voxels", spec, cluster_solid(points, edges), at, quat, name, motion)
+
+
+class Points(Obstacle):
+    """A point cloud; each point is a box of edge 2 ``radius``, which holds the ball of that radius.
+
+    Args:
+        points: Points (V, 3) [m] in the obstacle's frame.
+        radius: Half the edge of a point's box [m].
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        radius: float,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        cloud = check_points("Points points", points, (None, 3))
+        r = check_length("Points radius", radius)
+        solid = cluster_solid(cloud, np.full(3, 2.0 * r))
+        self._fill("points", {"points": cloud, "radius": r}, solid, at, quat, name, motion)
+
+
+def check_name(value: object) -> str | None:
+    """Check an obstacle's name: ``None`` or a non-empty printable string of at most 200 characters."""
+    if value is None:
+        return None
+    if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > 200:
+        raise SceneError(f"name must be a non-empty printable string of at most 200 characters, not {shown(value)}")
+    return value
 
 
 def _restored(kind: type[Obstacle], state: dict[str, Any]) -> Obstacle:
@@ -166,8 +461,8 @@ def _pose_at(motion: Motion | None, anchor: Array, t: float) -> Array:
     if motion is None:
         return anchor
     pose = motion.pose(anchor, t)
-    if not np.abs(pose[:3, 3]).max() <= checks.MAX_LENGTH:
-        raise SceneError(f"at t = {t:g} s a motion leads to {pose[:3, 3].tolist()}, beyond {checks.MAX_LENGTH:g} m")
+    if not np.abs(pose[:3, 3]).max() <= MAX_LENGTH:
+        raise SceneError(f"at t = {t:g} s a motion leads to {pose[:3, 3].tolist()}, beyond {MAX_LENGTH:g} m")
     pose.flags.writeable = False
     return pose
 
@@ -175,14 +470,14 @@ def _pose_at(motion: Motion | None, anchor: Array, t: float) -> Array:
 def _check_agreement(given: Array, begin: Array) -> None:
     """A motion with absolute poses says where the obstacle is: a pose that was given as well must not contradict it."""
     at, quat = given[:3, 3], given[:3, :3]
-    if at.any() and np.abs(at - begin[:3, 3]).max() > checks.POSE_TOLERANCE:
+    if at.any() and np.abs(at - begin[:3, 3]).max() > POSE_TOLERANCE:
         where = begin[:3, 3].tolist()
         raise SceneError(f"at is {at.tolist()}, but the keyframes say {where} at time 0; with keyframes leave 'at' out")
-    if not np.array_equal(quat, np.eye(3)) and np.abs(quat - begin[:3, :3]).max() > checks.POSE_TOLERANCE:
+    if not np.array_equal(quat, np.eye(3)) and np.abs(quat - begin[:3, :3]).max() > POSE_TOLERANCE:
         raise SceneError("quat contradicts the keyframes' quats at time 0; leave 'quat' out with keyframes' quats")
 
 
-def _freeze(value: Any) -> None:
+def _freeze(value: object) -> None:
     """Numpy pickles no read-only flag: set it again."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False

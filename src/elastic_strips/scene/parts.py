@@ -13,14 +13,12 @@ from functools import cached_property
 from itertools import permutations
 from typing import Any
 
-import coal as _coal
+import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
-from elastic_strips.scene.checks import Array
-
-coal: Any = _coal  # compiled, without type stubs
 
 MIN_THICKNESS = 1e-6
 """A convex hull thinner than this [m] counts as flat and is refused."""
@@ -39,28 +37,28 @@ class Part:
         boxes: For a block: the (coal.Box, translation (3,)) of its members; empty otherwise.
     """
 
-    geometry: Any
+    geometry: Any  # coal.CollisionGeometry or None
     T_obstacle_part: Array
     center: Array
     half_extents: Array
     radius: float
-    boxes: tuple[tuple[Any, Array], ...] = ()
+    boxes: tuple[tuple[coal.Box, Array], ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.T_obstacle_part, self.center, self.half_extents):
             array.flags.writeable = False
 
     @property
-    def members(self) -> tuple[Any, ...]:
+    def members(self) -> tuple[coal.CollisionGeometry, ...]:
         """The Coal objects of the part: one geometry, or those of a block's boxes."""
         return tuple(g for g, _ in self.boxes) if self.geometry is None else (self.geometry,)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         state = (self.geometry, self.T_obstacle_part, self.center, self.half_extents, self.radius, self.boxes)
         return _restored, state
 
 
-def _restored(geometry: Any, *rest: Any) -> Part:
+def _restored(geometry: coal.CollisionGeometry | None, *rest: Any) -> Part:
     """Rebuild a pickled part: Coal pickles a primitive without its local AABB."""
     part = Part(geometry, *rest)
     for member in part.members:
@@ -91,11 +89,11 @@ class Solid:
         """Radius [m] of a sphere about the obstacle's origin that holds all parts."""
         return float((np.linalg.norm(self.center, axis=1) + self.radius).max())
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return Solid, (self.parts,)
 
 
-def primitive(geometry: Any, half_extents: Sequence[float], radius: float) -> Solid:
+def primitive(geometry: coal.CollisionGeometry, half_extents: ArrayLike, radius: float) -> Solid:
     """Solid of one Coal primitive that is centred at the obstacle's origin."""
     geometry.computeLocalAABB()
     return Solid([Part(geometry, np.eye(4), np.zeros(3), np.array(half_extents, dtype=np.float64), float(radius))])
@@ -260,7 +258,7 @@ def _blocks(lows: Array, highs: Array, block: Index) -> list[Part]:
     far = np.linalg.norm(np.abs(middles - np.repeat(center, counts, axis=0)) + 0.5 * sizes, axis=1)
     radius = np.maximum.reduceat(far, starts).tolist()
     middles.flags.writeable = False
-    cache: dict[tuple[float, ...], Any] = {}
+    cache: dict[tuple[float, ...], coal.Box] = {}
     members = list(zip(_boxes(sizes, cache), middles, strict=True))
     bounds = [*starts.tolist(), len(lows)]
     return [
@@ -269,7 +267,7 @@ def _blocks(lows: Array, highs: Array, block: Index) -> list[Part]:
     ]
 
 
-def _boxes(sizes: Array, cache: dict[tuple[float, ...], Any]) -> list[Any]:
+def _boxes(sizes: Array, cache: dict[tuple[float, ...], coal.Box]) -> list[coal.Box]:
     """Coal boxes of ``sizes`` (m, 3) [m]; equal ones (to 1e-12 m) are one object."""
     result = []
     for key in map(tuple, np.round(sizes, 12).tolist()):

@@ -1,21 +1,29 @@
-"""Scene: an immutable snapshot of all obstacles at one time, with all their parts as arrays."""
+"""Scene room, scenes and worlds: snapshots of all obstacles at one time, with all their parts as arrays; timetables.
+
+A `Scene` is one snapshot. A `World` is a scene with a timetable: what exists when, and where it is then.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import SceneError, nearest_name
-from elastic_strips.scene import checks
-from elastic_strips.scene.checks import Array
-from elastic_strips.scene.obstacle import Obstacle
-from elastic_strips.scene.parts import Part
-from elastic_strips.summary import shortened, table
+from elastic_strips.summary import Summary, shortened, table
+from elastic_strips.validation import shown
+
+from .motion import PedestrianMotion
+from .obstacle import Obstacle
+from .parts import Part
+from .quantities import check_time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +57,7 @@ class PartTable:
         return len(self.parts)
 
 
-def build_table(obstacles: Sequence[Obstacle]) -> PartTable:
+def _build_table(obstacles: Sequence[Obstacle]) -> PartTable:
     """Table of ``obstacles`` from scratch."""
     solids = [o.solid for o in obstacles]
     counts = np.array([len(s.parts) for s in solids], dtype=np.int64)
@@ -71,7 +79,7 @@ def build_table(obstacles: Sequence[Obstacle]) -> PartTable:
     return PartTable(tuple(chain.from_iterable(s.parts for s in solids)), *arrays)
 
 
-def update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequence[int]) -> PartTable:
+def _update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequence[int]) -> PartTable:
     """Table of ``obstacles``, which differ from those of ``table`` only in the poses of the ``changed`` ones."""
     rotation, translation = table.rotation.copy(), table.translation.copy()
     center, half = table.center.copy(), table.half_extents.copy()
@@ -139,16 +147,16 @@ class Scene:
     _changed: tuple[int, ...]  # ... that differs in the poses of these obstacles
 
     def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float = 0.0) -> None:
-        time = checks.number("Scene time", time, low=-1e12, high=1e12, unit="s")
+        time = check_time("Scene time", time)
         if isinstance(obstacles, Obstacle):
             raise SceneError("Scene needs a list of obstacles: write Scene([obstacle])")
         try:
             given = list(obstacles)
         except TypeError:
-            raise SceneError(f"Scene needs a list of obstacles, not {checks.shown(obstacles)}") from None
+            raise SceneError(f"Scene needs a list of obstacles, not {shown(obstacles)}") from None
         for k, obstacle in enumerate(given):
             if not isinstance(obstacle, Obstacle):
-                raise SceneError(f"obstacle {k} is no obstacle (Box, Sphere, …): {checks.shown(obstacle)}")
+                raise SceneError(f"obstacle {k} is no obstacle (Box, Sphere, …): {shown(obstacle)}")
         index: dict[str, int] = {}
         for k, obstacle in enumerate(given):
             if obstacle.name is not None and index.setdefault(obstacle.name, k) != k:
@@ -169,7 +177,7 @@ class Scene:
         if table is None:
             source = self._source
             table = (
-                build_table(self.obstacles) if source is None else update_table(source, self.obstacles, self._changed)
+                _build_table(self.obstacles) if source is None else _update_table(source, self.obstacles, self._changed)
             )
             object.__setattr__(self, "_table", table)
         return table
@@ -180,12 +188,12 @@ class Scene:
 
     def at(self, t: float) -> Scene:
         """Snapshot at time ``t`` [s]: moving obstacles at their poses then; the others are the same objects."""
-        t = checks.number("time", t, low=-1e12, high=1e12, unit="s")
+        t = check_time("time", t)
         obstacles = tuple(o if o.motion is None else o.at(t) for o in self.obstacles)
         pairs = enumerate(zip(obstacles, self.obstacles, strict=True))
         return self._derived(obstacles, t, tuple(k for k, (new, old) in pairs if new is not old))
 
-    def moved(self, name: str, pose: Any) -> Scene:
+    def moved(self, name: str, pose: object) -> Scene:
         """Snapshot with one obstacle at another ``pose`` T_world_obstacle (4, 4) [m] (or a ``pin.SE3``).
 
         A twist goes on from there; an obstacle with `Keyframes` is back on its track at the next `at`.
@@ -198,7 +206,7 @@ class Scene:
             new = old[k].moved(pose)
         return self._derived((*old[:k], new, *old[k + 1 :]), self.time, (k,))
 
-    def seen(self, obstacles: Iterable[Obstacle]) -> Scene:
+    def with_observations(self, obstacles: Iterable[Obstacle]) -> Scene:
         """Snapshot in which the obstacles of those names are these: copies of the scene's own, elsewhere or moving so.
 
         Raises:
@@ -216,7 +224,7 @@ class Scene:
     def with_obstacle(self, obstacle: Obstacle) -> Scene:
         """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time."""
         if not isinstance(obstacle, Obstacle):
-            raise SceneError(f"this is no obstacle (Box, Sphere, …): {checks.shown(obstacle)}")
+            raise SceneError(f"this is no obstacle (Box, Sphere, …): {shown(obstacle)}")
         k = len(self.obstacles)
         name = obstacle.name
         if name is None:
@@ -236,7 +244,7 @@ class Scene:
         _set(new, obstacles, self.time, {o.name or "": i for i, o in enumerate(obstacles)}, None, ())
         return new
 
-    def rows_changed_since(self, earlier: Scene) -> NDArray[np.intp] | None:
+    def rows_changed_since(self, earlier: Scene) -> Indices | None:
         """Rows of `table` whose pose differs from an ``earlier`` snapshot's; None if the scenes have other obstacles.
 
         Costs next to nothing for a snapshot derived directly from ``earlier``.
@@ -282,8 +290,8 @@ class Scene:
         return name in self._index if isinstance(name, str) else any(o is name for o in self.obstacles)
 
     def __repr__(self) -> str:
-        shown = shortened(", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else ""))
-        return f"Scene({len(self.obstacles)} obstacles at t = {self.time:g} s: {shown})"
+        names = shortened(", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else ""))
+        return f"Scene({len(self.obstacles)} obstacles at t = {self.time:g} s: {names})"
 
     def _repr_html_(self) -> str:
         rows = {o.name or "": f"{o.shape} at {np.round(o.pose[:3, 3], 3).tolist()} m" for o in self.obstacles[:20]}
@@ -296,8 +304,130 @@ class Scene:
     def __delattr__(self, key: str) -> None:
         raise AttributeError(f"Scene is immutable; {key!r} cannot be deleted")
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return _restored, (self.obstacles, self.time)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class World(Summary):
+    """Obstacles that move, appear and vanish: an obstacle exists from ``appears`` on, until ``vanishes``.
+
+    Args:
+        scene: All obstacles, whenever they exist.
+        appears: Name → time [s]; an obstacle that is not named has always been there.
+        vanishes: Name → time [s] at which it is gone; an obstacle that is not named stays for ever.
+
+    Raises:
+        SceneError: A name that the scene has not, a time that is no finite number, an obstacle that vanishes before
+            or when it appears.
+    """
+
+    scene: Scene
+    appears: Mapping[str, float] = field(default_factory=dict)
+    vanishes: Mapping[str, float] = field(default_factory=dict)
+    _events: tuple[float, ...] = field(init=False, repr=False)  # times at which something appears or vanishes
+    _latest: dict[int, Scene] = field(init=False, repr=False)  # number of events passed → newest snapshot made
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.scene, Scene):
+            raise SceneError(f"World needs a Scene, not {shown(self.scene)}")
+        for what in ("appears", "vanishes"):
+            times = _times(self.scene, what, getattr(self, what))
+            object.__setattr__(self, what, MappingProxyType(times))
+        for name, end in self.vanishes.items():
+            begin = self.appears.get(name, -math.inf)
+            if not end > begin:
+                raise SceneError(
+                    f"obstacle {name!r} vanishes at {end:g} s; it must be later than it appears, {begin:g} s"
+                )
+        events = sorted({*self.appears.values(), *self.vanishes.values()})
+        object.__setattr__(self, "_events", tuple(events))
+        object.__setattr__(self, "_latest", {})
+
+    def at(self, t: float) -> Scene:
+        """Snapshot at time ``t`` [s]: the obstacles that exist then, at their poses.
+
+        Between two times at which something appears or vanishes, a snapshot is derived from the one made before it, so
+        that it shares what did not move and `Scene.rows_changed_since` costs next to nothing.
+        """
+        t = check_time("time", t)
+        phase = bisect_right(self._events, t)
+        latest = self._latest.get(phase)
+        if latest is None:
+            there = [o for o in self.scene if self.exists(o.name or "", t)]
+            latest = self.scene if len(there) == len(self.scene) else Scene(there, time=self.scene.time)
+        if latest.time != t:
+            latest = latest.at(t)
+        self._latest[phase] = latest
+        return latest
+
+    def exists(self, name: str, t: float) -> bool:
+        """Whether the obstacle of that name exists at ``t`` [s]."""
+        if name not in self.scene:
+            raise SceneError(f"no obstacle {shown(name)} in the world{nearest_name(name, self.scene.names)}")
+        return self.appears.get(name, -math.inf) <= t < self.vanishes.get(name, math.inf)
+
+    def copied(self, *, history: bool = True) -> World:
+        """A world with own copies of every `PedestrianMotion`; the world itself where there are none.
+
+        Args:
+            history: Whether the copies keep their history.
+        """
+        new = []
+        for obstacle in self.scene:
+            if isinstance(obstacle.motion, PedestrianMotion):
+                motion = obstacle.motion.copy(history=history)
+                pose = motion.pose(obstacle.anchor, obstacle.time)
+                pose.flags.writeable = False
+                new.append(obstacle.observed(pose, motion))
+        return World(self.scene.with_observations(new), self.appears, self.vanishes) if new else self
+
+    def forget(self) -> None:
+        """Drop cached snapshots, after the history of a `PedestrianMotion` was deleted."""
+        self._latest.clear()
+
+    @property
+    def names_moving(self) -> tuple[str, ...]:
+        """Names of the obstacles that have a motion, known or not."""
+        return tuple(o.name or "" for o in self.scene if o.motion is not None)
+
+    @property
+    def event_times(self) -> tuple[float, ...]:
+        """Times [s], ascending, at which something appears or vanishes."""
+        return self._events
+
+    def speed_bound(self, name: str | None = None, *, start: float | None = None, end: float | None = None) -> float:
+        """Largest speed [m/s] of any point of an obstacle while it exists between ``start`` and ``end`` [s].
+
+        Args:
+            name: Of the obstacle; None asks about all of them.
+            start: Begin of the interval; None is minus infinity.
+            end: Its end; None is plus infinity.
+
+        Returns:
+            The bound; 0 where nothing moves, infinity where a loop of keyframes jumps.
+        """
+        low = -math.inf if start is None else check_time("start", start)
+        high = math.inf if end is None else check_time("end", end)
+        if not low <= high:
+            raise SceneError(f"speed_bound needs start <= end, not {low:g} and {high:g} s")
+        if name is not None:
+            self.exists(name, 0.0)  # refuses an unknown name
+        fastest = 0.0
+        for obstacle in self.scene if name is None else (self.scene.obstacle(name),):
+            begin = max(low, self.appears.get(obstacle.name or "", -math.inf))
+            stop = min(high, self.vanishes.get(obstacle.name or "", math.inf))
+            if obstacle.motion is not None and begin <= stop:
+                fastest = max(
+                    fastest,
+                    obstacle.speed_bound(
+                        start=None if begin == -math.inf else begin, end=None if stop == math.inf else stop
+                    ),
+                )
+        return fastest
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return World, (self.scene, dict(self.appears), dict(self.vanishes))
 
 
 def _set(
@@ -329,3 +459,14 @@ def _free_name(shape: str, place: int, taken: dict[str, int]) -> str:
     while f"{shape}-{place}" in taken:
         place += 1
     return f"{shape}-{place}"
+
+
+def _times(scene: Scene, what: str, given: object) -> dict[str, float]:
+    if not isinstance(given, Mapping):
+        raise SceneError(f"World {what} must be a mapping from names to times [s], not {shown(given)}")
+    times = {}
+    for name, value in given.items():
+        if name not in scene or not isinstance(name, str):
+            raise SceneError(f"World {what}: no obstacle {shown(name)} in the scene{nearest_name(name, scene.names)}")
+        times[name] = check_time(f"{what} of {name!r}", value)
+    return times

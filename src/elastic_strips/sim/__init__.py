@@ -1,47 +1,61 @@
-"""Simulation: what stands for the world: machines, sensors, movers, faults, the loop around a controller, the judge."""
+"""Simulation: what stands for the world: machines, sensors, movers, faults, the loop around a controller, scenarios,
+the evaluation of a run. Nothing here runs on a robot."""
 
 from __future__ import annotations
 
-from .base import RawReadings, base_simulation
-from .faults import FAULTS, Fault
-from .judge import Contact, Verdict, judge
-from .odometry import SensorParams
-from .perception import Perceiver, Perception, PerceptionError, PerceptionParams
-from .plant import KinematicPlant, Plant, PlantParams
-from .sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, Bumper, SensedPerception
-from .separation import protective_separation
-from .simulation import MACHINE, Simulation, simulation
-from .task import TaskResult, TaskSimulation
-from .tracking_bound import DEFAULT_TRACKING_ERROR, Displacement, TrackingErrors, measure_tracking
+from typing import TYPE_CHECKING
+
+from elastic_strips._late import late_names
+
+if TYPE_CHECKING:
+    from .baselines import base_simulation
+    from .closed_loop import Simulation, simulation
+    from .evaluation import Contact, Evaluation, evaluate, protective_separation
+    from .faults import FAULTS, Fault
+    from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
+    from .plant import KinematicPlant, OdometryParams, Plant, PlantParams
+    from .sensed_perception import SensorPerception
+    from .task import TaskResult, TaskSimulation
 
 __all__ = [
-    "Bumper",
     "Contact",
-    "DEFAULT_TRACKING_ERROR",
-    "Displacement",
     "FAULTS",
     "Fault",
     "KinematicPlant",
-    "LASER_ASSUMPTIONS",
-    "LASER_EASE",
-    "MACHINE",
-    "Perceiver",
+    "NoisyGroundTruth",
     "Perception",
     "PerceptionError",
     "PerceptionParams",
     "Plant",
     "PlantParams",
-    "RawReadings",
-    "SensedPerception",
-    "SensorParams",
+    "OdometryParams",
+    "SensorPerception",
     "Simulation",
     "TaskResult",
     "TaskSimulation",
-    "TrackingErrors",
-    "Verdict",
+    "Evaluation",
     "base_simulation",
-    "judge",
-    "measure_tracking",
+    "evaluate",
     "protective_separation",
     "simulation",
 ]
+
+__getattr__ = late_names(  # a scenario needs nothing of what driving it needs
+    __name__,
+    {
+        "baselines": ("base_simulation",),
+        "evaluation": ("Contact", "Evaluation", "evaluate", "protective_separation"),
+        "faults": ("FAULTS", "Fault"),
+        "closed_loop": ("Simulation", "simulation"),
+        "perception": ("NoisyGroundTruth", "Perception", "PerceptionError", "PerceptionParams"),
+        "plant": ("KinematicPlant", "Plant", "PlantParams", "OdometryParams"),
+        "sensed_perception": ("SensorPerception",),
+        "task": ("TaskResult", "TaskSimulation"),
+        "tracking_bound": (),
+        "bench": (),
+        "datasets": (),
+        "mujoco": (),
+        "scenarios": (),
+        "sensors": (),
+    },
+)

@@ -1,6 +1,6 @@
-"""Sim room, faults: what can go wrong around a controller, put in on purpose to see that the robot ends at rest.
+"""What can go wrong around a controller, put in on purpose to see that the robot ends at rest.
 
-Each is a wrapper about what the controller meets: perception, plant, and the planning of a tick.
+Each is a wrapper around what the controller meets: perception, plant, and the planning of a tick.
 """
 
 from __future__ import annotations
@@ -8,19 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from elastic_strips.arrays import Array
+from elastic_strips.control.controller import PlanTick
+from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.strip_timer import PlanResult
+from elastic_strips.errors import ParameterError, nearest_name
+from elastic_strips.scene import Scene
+from elastic_strips.trajectory import Trajectory
+from elastic_strips.validation import check_number, check_type, shown
 
-from ..errors import ParameterError, nearest_name
-from ..execution.controller import Propose
-from ..execution.measurement import Measurement
-from ..execution.onward import Proposal
-from ..execution.tracking import Command
-from ..execution.trajectory import Trajectory
-from ..scene import Scene
-from ..validation import check_type, shown
-from .perception import Perceiver, PerceptionError
+from .perception import Perception, PerceptionError
 from .plant import Plant
 
 FAULTS = {
@@ -32,7 +29,7 @@ FAULTS = {
     "lost_odometry": "neither wheel travel nor position is measured",
     "viewer_killed": "the viewer's process dies",
 }
-SCENE_DELAY = 0.3
+_SCENE_DELAY = 0.3
 """Lateness [s] of the fault ``scene_late``."""
 
 
@@ -54,9 +51,7 @@ class Fault:
         if self.kind not in FAULTS:
             raise ParameterError(f"fault {self.kind!r} is unknown{nearest_name(self.kind, FAULTS)}")
         for name in ("start", "duration"):
-            value = getattr(self, name)
-            if not np.isfinite(value) or value < 0:
-                raise ParameterError(f"fault {self.kind}: {name}={value!r} must be finite and ≥ 0 s")
+            check_number(f"fault {self.kind}: {name}", getattr(self, name), low=0.0, unit="s")
 
     def active(self, t: float) -> bool:
         """Whether it is there at time ``t`` [s]."""
@@ -98,7 +93,7 @@ class FaultPlan:
 class FaultyPerception:
     """Workspace: what senses, with scenes that are frozen, late, or no scenes at all."""
 
-    def __init__(self, inner: Perceiver, faults: FaultPlan) -> None:
+    def __init__(self, inner: Perception, faults: FaultPlan) -> None:
         self.inner, self.params = inner, inner.params
         self._faults = faults
         self._last: Scene | None = None
@@ -122,7 +117,7 @@ class FaultyPerception:
         if self._faults.active("nan_obstacle", t):
             raise PerceptionError("the sensed scene holds a pose that is not finite")
         if self._last is None or not self._faults.active("scene_frozen", t):
-            self._last = self.inner.sense(t - (SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
+            self._last = self.inner.sense(t - (_SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
         return self._last
 
 
@@ -168,13 +163,13 @@ class FaultyPlant:
         self.inner.close()
 
 
-def faulty_planning(propose: Propose, faults: FaultPlan, *, slow: float) -> Propose:
+def faulty_planning(plan_tick: PlanTick, faults: FaultPlan, *, slow: float) -> PlanTick:
     """The planning of a tick, with exceptions, or with results that are ready only ``slow`` [s] later."""
 
-    def faulty(now: float, scene: Scene, held: Trajectory, begin: float) -> Proposal:
+    def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):
             raise RuntimeError("planning exception put in on purpose")
-        proposal = propose(now, scene, held, begin)
-        return replace(proposal, late=slow) if faults.active("slow_tick", now) else proposal
+        result = plan_tick(now, scene, active, begin)
+        return replace(result, late=slow) if faults.active("slow_tick", now) else result
 
     return faulty

@@ -8,20 +8,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 
 from elastic_strips.arrays import Array
-
-from ..errors import ParameterError
-from ..execution.evasion import Silhouette, beyond_box
-from ..robot import RobotModel
-from ..scene import Obstacle, World, Yielding
-from ..validation import check_numbers
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import PlanarFootprint, RobotModel
+from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of
+from elastic_strips.robot.footprint import box_distance
+from elastic_strips.scene import Obstacle, PedestrianMotion, World
+from elastic_strips.validation import check_numbers
 
 _OVERLAP = 0.05
 """What passes above or below by less than this [m] counts as being at the same height."""
-_ROUND = (coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone)
+_ROUND = (ShapeKind.SPHERE, *LONG_ROUND)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +48,7 @@ class Discs:
             long, wide = float(half[along]), float(half[1 - along])
             if not upright:
                 rows.append((part.center, part.radius, np.full(3, part.radius)))
-            elif isinstance(part.geometry, _ROUND):
+            elif shape_of(part.geometry)[0] in _ROUND:
                 rows.append((part.center, long, half))
             else:
                 count = min(math.ceil(long / max(wide, 1e-3)), 8)
@@ -61,36 +60,22 @@ class Discs:
         return Discs(np.array(centre), np.array(radius), np.array(half))
 
 
-class Footprint:
-    """Workspace: a robot where it stands, each of its bodies as an upright box that is turned as the base is.
+def _distances(footprint: PlanarFootprint, base: Array, discs: Discs, poses: Array) -> Array:
+    """Distances (P,) [m] seen from above of an obstacle at poses (P, 4, 4) from a robot with its base at (x, y, yaw).
 
-    Args:
-        robot: whose bodies these are.
+    They are infinite where no heights overlap.
     """
-
-    def __init__(self, robot: RobotModel) -> None:
-        self._body, self._planar = Silhouette(robot), robot.space.planar
-        self._origin, self._turn = np.zeros(2), np.eye(2)
-
-    def place(self, chart: Array) -> None:
-        """Put the robot at a chart row (nv,)."""
-        self._body.update(chart)
-        if self._planar:
-            cos, sin = math.cos(chart[2]), math.sin(chart[2])
-            self._origin, self._turn = np.array(chart[:2]), np.array([[cos, -sin], [sin, cos]])
-
-    def distances(self, discs: Discs, poses: Array) -> Array:
-        """Distances (P,) [m] seen from above of an obstacle at poses (P, 4, 4); infinite where no heights overlap."""
-        body, rotation = self._body, poses[:, None, :3, :3]
-        centre = np.matmul(rotation, discs.centre[:, :, None])[..., 0] + poses[:, None, :3, 3]  # (P, D, 3)
-        tall = (np.abs(rotation[..., 2, :]) * discs.half).sum(axis=-1) + _OVERLAP  # (P, D)
-        local = (centre[..., :2] - self._origin) @ self._turn
-        offset = local[:, :, None] - body.middle  # (P, D, K, 2)
-        outside = beyond_box(offset[..., 0], offset[..., 1], *body.half.T)
-        z = centre[..., 2, None]
-        level = (z - tall[..., None] <= body.high) & (z + tall[..., None] >= body.low)
-        apart = np.where(level, outside - discs.radius[:, None], np.inf)
-        return apart.reshape(len(poses), -1).min(axis=1)
+    cos, sin = math.cos(base[2]), math.sin(base[2])
+    rotation = poses[:, None, :3, :3]
+    centre = np.matmul(rotation, discs.centre[:, :, None])[..., 0] + poses[:, None, :3, 3]  # (P, D, 3)
+    tall = (np.abs(rotation[..., 2, :]) * discs.half).sum(axis=-1) + _OVERLAP  # (P, D)
+    local = (centre[..., :2] - base[:2]) @ np.array([[cos, -sin], [sin, cos]])
+    offset = local[:, :, None] - footprint.middle  # (P, D, K, 2)
+    outside = box_distance(offset[..., 0], offset[..., 1], *footprint.half.T)
+    z = centre[..., 2, None]
+    level = (z - tall[..., None] <= footprint.high) & (z + tall[..., None] >= footprint.low)
+    apart = np.where(level, outside - discs.radius[:, None], np.inf)
+    return apart.reshape(len(poses), -1).min(axis=1)
 
 
 _ROUNDING = 1e-6  # [s] rounding of times
@@ -100,7 +85,7 @@ _SLOW = 0.1  # [m/s] the clock of what is slower than this changes no faster tha
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Courtesy:
+class YieldingPolicy:
     """How those who yield treat a robot.
 
     Attributes:
@@ -131,7 +116,7 @@ class Courtesy:
             raise ParameterError(f"{self}: room must be less than distance + onward, and pace at most 1")
 
 
-class Bystanders:
+class Pedestrians:
     """Workspace: sets the clocks of a world's yielding obstacles, one control step after another.
 
     They yield to a robot that stands: who would come too near to it brakes, in time if it can, waits, and goes on when
@@ -141,13 +126,14 @@ class Bystanders:
     Args:
         robot: who they yield to.
         world: what moves; most worlds hold nothing that yields, then a step costs nothing.
-        courtesy: how they do it.
+        policy: how they do it.
     """
 
-    def __init__(self, robot: RobotModel, world: World, courtesy: Courtesy | None = None) -> None:
-        self._courtesy, self._world = courtesy or Courtesy(), world
-        self._movers = [_Mover(o, o.motion) for o in world.scene if isinstance(o.motion, Yielding)]
-        self._footprint = Footprint(robot) if self._movers else None
+    def __init__(self, robot: RobotModel, world: World, policy: YieldingPolicy | None = None) -> None:
+        self._policy, self._world = policy or YieldingPolicy(), world
+        self._movers = [_Mover(o, o.motion) for o in world.scene if isinstance(o.motion, PedestrianMotion)]
+        self._footprint = PlanarFootprint(robot) if self._movers else None
+        self._planar = robot.space.planar
         self._moved, self._looked, self._time = -math.inf, -math.inf, math.nan
         for mover in self._movers:
             mover.motion.reset()
@@ -167,17 +153,18 @@ class Bystanders:
         """
         if self._footprint is None:
             return
-        courtesy, dt = self._courtesy, t - self._time
+        policy, dt = self._policy, t - self._time
         self._time = t
-        if np.abs(v).max(initial=0.0) >= courtesy.standing or self._moved == -math.inf:
+        if np.abs(v).max(initial=0.0) >= policy.standing or self._moved == -math.inf:
             self._moved = t
-        stands = t - self._moved >= courtesy.patience - _ROUNDING
-        if t - self._looked >= courtesy.look - _ROUNDING:
+        stands = t - self._moved >= policy.patience - _ROUNDING
+        if t - self._looked >= policy.look - _ROUNDING:
             self._looked = t
-            self._footprint.place(chart)
+            self._footprint.update(chart)
+            base = chart[:3] if self._planar else np.zeros(3)
             for mover in self._movers:
                 if self._world.exists(mover.name, t):
-                    mover.decide(t, stands, self._footprint, courtesy)
+                    mover.decide(t, stands, self._footprint, base, policy)
         for mover in self._movers:
             if dt > 0.0:
                 mover.turn(t, dt)
@@ -186,7 +173,7 @@ class Bystanders:
 class _Mover:
     """Workspace: an obstacle that yields, since when it does [s], and the rate that it is about to take."""
 
-    def __init__(self, obstacle: Obstacle, motion: Yielding) -> None:
+    def __init__(self, obstacle: Obstacle, motion: PedestrianMotion) -> None:
         self.name, self.motion, self.wish = obstacle.name or "", motion, 1.0
         self._since: float | None = None
         self._anchor, self._discs = obstacle.anchor, Discs.of(obstacle)
@@ -199,28 +186,28 @@ class _Mover:
         if rate != self.wish:
             self.motion.advance(t, self._towards(self.wish, self.motion.place(t), rate, dt))
 
-    def decide(self, t: float, stands: bool, footprint: Footprint, courtesy: Courtesy) -> None:
+    def decide(self, t: float, stands: bool, footprint: PlanarFootprint, base: Array, policy: YieldingPolicy) -> None:
         """Whether to go on, to stop, or to step back."""
         if self._since is None and not stands:
             return
         place, rate = self.motion.place(t), self.motion.rate(t)
-        way = self._stop(place, rate, courtesy.look)
+        way = self._stop(place, rate, policy.look)
         if self._since is not None:
             pace = max(self._speed(way[-1]), _SLOW)
-            way += (way[-1] + np.linspace(0.1, 1.0, 10) * (courtesy.onward / pace)).tolist()
-        near = footprint.distances(self._discs, self._poses(way))
+            way += (way[-1] + np.linspace(0.1, 1.0, 10) * (policy.onward / pace)).tolist()
+        near = _distances(footprint, base, self._discs, self._poses(way))
         here = float(near[0])
-        limit = min(courtesy.distance, here - courtesy.aside)  # too near already: at least not nearer
+        limit = min(policy.distance, here - policy.aside)  # too near already: at least not nearer
         if near.min() >= limit:
             self.wish, self._since = 1.0, None
             return
         if self._since is None:
             self._since = t
         self.wish = 0.0
-        if stands and here < courtesy.room and t - self._since >= courtesy.wait and place > self._begin:
+        if stands and here < policy.room and t - self._since >= policy.wait and place > self._begin:
             back = self._poses([place, place - 0.25, place - 0.5])
-            if footprint.distances(self._discs, back).min() >= here - courtesy.aside:
-                self.wish = -courtesy.pace
+            if _distances(footprint, base, self._discs, back).min() >= here - policy.aside:
+                self.wish = -policy.pace
 
     def _stop(self, place: float, rate: float, late: float) -> list[float]:
         """Places on the track [s], from the present one to where a stop ends that begins ``late`` [s] from now."""

@@ -1,4 +1,4 @@
-"""Sim room, perception: what the planner gets to see of the world: late, with noise, and sometimes wrong."""
+"""What the planner gets to see of the world: late, with noise, and sometimes wrong."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from elastic_strips.arrays import Array
-
-from ..errors import ElasticStripsError, ParameterError
-from ..execution.params import ObstacleAssumptions
-from ..scene import Scene, Twist, Unknown, World
+from elastic_strips.control import ObstacleAssumptions
+from elastic_strips.errors import ElasticStripsError
+from elastic_strips.scene import Scene, Twist, UnknownMotion, World
+from elastic_strips.validation import check_number
 
 
 class PerceptionError(ElasticStripsError):
@@ -31,13 +31,11 @@ class PerceptionParams:
     noise: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.noise <= 1.0:
-            raise ParameterError(f"PerceptionParams.noise={self.noise!r} must lie in [0, 1]")
-        if not (np.isfinite(self.delay) and self.delay >= 0.0):
-            raise ParameterError(f"PerceptionParams.delay={self.delay!r} must be finite and ≥ 0 s")
+        check_number("PerceptionParams.noise", self.noise, low=0.0, high=1.0)
+        check_number("PerceptionParams.delay", self.delay, low=0.0, unit="s")
 
 
-class Perceiver(Protocol):
+class Perception(Protocol):
     """What tells a planner about the world."""
 
     params: PerceptionParams
@@ -70,7 +68,7 @@ class Perceiver(Protocol):
         ...
 
 
-class Perception:
+class NoisyGroundTruth:
     """Workspace: turns a world into what is sensed of it.
 
     Static obstacles are known (a map); of moving ones position and velocity are sensed, each off by a constant within
@@ -124,9 +122,9 @@ class Perception:
             name = obstacle.name or ""
             pose = np.array(obstacle.pose)
             pose[:3, 3] += self._position[name]
-            if isinstance(obstacle.motion, Unknown):
-                seen.append(obstacle.sensed(pose, obstacle.motion))
+            if isinstance(obstacle.motion, UnknownMotion):
+                seen.append(obstacle.observed(pose, obstacle.motion))
                 continue
             linear, angular = obstacle.velocity()
-            seen.append(obstacle.sensed(pose, Twist(linear + self._velocity[name], angular)))
-        return scene.seen(seen) if seen else scene
+            seen.append(obstacle.observed(pose, Twist(linear + self._velocity[name], angular)))
+        return scene.with_observations(seen) if seen else scene

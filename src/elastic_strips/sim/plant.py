@@ -1,22 +1,143 @@
-"""Plant: the machine that is driven: its interface, and a fast kinematic one with the faults of real drives."""
+"""The machine that is driven: its interface, its encoders and its localization, and a fast kinematic one with the
+faults of real drives."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Protocol
 
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.control.estimation import Pose, compose, exp
+from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import RobotModel
+from elastic_strips.trajectory import MotionLimits
 
-from ..errors import ParameterError
-from ..execution.limits import MotionLimits
-from ..execution.measurement import Measurement
-from ..execution.planar import Pose, compose, exp
-from ..execution.tracking import Command
-from ..robot import RobotModel
-from .odometry import SensorParams, Sensors, standard_normals
+_SLACK = 1e-9  # [s] times that differ by less are the same
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryParams:
+    """Errors of encoders and localization. All noise is Gaussian, cut off at three standard deviations.
+
+    Attributes:
+        encoder_noise: of a wheel's reading [m at the rim]; readings err, not increments, so it does not add up.
+        joint_noise: of a joint encoder [rad or m].
+        fix_period: between localization fixes [s]; infinite for none.
+        fix_noise: of a fix's x and of its y [m].
+        fix_angle_noise: of its yaw [rad].
+        fix_latency: from the time that a fix tells of to its arrival [s].
+    """
+
+    encoder_noise: float = 5e-5
+    joint_noise: float = 2e-4
+    fix_period: float = 0.05
+    fix_noise: float = 0.003
+    fix_angle_noise: float = 0.003
+    fix_latency: float = 0.02
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            ParameterError: a negative value, NaN, or a fix period of 0.
+        """
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not value >= 0.0 or (math.isinf(value) and f.name != "fix_period"):
+                raise ParameterError(f"{f.name}={value!r} must be a finite number ≥ 0")
+        if self.fix_period == 0.0:
+            raise ParameterError("fix_period=0 must be positive; math.inf for no fixes")
+
+    @staticmethod
+    def ideal() -> OdometryParams:
+        """Exact readings; fixes come at once."""
+        return OdometryParams(encoder_noise=0.0, joint_noise=0.0, fix_noise=0.0, fix_angle_noise=0.0, fix_latency=0.0)
+
+
+def _standard_normals(rng: np.random.Generator, block: int = 1024) -> Iterator[float]:
+    """Endless standard normal numbers cut off at ±3, drawn in blocks: a number costs as much as a list's next."""
+    while True:
+        yield from np.clip(rng.standard_normal(block), -3.0, 3.0).tolist()
+
+
+class Odometry:
+    """Turns true states into measurements; shared by all plants.
+
+    Args:
+        params: sizes of the errors.
+        rng: source of the noise.
+        count: (k, n) numbers of drive coordinates and joints.
+    """
+
+    def __init__(self, params: OdometryParams, rng: np.random.Generator, count: tuple[int, int]) -> None:
+        self.params = params
+        self._rng = rng
+        self._normal = _standard_normals(rng)
+        self._drives, self._joints = count
+        self._lost_until = -math.inf
+        self.reset(0.0, (0.0,) * self._drives)
+
+    def reset(self, time: float, travel: Sequence[float]) -> None:
+        """Start anew at a time [s] with the drive's travel (k,) so far; a loss of odometry is over."""
+        self._reading = list(travel)
+        self._next_fix = time + self.params.fix_period
+        self._pending: deque[tuple[float, float, float, float]] = deque()
+        self._lost_until = -math.inf
+
+    def lose_odometry(self, until: float) -> None:
+        """No encoder travel and no fix comes up to the time ``until`` [s]; fixes on their way are lost too."""
+        self._lost_until = until
+        self._pending.clear()
+
+    def measure(
+        self, time: float, travel: Sequence[float], joints: Array, pose: tuple[float, float, float] | None
+    ) -> Measurement:
+        """The measurement of a true state.
+
+        Args:
+            time: [s].
+            travel: (k,) true travel of the drive coordinates since the reset, as the encoders turn [m or rad].
+            joints: (n,) true joint positions.
+            pose: true base pose x, y, yaw; None for a fixed base.
+        """
+        p, normal = self.params, self._normal
+        noise = p.encoder_noise
+        before, self._reading = self._reading, [s + noise * next(normal) for s in travel]
+        if p.joint_noise > 0.0:
+            white = self._rng.standard_normal(self._joints)
+            joints = joints + p.joint_noise * np.minimum(np.maximum(white, -3.0), 3.0)
+        else:
+            joints = joints.copy()
+        if pose is None:
+            return Measurement(time, np.zeros(0), joints)
+        if time <= self._lost_until + _SLACK:
+            while self._next_fix <= time + _SLACK:
+                self._next_fix += p.fix_period
+            return Measurement(time, None, joints)
+        drive = np.array([b - a for a, b in zip(before, self._reading, strict=True)])
+        if time >= self._next_fix - _SLACK:
+            while self._next_fix <= time + _SLACK:
+                self._next_fix += p.fix_period
+            x, y, yaw = pose
+            self._pending.append(
+                (
+                    time,
+                    x + p.fix_noise * next(normal),
+                    y + p.fix_noise * next(normal),
+                    yaw + p.fix_angle_noise * next(normal),
+                )
+            )
+        if self._pending and self._pending[0][0] + p.fix_latency <= time + _SLACK:
+            at, *fix = self._pending.popleft()
+            return Measurement(time, drive, joints, np.array(fix), at)
+        return Measurement(time, drive, joints)
+
 
 _STICTION = 5e-4  # [m/s, rad/s] below it, a motor that is told to stand stands
 
@@ -74,7 +195,7 @@ class PlantParams:
         slip_time: correlation time of that [s].
         slip_noise: standard deviation of further slip, drawn anew in every step.
         jitter: a command arrives late by up to this [s], evenly distributed; the one before holds meanwhile.
-        sensors: errors of what is measured.
+        odometry: errors of what is measured.
     """
 
     wheel_lag: float = 0.04
@@ -85,7 +206,7 @@ class PlantParams:
     slip_time: float = 1.0
     slip_noise: float = 0.002
     jitter: float = 0.002
-    sensors: SensorParams = field(default_factory=SensorParams)
+    odometry: OdometryParams = field(default_factory=OdometryParams)
 
     def __post_init__(self) -> None:
         """Check.
@@ -95,7 +216,7 @@ class PlantParams:
         """
         for f in fields(self):
             value = getattr(self, f.name)
-            if f.name == "sensors":
+            if f.name == "odometry":
                 continue
             low = 1.0 if f.name.endswith("margin") else 0.0
             if not value >= low or (math.isinf(value) and low == 0.0):
@@ -110,16 +231,12 @@ class PlantParams:
         """No lag, no limit of speed or acceleration, no slip, jitter, noise or latency: commands are driven exactly."""
         return PlantParams(
             wheel_lag=0.0, joint_lag=0.0, speed_margin=math.inf, acceleration_margin=math.inf, slip=0.0,
-            slip_noise=0.0, jitter=0.0, sensors=SensorParams.ideal(),
+            slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal(),
         )  # fmt: skip
-
-    def with_sensors(self, **values: float) -> PlantParams:
-        """The same with other sensor errors, by name."""
-        return replace(self, sensors=replace(self.sensors, **values))
 
 
 class Plant(Protocol):
-    """A machine that takes commands and gives measurements; the truth is there for judges."""
+    """A machine that takes commands and gives measurements; the truth is there for the evaluation."""
 
     @property
     def time(self) -> float:
@@ -186,7 +303,7 @@ class KinematicPlant:
         check_limits(robot, limits)
         self.robot, self.limits, self.params = robot, limits, params
         self._rng = np.random.default_rng(seed)
-        self._normal = standard_normals(self._rng)
+        self._normal = _standard_normals(self._rng)
         self._k, self._n = len(limits.drive_speed), len(limits.joint_speed)
         self._top = (limits.drive_speed * params.speed_margin).tolist()
         self._push = (limits.drive_acceleration * params.acceleration_margin).tolist()
@@ -194,7 +311,7 @@ class KinematicPlant:
         self._joint_push = (limits.joint_acceleration * params.acceleration_margin).tolist()
         first = robot.space.base_nv
         self._lower, self._upper = robot.space.lower[first:].tolist(), robot.space.upper[first:].tolist()
-        self._sensors = Sensors(params.sensors, self._rng, (self._k, self._n))
+        self._odometry = Odometry(params.odometry, self._rng, (self._k, self._n))
         self.reset(robot.space.to_chart(robot.home_q))
 
     @property
@@ -234,7 +351,7 @@ class KinematicPlant:
         half = 0.5 * self.params.slip
         self._wander = [half * next(self._normal) for _ in range(self._k)]
         self._slip = [max(-2.0 * half, min(2.0 * half, s)) for s in self._wander]
-        self._sensors.reset(self._time, self._travel)
+        self._odometry.reset(self._time, self._travel)
 
     def step(self, command: Command, dt: float) -> Measurement:
         """Hold a command for ``dt`` [s]; it arrives late by the jitter.
@@ -262,11 +379,11 @@ class KinematicPlant:
             self._advance(dt)
         self._time += dt
         pose = self._pose if self._k else None
-        return self._sensors.measure(self._time, self._travel, np.array(self._joints), pose)
+        return self._odometry.measure(self._time, self._travel, np.array(self._joints), pose)
 
     def lost_odometry(self, until: float) -> None:
         """From now on to the time ``until`` [s], no encoder travel and no fix comes."""
-        self._sensors.lose_odometry(until)
+        self._odometry.lose_odometry(until)
 
     def close(self) -> None:
         """Nothing to give back."""

@@ -1,26 +1,24 @@
-"""Sensed perception: the scene that a robot's own range sensors show, and whether it touches something."""
+"""The scene that a robot's own range sensors show, and whether it touches something."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.collision import BodySet, ObstacleProximity
+from elastic_strips.control import ObstacleAssumptions
+from elastic_strips.control.estimation import PoseBuffer
+from elastic_strips.perception import SceneEstimator, SceneEstimatorParams
+from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
+from elastic_strips.scene import Scene, World
 
-from ..control.pose_history import PoseHistory
-from ..execution.evasion import Silhouette
-from ..execution.params import ObstacleAssumptions
-from ..perception import SceneEstimator, SceneEstimatorParams
-from ..proximity import BodySet, ObstacleProximity
-from ..robot import Kinematics, RobotModel
-from ..scene import Scene, World
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
 
 _NEAR = 0.02  # [m] what is further off is not measured
 
 
-class Bumper:
+class ContactSensor:
     """Workspace: what a robot touches.
 
     Args:
@@ -53,7 +51,7 @@ _STEP = 0.01  # [s] between looks while the robot stands at its start
 _FEEL = 0.05  # [s] between questions to the bumper
 
 
-class SensedPerception:
+class SensorPerception:
     """Workspace: simulated sensors, and a scene of what they have seen.
 
     Before the robot sets out it stands at its start for a while and looks about.
@@ -81,7 +79,7 @@ class SensedPerception:
         self,
         robot: RobotModel,
         world: World,
-        start: npt.ArrayLike,
+        start: ArrayLike,
         *,
         sensors: SensorConfig | None = None,
         params: SceneEstimatorParams | None = None,
@@ -89,7 +87,7 @@ class SensedPerception:
         look: float = 1.5,
         bumper: bool = True,
     ) -> None:
-        self._world, self._bumper = world, Bumper(robot) if bumper else None
+        self._world, self._contact_sensor = world, ContactSensor(robot) if bumper else None
         self._looked, self._touched = -np.inf, ""
         self.suite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
         if params is None:
@@ -98,7 +96,7 @@ class SensedPerception:
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params = PerceptionParams(delay=latency)
         chart = robot.space.to_chart(robot.check_q(start, what="start"))
-        self._past = PoseHistory()
+        self._past = PoseBuffer()
         for k in range(round(look / _STEP)):
             self.observe(-look + k * _STEP, chart, chart)
 
@@ -114,8 +112,8 @@ class SensedPerception:
     def observe(self, t: float, chart: Array, estimate: Array) -> None:
         """Take the readings that have come by the time ``t`` [s] into the scene."""
         self._past.add(t, estimate)
-        if self._bumper is not None and t - self._looked >= _FEEL - 1e-9:
-            self._looked, self._touched = t, self._bumper.touched(self._world.at(t), chart)
+        if self._contact_sensor is not None and t - self._looked >= _FEEL - 1e-9:
+            self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), chart)
         readings = self.suite.observe(t, chart)
         if self._touched:  # what covers the sensors would stay in the map where they cannot see
             return
@@ -135,6 +133,4 @@ class SensedPerception:
 
 def body_radius(robot: RobotModel) -> float:
     """Radius of the largest disc about the base's origin that the robot fills where a laser of its base looks [m]."""
-    silhouette = Silhouette(robot)
-    silhouette.update(robot.space.to_chart(robot.home()))
-    return silhouette.disc_below(_LOW)
+    return PlanarFootprint.of(robot, robot.home()).inner_below(_LOW)

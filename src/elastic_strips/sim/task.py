@@ -1,4 +1,4 @@
-"""Sim room, task: the three layers do a task in a world."""
+"""The three layers do a task in a world."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy.typing as npt
+from elastic_strips.arrays import ArrayLike
+from elastic_strips.control import DriveParams, DriveResult
+from elastic_strips.control.tasks import ConstraintEvent, HybridControl, Order, Task, TaskPlan, deliberate
+from elastic_strips.errors import ConfigurationError
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene, World
+from elastic_strips.strip import OrientationConstraint
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_able
 
-from ..control import Deliberation, HybridControl, Order, Task, TaskEvent, deliberate
-from ..deform import AxisTask
-from ..errors import ConfigurationError
-from ..execution import DriveParams, DriveResult
-from ..robot import RobotModel
-from ..scene import Scene, World
-from ..summary import Summary
-from ..validation import check_able
-from .perception import Perceiver, PerceptionParams
-from .simulation import Simulation, simulation
+from .closed_loop import Simulation, simulation
+from .perception import Perception, PerceptionParams
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -35,10 +35,10 @@ class TaskResult(Summary):
 
     done: bool
     reason: str
-    deliberation: Deliberation
+    deliberation: TaskPlan
     drive: DriveResult | None
     orders: tuple[tuple[float, Order, str], ...]
-    task_events: tuple[TaskEvent, ...]
+    task_events: tuple[ConstraintEvent, ...]
 
 
 class TaskSimulation:
@@ -69,12 +69,12 @@ class TaskSimulation:
         self,
         robot: RobotModel,
         world: World | Scene,
-        start: npt.ArrayLike,
+        start: ArrayLike,
         task: Task,
         *,
-        keep: AxisTask | None = None,
+        keep: OrientationConstraint | None = None,
         params: DriveParams | None = None,
-        perception: PerceptionParams | Perceiver | None = None,
+        perception: PerceptionParams | Perception | None = None,
         seed: int = 0,
         look: Callable[[HybridControl], object] | None = None,
         **options: Any,
@@ -110,5 +110,5 @@ class TaskSimulation:
         drive = self.simulation.run(time_limit=time_limit)
         order = control.decide()
         reason = control.sequencing.reason if order in (Order.DONE, Order.GIVE_UP) else drive.reason
-        events = () if control.keeping is None else tuple(control.keeping.events)
+        events = () if control.monitor is None else tuple(control.monitor.events)
         return TaskResult(order is Order.DONE, reason, self.deliberation, drive, tuple(control.orders), events)

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision.bounds import BodySet
+from elastic_strips.control.estimation import StateEstimator
+from elastic_strips.control.tracking import TrackingController, TrackingGains
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.trajectory import MotionLimits, Trajectory
 
-from ..errors import ParameterError
-from ..execution.estimation import Estimator
-from ..execution.limits import MotionLimits
-from ..execution.tracking import TrackingController, TrackingGains
-from ..execution.trajectory import Trajectory
-from ..proximity.bounds import BodySet
-from ..robot import Kinematics, RobotModel
 from .plant import KinematicPlant, Plant, PlantParams
 
 DEFAULT_TRACKING_ERROR = 0.02
@@ -78,10 +77,10 @@ class TrackingErrors:
         return float(np.percentile(self.samples, percent))
 
 
-def follow(
+def follow_trajectory(
     trajectory: Trajectory,
     plant: Plant,
-    estimator: Estimator,
+    estimator: StateEstimator,
     controller: TrackingController,
     *,
     dt: float = 0.01,
@@ -185,11 +184,11 @@ def measure_tracking(
     """
     if not trajectories:
         raise ParameterError("measure_tracking needs at least one trajectory")
-    controller, estimator = TrackingController(robot, limits, gains), Estimator(robot, limits)
+    controller, estimator = TrackingController(robot, limits, gains), StateEstimator(robot, limits)
 
     def runs() -> Iterable[FollowedRun]:
         for i, seed in enumerate(seeds):
             plant = KinematicPlant(robot, limits, params, seed)
-            yield follow(trajectories[i % len(trajectories)], plant, estimator, controller, dt=dt)
+            yield follow_trajectory(trajectories[i % len(trajectories)], plant, estimator, controller, dt=dt)
 
     return tracking_errors(robot, runs())

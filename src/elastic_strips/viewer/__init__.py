@@ -1,5 +1,5 @@
 """Viewer room: reports in, pictures out. The only room that knows meshcat."""
 
-from elastic_strips.viewer.viewer import Viewer
+from .viewer import Viewer
 
 __all__ = ["Viewer"]

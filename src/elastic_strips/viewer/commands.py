@@ -1,24 +1,35 @@
-"""Commands: what the browser is told, as (key, MessagePack bytes).
+"""Commands: what a browser is told, as (key, MessagePack bytes), and the HTML page that carries them out.
 
 A key is ``path + NUL + kind``. A later command with the same key makes an earlier one superfluous, so that whoever is
 slow (a browser, a pipe) may skip to the newest. Kinds ``object``, ``property …``, ``delete`` and ``animation`` are
-meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions`` and ``camera`` are read by the script in
-``page``.
+meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions`` and ``camera`` are read by ``web/page.js``.
+
+The page is meshcat's script plus that one, which adds a better background, lights and camera, objects that are drawn
+many times at once, a card with numbers and legend, and buttons for what plays.
 """
 
 from __future__ import annotations
 
+import base64
+import html
+import importlib.util
 import itertools
+import zlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import umsgpack
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from elastic_strips.viewer.meshes import MeshData
+from elastic_strips.arrays import ArrayLike, Document, Mask
 
-Command = tuple[str, bytes]
+from .geometry import Floats, MeshData
+from .server import Command, CommandLog
+
+_WEB = Path(__file__).parent / "web"
 _FLOAT32, _UINT32 = 0x17, 0x16
 _serial = itertools.count()
 
@@ -28,37 +39,44 @@ def key(path: str, kind: str) -> str:
     return f"{path}\0{kind}"
 
 
-def floats(array: ArrayLike) -> umsgpack.Ext:
+def _floats(array: ArrayLike) -> umsgpack.Ext:
     """Pack numbers as a Float32Array."""
     return umsgpack.Ext(_FLOAT32, np.ascontiguousarray(array, dtype="<f4").tobytes())
 
 
-def material(color: ArrayLike = (1.0, 1.0, 1.0), *, opacity: float = 1.0, lit: bool = True, **more: Any) -> dict:
+def material(
+    color: ArrayLike = (1.0, 1.0, 1.0),
+    *,
+    opacity: float = 1.0,
+    lit: bool = True,
+    roughness: float = 0.62,
+    hides: bool = True,
+) -> Document:
     """Describe a three.js material.
 
     Args:
         color: Linear RGB in [0, 1].
         opacity: 1 is solid.
         lit: Whether light shades it.
-        **more: Further three.js material properties.
+        roughness: From 0, a mirror, to 1; where it is lit.
+        hides: Whether it hides what is behind it; a translucent one need not.
     """
     r, g, b = (round(255 * float(c)) for c in np.asarray(color))
-    data: dict[str, Any] = {
+    data: Document = {
         "type": "MeshStandardMaterial" if lit else "MeshBasicMaterial",
         "color": r << 16 | g << 8 | b,
         "opacity": float(opacity),
         "transparent": opacity < 1.0,
         "side": 2,
+        "depthWrite": hides,
     }
-    if lit:
-        data |= {"roughness": 0.62, "metalness": 0.05}
-    return data | more
+    return data | {"roughness": roughness, "metalness": 0.05} if lit else data
 
 
 def mesh(
     path: str,
     data: MeshData,
-    look: Mapping[str, Any],
+    look: Document,
     *,
     instances: int | None = None,
     cast: bool = True,
@@ -92,7 +110,7 @@ def mesh(
         },
     }
     look = {**look, "uuid": identity + "-m", "vertexColors": data.colors is not None}
-    body: dict[str, Any] = {
+    body: Document = {
         "uuid": identity,
         "type": "Mesh",
         "geometry": geometry["uuid"],
@@ -101,7 +119,7 @@ def mesh(
         "userData": {"shadow": cast, "veiled": veiled},
     }
     if instances is not None:
-        none = {"itemSize": 16, "type": "Float32Array", "array": floats(np.zeros(16 * max(instances, 1)))}
+        none = {"itemSize": 16, "type": "Float32Array", "array": _floats(np.zeros(16 * max(instances, 1)))}
         body |= {"type": "InstancedMesh", "count": max(instances, 1), "instanceMatrix": none, "frustumCulled": False}
     content = {
         "metadata": {"version": 4.5, "type": "Object"},
@@ -114,15 +132,15 @@ def mesh(
 
 def instances(path: str, matrices: ArrayLike, colors: ArrayLike | None = None) -> Command:
     """Say where the instances of a mesh are: (K, 16) column-major matrices, and (K, 3) linear colours."""
-    data: dict[str, Any] = {"type": "instances", "path": path, "matrices": floats(matrices)}
+    data: Document = {"type": "instances", "path": path, "matrices": _floats(matrices)}
     if colors is not None:
-        data["colors"] = floats(colors)
+        data["colors"] = _floats(colors)
     return key(path, "instances"), _pack(data)
 
 
 def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command:
     """Move many objects at once: (K, 16) column-major matrices."""
-    return key(group, "transforms"), _pack({"type": "transforms", "paths": list(paths), "matrices": floats(matrices)})
+    return key(group, "transforms"), _pack({"type": "transforms", "paths": list(paths), "matrices": _floats(matrices)})
 
 
 def visible(path: str, value: bool) -> Command:
@@ -137,37 +155,69 @@ def delete(path: str) -> Command:
     return key(path, "delete"), _pack({"type": "delete", "path": path})
 
 
-def hud(content: Mapping[str, Any]) -> Command:
+def hud(content: Mapping[str, object]) -> Command:
     """Fill the card in the corner: title, chip, rows, a note (optional), legend."""
     return key("", "hud"), _pack({"type": "hud", **content})
 
 
-def captions(times: ArrayLike, cards: Sequence[Mapping[str, Any]], common: Mapping[str, Any]) -> Command:
+def captions(times: ArrayLike, cards: Sequence[Document], common: Document) -> Command:
     """Fill the card with what is ``common`` to all of ``cards`` (K) and each of them from its time (K,) [s] on."""
-    data = {"type": "captions", "times": floats(times), "cards": [dict(c) for c in cards], "common": dict(common)}
+    data = {"type": "captions", "times": _floats(times), "cards": list(cards), "common": common}
     return key("", "captions"), _pack(data)
 
 
 def camera(points: ArrayLike, direction: ArrayLike) -> Command:
     """Look against ``direction`` so that all ``points`` (K, 3) [m] are in the picture."""
-    return key("", "camera"), _pack({"type": "camera", "points": floats(points), "direction": floats(direction)})
+    return key("", "camera"), _pack({"type": "camera", "points": _floats(points), "direction": _floats(direction)})
 
 
-def animation(tracks: Sequence[Mapping[str, Any]], fps: float) -> Command:
-    """Play tracks: each has a path, a property, a three.js type, ``times`` (in frames) and flat ``values``."""
+@dataclass(frozen=True, slots=True)
+class Track:
+    """How one property of an object changes: ``values`` at ``times`` (in frames), of a three.js type."""
+
+    path: str
+    property: str
+    type: str
+    times: ArrayLike
+    values: NDArray
+
+
+def motion_tracks(path: str, matrices: Floats) -> list[Track]:
+    """Position and orientation of an object in every frame: (F, 16) column-major matrices."""
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
+    times, T = np.arange(len(matrices)), np.swapaxes(matrices.reshape(-1, 4, 4), -1, -2)
+    quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat()
+    flips = np.cumprod(np.where(np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0, -1.0, 1.0))
+    quaternion[1:] *= flips[:, None]
+    return [
+        Track(path, "position", "vector3", times, T[:, :3, 3]),
+        Track(path, "quaternion", "quaternion", times, quaternion),
+    ]
+
+
+def visible_track(path: str, there: Mask) -> Track:
+    """Show an object in the frames (F,) in which it is ``there``, and hide it in the others.
+
+    The track is as long as the others that have F frames, because each repeats by itself.
+    """
+    times = np.union1d(np.flatnonzero(np.diff(there)) + 1, [0, len(there) - 1])
+    return Track(path, "visible", "bool", times, there[times])
+
+
+def count_track(path: str, count: NDArray[np.intp]) -> Track:
+    """Draw the first ``count`` (F,) instances of an object in each frame."""
+    return Track(path + "/<object>", "count", "number", np.arange(len(count)), count)
+
+
+def animation(tracks: Sequence[Track], fps: float) -> Command:
+    """Play tracks, again and again."""
     clips = []
     for track in tracks:
-        values = np.asarray(track["values"])
-        packed = values.tolist() if values.dtype == bool else floats(values)  # three.js wants true, not 1
-        one = {
-            "name": "." + track["property"],
-            "type": track["type"],
-            "times": floats(track["times"]),
-            "values": packed,
-        }
-        clips.append(
-            {"path": track["path"], "clip": {"fps": fps, "name": track["path"] + track["property"], "tracks": [one]}}
-        )
+        values = track.values.tolist() if track.values.dtype == bool else _floats(track.values)  # three.js: true, not 1
+        one = {"name": "." + track.property, "type": track.type, "times": _floats(track.times), "values": values}
+        clip = {"fps": fps, "name": track.path + track.property, "tracks": [one]}
+        clips.append({"path": track.path, "clip": clip})
     options = {"play": True, "repetitions": 1_000_000}
     return key("", "animation"), _pack({"type": "set_animation", "animations": clips, "options": options, "path": ""})
 
@@ -177,15 +227,67 @@ def no_animation() -> Command:
     return key("", "animation"), _pack({"type": "no_animation"})
 
 
-def columns(T: ArrayLike) -> NDArray[np.float32]:
+def columns(T: ArrayLike) -> Floats:
     """Turn (…, 4, 4) matrices into (…, 16) column-major rows."""
     T = np.asarray(T, dtype=np.float32)
     return np.swapaxes(T, -1, -2).reshape(*T.shape[:-2], 16)
 
 
-def _attribute(values: NDArray) -> dict[str, Any]:
-    return {"itemSize": values.shape[1], "type": "Float32Array", "array": floats(values), "normalized": False}
+def _attribute(values: Floats) -> Document:
+    return {"itemSize": values.shape[1], "type": "Float32Array", "array": _floats(values), "normalized": False}
 
 
-def _pack(data: Mapping[str, Any]) -> bytes:
+def _pack(data: Document) -> bytes:
     return umsgpack.packb(data)
+
+
+# The page
+
+
+@cache
+def _text(name: str) -> str:
+    return "\n" + (_WEB / name).read_text(encoding="utf-8")
+
+
+@cache
+def _meshcat_script() -> str:
+    """Read meshcat's bundle without importing meshcat, which would import half of Jupyter."""
+    spec = importlib.util.find_spec("meshcat")
+    if spec is None or not spec.submodule_search_locations:
+        raise ModuleNotFoundError("meshcat is not installed; it comes with elastic-strips: pip install meshcat")
+    return (Path(spec.submodule_search_locations[0]) / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
+
+
+def _page(title: str, last: str, data: str = "") -> str:
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>
+<style>{_text("page.css")}</style></head>
+<body>
+<div id="meshcat-pane"></div>
+<div id="es-card"></div>
+<div id="es-play"><button id="es-toggle" title="play or pause"></button>
+<input id="es-time" type="range" min="0" max="1" step="0.01" value="0"><output id="es-now"></output></div>
+{data}
+<script>{_meshcat_script()}</script>
+<script>{_text("page.js")}{_text(last)}</script>
+</body>
+</html>
+"""
+
+
+def live_page(title: str) -> str:
+    """Return the page that asks its server for the picture."""
+    return _page(title, "live.js")
+
+
+def static_page(title: str, log: CommandLog) -> str:
+    """Return a standalone page with the picture inside; it needs no server and no network."""
+    packed = base64.b64encode(zlib.compress(log.batch(), 9)).decode()
+    return _page(title, "standalone.js", f'<script id="es-data" type="application/octet-stream">{packed}</script>')
+
+
+def inline_frame(page: str, height: int = 480) -> str:
+    """Wrap a standalone page for a notebook."""
+    source = page.replace("&", "&amp;").replace('"', "&quot;")
+    return f'<iframe srcdoc="{source}" style="width: 100%; height: {height}px; border: 0; border-radius: 8px"></iframe>'

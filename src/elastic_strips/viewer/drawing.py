@@ -3,38 +3,37 @@
 from __future__ import annotations
 
 import itertools
-import re
+from collections import defaultdict
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Scene
-from elastic_strips.viewer import commands, geometry, meshes
-from elastic_strips.viewer.bodies import Body, ghost_bodies, robot_bodies
-from elastic_strips.viewer.commands import Command
-from elastic_strips.viewer.geometry import Doubles, Poses
-from elastic_strips.viewer.meshes import linear
-from elastic_strips.viewer.obstacles import Obstacles
-from elastic_strips.viewer.trouble import trouble_spot
+from elastic_strips.scene import Obstacle, Part, Scene
+from elastic_strips.strip.report import DeformReport, DeformStatus
+
+from . import commands, geometry
+from .commands import Command
+from .geometry import Body, Floats, MeshData, RobotPoses, linear
 
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
-TROUBLE = "#b5002b"
-FORCE, GHOST, HULL, BASE_THREAD, HAND_THREAD = "#c2257a", "#3f7fb5", "#58a6c9", "#1f5f8b", "#f0902b"
-_BAD = ("BROKEN", "BLOCKED")
-_CHIP = {"SETTLED": CERTIFIED, "DEFORMING": "#b7791f", "BROKEN": REFUSED, "BLOCKED": REFUSED}
+BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
+THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
+STILL = ("/ghosts", "/strip", "/forces", "/trouble")
+"""What a picture shows and what plays may have to hide."""
+_TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
+_STANDING, MOVING, _CLOUD = linear(0xC9A27E), linear(0xE07A3F), linear(0xA3ADB8)
+_CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
 _MOST = 400  # characters of a reason
-STILL = ("/ghosts", "/strip", "/forces", "/trouble")
-"""What a picture shows and what plays may have to hide."""
+_NONE = np.zeros((0, 16), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What is to be drawn: a scene and a strip, with the report about it where there is one.
+    """What is to be drawn: a scene and a strip's nodes (N, nq), with the report about it where there is one.
 
     The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
     ``live`` is one of many pictures a second: what takes long to measure is left out.
@@ -42,10 +41,10 @@ class Snapshot:
 
     robot: RobotModel
     scene: Scene
-    strip: Any
-    report: Any = None
+    nodes: Array
+    report: DeformReport | None = None
     frame: bool = False
-    q: Any = None
+    q: ArrayLike | None = None
     live: bool = False
 
 
@@ -68,8 +67,8 @@ class Drawing:
         self.ghosts = ghosts
         self.robot: RobotModel | None = None
         self.bodies: tuple[Body, ...] = ()
-        self.poses: Poses | None = None
-        self.obstacles = Obstacles()
+        self.poses: RobotPoses | None = None
+        self.obstacles = ObstacleDrawing()
         self.playing = False
         self._made: set[str] = set()
         self._pinned = False
@@ -79,21 +78,20 @@ class Drawing:
         poses, out = self.prepare(snapshot.robot)
         out += self.stop()
         out += self.obstacles.draw(snapshot.scene)
-        chart = snapshot.robot.space.to_chart(np.asarray(snapshot.strip.q))
+        chart = snapshot.robot.space.to_chart(snapshot.nodes)
         poses.update(chart)
         points = poses.points()
         out += self._ghosts(poses, points)
-        out += self.strip("strip", chart, points, segment_colors(snapshot.report, len(chart)))
+        out += self.strip("/strip", chart, points, segment_colors(snapshot.report, len(chart) - 1))
         out += self.markers(chart)
         out += self._forces(snapshot.report)
-        out += self._tunnel(snapshot.report, points)
+        out += self._hulls(snapshot.report)
         out += self._trouble(snapshot.report, chart)
         if snapshot.q is not None:
             poses.update(snapshot.robot.space.to_chart(np.asarray(snapshot.q))[None])
         out.append(self.robot_at(poses.matrices(self.joints, [0])[0]))
         out.append(self.card(snapshot))
-        if snapshot.frame or "camera" not in self._made:
-            self._made.add("camera")
+        if self._first("camera") or snapshot.frame:
             out.append(self.camera(chart, snapshot.scene))
         return out
 
@@ -107,16 +105,16 @@ class Drawing:
         """Where the bodies of the robot are in the tree."""
         return [f"/robot/{body.joint}" for body in self.bodies]
 
-    def prepare(self, robot: RobotModel) -> tuple[Poses, list[Command]]:
+    def prepare(self, robot: RobotModel) -> tuple[RobotPoses, list[Command]]:
         """Send the robot's bodies, once per robot."""
         if self.poses is not None and robot is self.robot:
             return self.poses, []
-        self.robot, self.poses, self.bodies = robot, Poses(robot), robot_bodies(robot)
+        self.robot, self.poses, self.bodies = robot, RobotPoses(robot), geometry.robot_bodies(robot)
         out = [commands.delete("/robot"), commands.delete("/ghosts")]
         look = commands.material(roughness=0.55)
         out += [commands.mesh(p, b.mesh, look) for p, b in zip(self.body_paths, self.bodies, strict=True)]
-        look = commands.material(hexcolor(GHOST), opacity=0.27, roughness=0.9)
-        for body in ghost_bodies(self.bodies):
+        look = commands.material(hexcolor(_GHOST), opacity=0.27, roughness=0.9)
+        for body in geometry.ghost_bodies(self.bodies):
             out.append(
                 commands.mesh(f"/ghosts/{body.joint}", body.mesh, look, instances=self.ghosts, cast=False, veiled=True)
             )
@@ -131,30 +129,28 @@ class Drawing:
         self._made -= {path for path in self._made if path.startswith("/playback")}
         return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
 
-    def robot_at(self, matrices: geometry.Floats) -> Command:
+    def robot_at(self, matrices: Floats) -> Command:
         """Move the solid robot: (B, 16) matrices."""
         return commands.transforms("/robot", self.body_paths, matrices)
 
-    def strip(self, path: str, chart: Doubles, points: Doubles, colors: Doubles) -> list[Command]:
-        """Draw the way of the control points and of the base."""
+    def strip(self, path: str, chart: Array, points: Array, colors: Array) -> list[Command]:
+        """Draw the paths of the control points and of the base below ``path``, the base's in ``colors`` (N - 1, 3)."""
+        assert self.robot is not None
         out: list[Command] = []
-        threads = f"/{path}/threads"
-        if threads not in self._made:
-            self._made.add(threads)
+        threads = f"{path}/threads"
+        if self._first(threads):
             look = commands.material(roughness=0.8)
-            out.append(commands.mesh(threads, meshes.rod(), look, instances=points.shape[1], cast=False))
-        matrices = geometry.threads(points, 0.0055)
+            out.append(commands.mesh(threads, geometry.rod(), look, instances=points.shape[1], cast=False))
         share = np.linspace(0.0, 1.0, points.shape[1])[:, None]
         shade = (1.0 - share) * np.array(hexcolor(BASE_THREAD)) + share * np.array(hexcolor(HAND_THREAD))
-        out.append(commands.instances(threads, matrices, np.repeat(shade, len(points) - 1, axis=0)))
-        assert self.robot is not None
-        band = geometry.ribbon(self.robot.space, chart, colors)
+        rods = geometry.threads(points, 0.0055)
+        out.append(commands.instances(threads, rods, np.repeat(shade, len(points) - 1, axis=0)))
+        band = geometry.ribbon(self.robot.space, chart, colors, height=0.004)
         if band is not None:
-            band.vertices[:, 2] = 0.004
-            out.append(commands.mesh(f"/{path}/base", band, commands.material(lit=False), cast=False))
+            out.append(commands.mesh(f"{path}/base", band, commands.material(lit=False), cast=False))
         return out
 
-    def camera(self, chart: Doubles, scene: Scene, *, height: float = 0.62) -> Command:
+    def camera(self, chart: Array, scene: Scene, *, height: float = 0.62) -> Command:
         """Look at the strip from the side, from a little behind its start, and from above, the more the higher."""
         assert self.poses is not None
         chosen = np.unique(np.linspace(0, len(chart) - 1, 24).round().astype(int))
@@ -180,47 +176,45 @@ class Drawing:
 
     def card(self, snapshot: Snapshot) -> Command:
         """Fill the card in the corner."""
-        report, rows, chip = snapshot.report, [], None
-        nodes = len(snapshot.strip.q)
-        if report is not None:
-            status = re.sub(r"^.*\.", "", str(getattr(report.status, "name", report.status))).upper()
-            chip = [status.lower(), _CHIP.get(status, UNCHECKED)]
+        report = snapshot.report
+        card: Document = {"title": self.title, "chip": None}
+        rows: list[list[str]] = []
+        if report is None:
+            rows.append(["nodes", str(len(snapshot.nodes))])
+            legend = [["base, not checked", UNCHECKED]]
+        else:
+            status, segments = report.status.value, report.certificate.segments
+            bad = report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED)
             clearance = report.node_clearance if snapshot.live else report.clearance
             if np.isfinite(clearance):
                 rows.append(["clearance of the nodes" if snapshot.live else "clearance", f"{clearance:.3f} m"])
-            segments = checked(report, nodes)
-            if segments is not None:
-                rows.append(["certified", f"{int(segments.sum())} of {len(segments)} segments"])
+            rows.append(["certified", f"{int(segments.sum())} of {len(segments)} segments"])
             legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
             if self._pinned:
-                legend.append([f"where it is {status.lower()}" if status in _BAD else "not clear here", TROUBLE])
-            if getattr(report, "forces", None) is not None and len(report.forces.points):
-                legend.append(["forces", FORCE])
-        else:
-            rows.append(["nodes", str(nodes)])
-            legend = [["base, not checked", UNCHECKED]]
+                legend.append([f"where it is {status}" if bad else "not clear here", _TROUBLE])
+            if report.forces is not None and len(report.forces.points):
+                legend.append(["forces", _FORCE])
+            card["chip"] = [status, _CHIP[status]]
+            if bad:
+                card["note"] = report.reason[:_MOST]
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
-        legend.append(["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"])
-        bad = report is not None and chip is not None and chip[0].upper() in _BAD
-        note = {"note": str(getattr(report, "reason", ""))[:_MOST]} if bad else {}
-        return commands.hud({"title": self.title, "chip": chip, "rows": rows, "legend": legend, **note})
+        return commands.hud({**card, "rows": rows, "legend": [*legend, THREADS]})
 
-    def _ghosts(self, poses: Poses, points: Doubles) -> list[Command]:
+    def _ghosts(self, poses: RobotPoses, points: Array) -> list[Command]:
         matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
         return [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
 
-    def markers(self, chart: Doubles) -> list[Command]:
+    def markers(self, chart: Array) -> list[Command]:
         """Lay rings where the first and the last of chart rows (N, nv) have their base."""
         assert self.robot is not None
         if not self.robot.space.planar:
             return []
         out: list[Command] = []
-        if "markers" not in self._made:
-            self._made.add("markers")
+        if self._first("markers"):
             for name, color in (("start", BASE_THREAD), ("goal", HAND_THREAD)):
                 look = commands.material(hexcolor(color), opacity=0.85, lit=False)
-                out.append(commands.mesh(f"/markers/{name}", meshes.ring(0.44, 0.5), look, cast=False))
+                out.append(commands.mesh(f"/markers/{name}", geometry.ring(0.44, 0.5), look, cast=False))
         poses = np.tile(np.eye(4), (2, 1, 1))
         for T, (x, y, yaw) in zip(poses, chart[[0, -1], :3], strict=True):
             c, s = np.cos(yaw), np.sin(yaw)
@@ -228,83 +222,169 @@ class Drawing:
         out.append(commands.transforms("/markers", ["/markers/start", "/markers/goal"], commands.columns(poses)))
         return out
 
-    def _forces(self, report: Any) -> list[Command]:
-        forces = getattr(report, "forces", None)
-        if forces is None and "forces" not in self._made:
-            return []
-        out: list[Command] = []
-        if "forces" not in self._made:
-            self._made.add("forces")
-            out.append(
-                commands.mesh("/forces", meshes.arrow(), commands.material(hexcolor(FORCE)), instances=64, cast=False)
-            )
-        none = np.zeros((0, 16), dtype=np.float32)
-        out.append(
-            commands.instances("/forces", none if forces is None else geometry.arrows(forces.points, forces.vectors))
-        )
-        return out
+    def _forces(self, report: DeformReport | None) -> list[Command]:
+        forces = None if report is None else report.forces
+        arrows = None if forces is None else geometry.arrows(forces.points, forces.vectors)
+        return self._many("/forces", geometry.arrow(), commands.material(hexcolor(_FORCE)), arrows)
 
-    def _tunnel(self, report: Any, points: Doubles) -> list[Command]:
-        found = hulls(report, points)
-        if found is None and "tunnel" not in self._made:
-            return []
-        out: list[Command] = []
-        if "tunnel" not in self._made:
-            self._made.add("tunnel")
-            look = commands.material(hexcolor(HULL), opacity=0.07, depthWrite=False)
-            out.append(commands.mesh("/tunnel", meshes.sphere(16), look, instances=64, cast=False))
-            out.append(commands.visible("/tunnel", False))  # many: the viewer's controls show them on demand
-        if found is None:
-            return [*out, commands.instances("/tunnel", np.zeros((0, 16)))]
-        points, radii = found
-        every = max(1, -(-radii.size // _MAX_HULLS))
-        centers, radii = points[::every].reshape(-1, 3), radii[::every].reshape(-1)
-        keep = np.isfinite(radii) & (radii > 0.0)
-        return [*out, commands.instances("/tunnel", geometry.spheres(centers[keep], radii[keep]))]
+    def _hulls(self, report: DeformReport | None) -> list[Command]:
+        """Draw the protective hulls; they are many, so they are hidden until the viewer's controls show them."""
+        matrices, out = None, []
+        if report is not None and report.tunnel is not None:
+            every = max(1, -(-report.tunnel.radius.size // _MAX_HULLS))
+            radii = report.tunnel.radius[::every].reshape(-1)
+            keep = np.isfinite(radii) & (radii > 0.0)
+            matrices = geometry.spheres(report.tunnel.points[::every].reshape(-1, 3)[keep], radii[keep])
+            if "/tunnel" not in self._made:
+                out = [commands.visible("/tunnel", False)]
+        look = commands.material(hexcolor(_HULL), opacity=0.07, hides=False)
+        return self._many("/tunnel", geometry.sphere(16), look, matrices) + out
 
-    def _trouble(self, report: Any, chart: Doubles) -> list[Command]:
+    def _trouble(self, report: DeformReport | None, chart: Array) -> list[Command]:
         """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
         assert self.robot is not None
         assert self.poses is not None
-        spot = trouble_spot(self.robot, report, chart, self.poses)
+        spot = None if report is None else _trouble_spot(self.robot, report, chart, self.poses)
         self._pinned = spot is not None
-        if spot is None and "trouble" not in self._made:
+        ball = head = pole = None
+        if spot is not None:
+            foot, top = spot * [1.0, 1.0, 0.0], spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN]
+            ball, head = geometry.spheres(spot, _SPOT), geometry.spheres(top, _HEAD)
+            pole = geometry.between(foot[None], top[None], _POLE)
+        clear, solid = (commands.material(hexcolor(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
+        return [
+            *self._many("/trouble/spot", geometry.sphere(), clear, ball, room=1),
+            *self._many("/trouble/head", geometry.sphere(), solid, head, room=1),
+            *self._many("/trouble/pole", geometry.rod(), solid, pole, room=1),
+        ]
+
+    def _many(
+        self, path: str, mesh: MeshData, look: Document, matrices: Floats | None, *, room: int = 64
+    ) -> list[Command]:
+        """Draw a mesh at (K, 16) matrices, nowhere where that is None; it is sent when it is first needed."""
+        if matrices is None and path not in self._made:
             return []
+        out = [commands.mesh(path, mesh, look, instances=room, cast=False)] if self._first(path) else []
+        return [*out, commands.instances(path, _NONE if matrices is None else matrices)]
+
+    def _first(self, name: str) -> bool:
+        """Whether this is the first time that something is drawn."""
+        first = name not in self._made
+        self._made.add(name)
+        return first
+
+
+def segment_colors(report: DeformReport | None, count: int) -> Array:
+    """Colours (count, 3) of the segments: certified, not certified, or not checked at all."""
+    if report is None:
+        return np.tile(hexcolor(UNCHECKED), (count, 1))
+    return np.where(report.certificate.segments[:, None], hexcolor(CERTIFIED), hexcolor(REFUSED))
+
+
+def _trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: RobotPoses) -> Array | None:
+    """Where (3,) [m] the worst segment is: between the hulls that do not connect, or at the link that is not clear.
+
+    Args:
+        robot: The robot.
+        report: About the strip.
+        chart: (N, nv) the strip's nodes.
+        poses: Of the robot; left at the worst segment.
+
+    Returns:
+        The place, or None where nothing is known to be wrong.
+    """
+    tunnel, broken = report.tunnel, report.certificate.broken
+    if tunnel is not None and report.connectivity_counts and not tunnel.connected.all():
+        j, c = np.unravel_index(int(np.argmin(tunnel.overlap)), tunnel.overlap.shape)
+        return 0.5 * (tunnel.points[j, c] + tunnel.points[j + 1, c])
+    if broken is None or not 0 <= broken.segment < len(chart) - 1:
+        return None
+    poses.update(robot.space.interpolate(chart[broken.segment, None], chart[broken.segment + 1, None], np.array([0.5])))
+    piece = next((piece for piece in robot.geometries if piece.name == broken.link), None)
+    if piece is None:
+        return poses.points()[0, 0]
+    middle = np.eye(4)
+    middle[:3, 3] = 0.5 * (piece.capsule.a + piece.capsule.b)
+    there = poses.matrices([piece.joint])[0, 0].reshape(4, 4).T @ robot.tree.to_aligned(piece.joint, middle)
+    return np.asarray(there[:3, 3], dtype=float)
+
+
+class ObstacleDrawing:
+    """What of a scene the browsers already have.
+
+    Boxes, spheres, cylinders and cones that stand still are one object per shape, however many there are. Everything
+    else, and what moves, is an object of its own.
+    """
+
+    def __init__(self) -> None:
+        """Start without obstacles."""
+        self._scene: Scene | None = None
+        self._alone: frozenset[str] = frozenset()
+        self._own: dict[str, tuple[tuple[Part, ...], Array]] = {}
+        self._shared: dict[str, Floats] = {}
+
+    def draw(self, scene: Scene, *, alone: frozenset[str] = frozenset()) -> list[Command]:
+        """Return the commands that turn the picture of the last scene into that of this one.
+
+        Obstacles named ``alone`` are objects of their own even if they stand still, so that they can be hidden.
+        """
+        if scene is self._scene and alone == self._alone:
+            return []
+        self._scene, self._alone = scene, alone
         out: list[Command] = []
-        if "trouble" not in self._made:
-            self._made.add("trouble")
-            clear, solid = (commands.material(hexcolor(TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
-            out.append(commands.mesh("/trouble/spot", meshes.sphere(), clear, instances=1, cast=False))
-            out.append(commands.mesh("/trouble/head", meshes.sphere(), solid, instances=1, cast=False))
-            out.append(commands.mesh("/trouble/pole", meshes.rod(), solid, instances=1, cast=False))
-        spots = np.zeros((0, 3)) if spot is None else spot[None]
-        heads = spots * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN]
-        feet = spots * [1.0, 1.0, 0.0]
-        out.append(commands.instances("/trouble/spot", geometry.spheres(spots, np.full(len(spots), _SPOT))))
-        out.append(commands.instances("/trouble/head", geometry.spheres(heads, np.full(len(spots), _HEAD))))
-        out.append(commands.instances("/trouble/pole", geometry.between(feet, heads, _POLE)))
+        instances: dict[str, list[Array]] = defaultdict(list)
+        seen: set[str] = set()
+        moved: list[tuple[str, Array]] = []
+        for obstacle in scene:
+            single = obstacle.motion is not None or obstacle.name in alone
+            unit = None if single else geometry.unit_shape(obstacle)
+            if unit is not None:
+                shape, factors = unit
+                T = np.array(obstacle.pose)
+                T[:3, :3] *= factors
+                instances[shape].append(T)
+                continue
+            path = self.path(obstacle)
+            parts, pose = self._own.get(path, (None, None))
+            if parts is not obstacle.parts:
+                mesh = geometry.obstacle_mesh(obstacle)
+                if mesh is None:
+                    continue
+                color = MOVING if single else _STANDING
+                if not single and obstacle.shape in ("voxels", "points"):
+                    color = _CLOUD
+                out.append(commands.mesh(path, mesh, commands.material(color)))
+            seen.add(path)
+            if pose is None or not np.array_equal(pose, obstacle.pose):
+                moved.append((path, np.asarray(obstacle.pose)))
+            self._own[path] = (obstacle.parts, np.asarray(obstacle.pose))
+        for path in [p for p in self._own if p not in seen]:
+            del self._own[path]
+            out.append(commands.delete(path))
+        out += self._instances(instances)
+        # One command per obstacle: the newest of each is remembered.
+        out += [commands.transforms(path, [path], commands.columns(T[None])) for path, T in moved]
         return out
 
+    @staticmethod
+    def path(obstacle: Obstacle) -> str:
+        """Where an obstacle is in the tree; its name may contain anything."""
+        return "/obstacles/" + str(obstacle.name).replace("/", "\N{DIVISION SLASH}").replace("\0", "")
 
-def checked(report: Any, nodes: int) -> NDArray[np.bool_] | None:
-    """Which of the segments are certified, (N - 1,); None if nobody looked."""
-    certificate = getattr(report, "certificate", None)
-    segments = None if certificate is None else np.asarray(certificate.segments, dtype=bool)
-    return segments if segments is not None and len(segments) == nodes - 1 else None
+    def moving(self, scene: Scene) -> list[Obstacle]:
+        """Obstacles that have an object of their own because they move."""
+        return [o for o in scene if o.motion is not None and self.path(o) in self._own]
 
-
-def hulls(report: Any, points: Doubles) -> tuple[Doubles, Doubles] | None:
-    """Centres (N, C, 3) and radii (N, C) [m] of a report's protective hulls; None where it has none."""
-    tunnel = getattr(report, "tunnel", None)
-    if tunnel is not None:
-        return np.asarray(tunnel.points, dtype=float), np.asarray(tunnel.radius, dtype=float)
-    radii = getattr(report, "hull_radius", None)
-    return None if radii is None else (points, np.asarray(radii, dtype=float))
-
-
-def segment_colors(report: Any, nodes: int) -> Doubles:
-    """Colours (N - 1, 3) of the segments: certified, not certified, or not checked at all."""
-    segments = checked(report, nodes)
-    if segments is None:
-        return np.tile(np.array(hexcolor(UNCHECKED)), (max(nodes - 1, 0), 1))
-    return np.where(segments[:, None], np.array(hexcolor(CERTIFIED)), np.array(hexcolor(REFUSED)))
+    def _instances(self, wanted: dict[str, list[Array]]) -> list[Command]:
+        out: list[Command] = []
+        for shape in {*wanted, *self._shared}:
+            matrices = commands.columns(wanted[shape]) if wanted.get(shape) else _NONE
+            path = f"/obstacles/all {shape}"
+            if shape not in self._shared:
+                mesh = geometry.UNIT_MESHES[shape]()
+                out.append(commands.mesh(path, mesh, commands.material(_STANDING), instances=len(matrices)))
+            elif np.array_equal(matrices, self._shared[shape]):
+                continue
+            self._shared[shape] = matrices
+            out.append(commands.instances(path, matrices))
+        return out

@@ -1,20 +1,314 @@
-"""Geometry: where the threads, arrows, spheres and ribbons of a strip are, as arrays."""
+"""Geometry: what a picture consists of, as arrays: meshes of robots and obstacles, and where they are."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
 
+import coal
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import trimesh
+from numpy.typing import NDArray
 
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.robot import ConfigurationSpace, Kinematics, RobotModel
-from elastic_strips.viewer.meshes import MeshData
+from elastic_strips.robot.coal_shapes import ShapeKind, faces, shape_of, vertices
+from elastic_strips.scene import Obstacle
 
 Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
+_CREASE = float(np.radians(35.0))
+_GHOST_FACES = 20_000
 
 
-class Poses:
+@dataclass(frozen=True, slots=True)
+class MeshData:
+    """An indexed triangle mesh as the browser wants it.
+
+    Attributes:
+        vertices: (V, 3) positions [m].
+        normals: (V, 3) unit normals; a vertex on a crease appears once for each side.
+        faces: (F, 3) vertex indices.
+        colors: (V, 3) linear RGB in [0, 1], or None where the material has one colour.
+    """
+
+    vertices: Floats
+    normals: Floats
+    faces: NDArray[np.uint32]
+    colors: Floats | None = None
+
+    def transformed(self, T: ArrayLike) -> MeshData:
+        """Return the mesh seen from the parent frame; ``T`` is (4, 4) and rigid."""
+        T = np.asarray(T, dtype=float)
+        vertices = (self.vertices @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        return MeshData(vertices, (self.normals @ T[:3, :3].T).astype(np.float32), self.faces, self.colors)
+
+    def colored(self, rgb: ArrayLike) -> MeshData:
+        """Return the mesh with one linear RGB colour at every vertex."""
+        colors = np.tile(np.asarray(rgb, dtype=np.float32), (len(self.vertices), 1))
+        return MeshData(self.vertices, self.normals, self.faces, colors)
+
+    def scaled(self, factors: ArrayLike) -> MeshData:
+        """Return the mesh scaled along its axes."""
+        f = np.asarray(factors, dtype=np.float32)
+        normals = self.normals / f
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return MeshData(self.vertices * f, normals, self.faces, self.colors)
+
+
+def linear(color: int | Sequence[float]) -> tuple[float, float, float]:
+    """Turn an sRGB colour, ``0xrrggbb`` or three floats in [0, 1], into the linear RGB that lighting works in."""
+    rgb = ((color >> 16) / 255, (color >> 8 & 255) / 255, (color & 255) / 255) if isinstance(color, int) else color[:3]
+    r, g, b = (float(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4) for c in rgb)
+    return r, g, b
+
+
+def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> MeshData:
+    """Compute normals: smooth within patches of faces that meet at less than the crease angle, sharp between them.
+
+    Args:
+        vertices: (V, 3) positions [m].
+        faces: (F, 3) indices.
+        crease: Angle between two faces [rad] above which their common edge is drawn sharp.
+    """
+    mesh = trimesh.Trimesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False)
+    mesh.merge_vertices(digits_vertex=6)
+    mesh.update_faces(mesh.nondegenerate_faces(height=1e-9))
+    smooth = mesh.face_adjacency[mesh.face_adjacency_angles < crease]
+    patch = trimesh.graph.connected_component_labels(smooth, node_count=len(mesh.faces))
+    corners = np.column_stack((np.repeat(patch, 3), mesh.faces.ravel()))
+    corners, index = np.unique(corners, axis=0, return_inverse=True)
+    split = trimesh.Trimesh(mesh.vertices[corners[:, 1]], index.reshape(-1, 3), process=False)
+    return MeshData(
+        split.vertices.astype(np.float32), split.vertex_normals.astype(np.float32), split.faces.astype(np.uint32)
+    )
+
+
+def _hull(points: ArrayLike) -> MeshData:
+    """Convex hull of (V, 3) points."""
+    found = trimesh.convex.convex_hull(np.asarray(points, dtype=float))
+    return _shaded(found.vertices, found.faces)
+
+
+def merged(meshes: Iterable[MeshData]) -> MeshData:
+    """Merge meshes into one; colours are kept where every mesh has them.
+
+    Raises:
+        ValueError: There is no mesh.
+    """
+    parts = list(meshes)
+    offsets = np.cumsum([0, *(len(m.vertices) for m in parts[:-1])])
+    colors = [m.colors for m in parts if m.colors is not None]
+    return MeshData(
+        np.concatenate([m.vertices for m in parts]),
+        np.concatenate([m.normals for m in parts]),
+        np.concatenate([m.faces + np.uint32(o) for m, o in zip(parts, offsets, strict=True)]),
+        np.concatenate(colors) if len(colors) == len(parts) else None,
+    )
+
+
+def clustered(mesh: MeshData, cell: float) -> MeshData:
+    """Return a coarser mesh: vertices that share a cell of edge ``cell`` [m] become one."""
+    key = np.floor(mesh.vertices / cell).astype(np.int64)
+    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    faces = inverse.reshape(-1)[mesh.faces]
+    keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    if not keep.any():
+        return mesh
+    return _shaded(mesh.vertices[first], np.unique(faces[keep], axis=0))
+
+
+# Unit meshes
+
+
+@cache
+def box() -> MeshData:
+    """Unit cube about the origin."""
+    cube = trimesh.creation.box()
+    return _shaded(cube.vertices, cube.faces)
+
+
+@cache
+def sphere(segments: int = 24) -> MeshData:
+    """Unit sphere about the origin."""
+    angle = np.linspace(0.0, np.pi, segments // 2 + 1)
+    return _revolved(np.column_stack((np.sin(angle), -np.cos(angle))), segments, crease=np.pi)
+
+
+@cache
+def cylinder(segments: int = 32) -> MeshData:
+    """Cylinder of radius 1 and length 1 about the origin, along z."""
+    return _revolved([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)], segments)
+
+
+@cache
+def cone(segments: int = 32) -> MeshData:
+    """Cone of radius 1 and length 1 along z, apex up, origin at mid-height.
+
+    The ring below the apex has the normals of the side, which the apex cannot have.
+    """
+    return _revolved([(0.0, -0.5), (1.0, -0.5), (0.002, 0.498), (0.0, 0.5)], segments)
+
+
+@cache
+def rod(sides: int = 6) -> MeshData:
+    """Cylinder of radius 1 without end faces, along z from 0 to 1."""
+    return _revolved([(1.0, 0.0), (1.0, 1.0)], sides, crease=np.pi)
+
+
+@cache
+def arrow() -> MeshData:
+    """Arrow along z from 0 to 1; its head has radius 1."""
+    return _revolved([(0.0, 0.0), (0.38, 0.0), (0.38, 0.62), (1.0, 0.62), (0.003, 0.999), (0.0, 1.0)], 10)
+
+
+@cache
+def ring(inner: float, outer: float) -> MeshData:
+    """Flat ring on the floor with an arrow head that points along x."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 49)
+    circle = np.column_stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)))
+    tip, width = outer + 0.22, 0.11
+    head = np.array([[tip, 0, 0], [outer + 0.03, width, 0], [outer + 0.03, -width, 0]])
+    i = np.arange(48)
+    faces = np.vstack((np.column_stack((i, i + 49, i + 50)), np.column_stack((i, i + 50, i + 1)), [[98, 99, 100]]))
+    return _flat(np.vstack((inner * circle, outer * circle, head)), faces)
+
+
+def _capsule(radius: float, length: float) -> MeshData:
+    """Capsule along z: a cylinder of ``length`` [m] between two half spheres of ``radius`` [m]."""
+    angle = np.linspace(0.0, np.pi / 2, 7)
+    upper = np.column_stack((radius * np.cos(angle), radius * np.sin(angle) + length / 2))
+    return _revolved(np.vstack((upper[::-1] * [1.0, -1.0], upper)), 24, crease=np.pi)
+
+
+def _revolved(profile: ArrayLike, segments: int, crease: float = _CREASE) -> MeshData:
+    """Turn a profile of (radius, z) about z."""
+    turned = trimesh.creation.revolve(np.asarray(profile, dtype=float), sections=segments)
+    return _shaded(turned.vertices, turned.faces, crease)
+
+
+def _flat(vertices: Array, faces: NDArray[np.intp], colors: Array | None = None) -> MeshData:
+    """A mesh (V, 3), (F, 3) that lies on the floor and is seen from above."""
+    normals = np.tile(np.array([0, 0, 1], dtype=np.float32), (len(vertices), 1))
+    tint = None if colors is None else colors.astype(np.float32)
+    return MeshData(vertices.astype(np.float32), normals, faces.astype(np.uint32), tint)
+
+
+# Bodies: robots and obstacles, each as few meshes as can be
+
+
+def from_coal(geometry: coal.CollisionGeometry) -> MeshData | None:
+    """Triangles of a Coal shape in its own frame, or None for a shape that has no surface to draw (a plane)."""
+    kind, size = shape_of(geometry)
+    if kind is ShapeKind.BOX:
+        return box().scaled(2 * np.array(size))
+    if kind is ShapeKind.SPHERE:
+        return sphere().scaled(np.full(3, size[0]))
+    if kind is ShapeKind.ELLIPSOID:
+        return sphere().scaled(size)
+    if kind is ShapeKind.CAPSULE:
+        return _capsule(size[0], 2 * size[1])
+    if kind in (ShapeKind.CYLINDER, ShapeKind.CONE):
+        return (cylinder() if kind is ShapeKind.CYLINDER else cone()).scaled((size[0], size[0], 2 * size[1]))
+    if kind is ShapeKind.CONVEX:
+        return _hull(vertices(geometry))
+    return _shaded(vertices(geometry), faces(geometry)) if kind is ShapeKind.MESH else None
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Everything that moves with one joint, as one mesh with vertex colours in the joint's aligned frame."""
+
+    joint: int
+    mesh: MeshData
+
+
+def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
+    """Merge a robot's visual geometry per joint; each distinct mesh is read once.
+
+    Where there is no visual geometry the collision geometry is drawn instead.
+    """
+    model = robot.visual_model if robot.visual_model.ngeoms else robot.collision_model
+    read: dict[object, MeshData | None] = {}
+    parts: dict[int, list[MeshData]] = defaultdict(list)
+    for item in model.geometryObjects:
+        is_file = "." in item.meshPath  # of a primitive Pinocchio says BOX, CYLINDER, …
+        name = (item.meshPath, *np.round(item.meshScale, 9)) if is_file else item.name
+        if name not in read:
+            read[name] = from_coal(item.geometry)
+        mesh = read[name]
+        if mesh is not None and len(mesh.faces):
+            color = linear([float(c) for c in item.meshColor[:3]])
+            placement = robot.tree.to_aligned(item.parentJoint, item.placement.homogeneous)
+            parts[item.parentJoint].append(mesh.transformed(placement).colored(color))
+    return tuple(Body(joint, merged(found)) for joint, found in sorted(parts.items()))
+
+
+def ghost_bodies(bodies: tuple[Body, ...]) -> tuple[Body, ...]:
+    """Return the bodies without colours, and coarser where they are heavy."""
+    heavy = sum(len(body.mesh.faces) for body in bodies) > _GHOST_FACES
+    coarse = [clustered(body.mesh, 0.012) if heavy else body.mesh for body in bodies]
+    return tuple(
+        Body(body.joint, MeshData(mesh.vertices, mesh.normals, mesh.faces))
+        for body, mesh in zip(bodies, coarse, strict=True)
+    )
+
+
+UNIT_MESHES: dict[str, Callable[[], MeshData]] = {"box": box, "sphere": sphere, "cylinder": cylinder, "cone": cone}
+"""By the name that ``unit_shape`` gives."""
+
+
+def unit_shape(obstacle: Obstacle) -> tuple[str, Array] | None:
+    """Say which unit mesh, scaled by which factors along its axes, an obstacle is; None if it is none of them."""
+    if obstacle.shape not in UNIT_MESHES or len(obstacle.parts) != 1:
+        return None
+    shape = obstacle.parts[0].geometry
+    if obstacle.shape == "box":
+        return "box", 2.0 * np.asarray(shape.halfSide)
+    if obstacle.shape == "sphere":
+        return "sphere", np.full(3, float(shape.radius))
+    return obstacle.shape, np.array([shape.radius, shape.radius, 2.0 * shape.halfLength])
+
+
+def obstacle_mesh(obstacle: Obstacle) -> MeshData | None:
+    """Merge an obstacle's parts into one mesh in the obstacle's frame; None if nothing of it can be drawn.
+
+    What is drawn is what is avoided: the convex parts of a mesh, the merged boxes of voxels.
+    """
+    found: list[MeshData] = []
+    boxes: list[tuple[Array, Array]] = []
+    for part in obstacle.parts:
+        origin = np.asarray(part.T_obstacle_part)[:3, 3]  # a part is never turned
+        shapes = [(part.geometry, origin)] if part.geometry is not None else []
+        shapes += [(shape, origin + np.asarray(offset)) for shape, offset in part.boxes]
+        for shape, center in shapes:
+            if isinstance(shape, coal.Box):
+                boxes.append((center, 2.0 * np.asarray(shape.halfSide)))
+                continue
+            mesh = from_coal(shape)
+            if mesh is not None:
+                pose = np.eye(4)
+                pose[:3, 3] = center
+                found.append(mesh.transformed(pose))
+    if boxes:
+        found.append(_boxes(*(np.array(column) for column in zip(*boxes, strict=True))))
+    return merged(found) if found else None
+
+
+def _boxes(centers: Array, sizes: Array) -> MeshData:
+    """Axis-aligned boxes (K, 3) as one mesh: voxels are thousands of them."""
+    unit = box()
+    vertices = centers[:, None, :] + sizes[:, None, :] * unit.vertices[None]
+    offsets = (np.arange(len(centers), dtype=np.uint32) * np.uint32(len(unit.vertices)))[:, None, None]
+    normals = np.tile(unit.normals, (len(centers), 1))
+    return MeshData(vertices.reshape(-1, 3).astype(np.float32), normals, (unit.faces[None] + offsets).reshape(-1, 3))
+
+
+# Placement: where bodies, rods, arrows, balls and bands are
+
+
+class RobotPoses:
     """Workspace: where a robot's bodies and control points are, for many configurations at once; one per thread.
 
     Bodies are placed by the *aligned* joint frames of ``elastic_strips.robot.Kinematics``.
@@ -29,16 +323,16 @@ class Poses:
         align = robot.tree.align[points.joint]
         self._local = np.matmul(np.swapaxes(align, -1, -2), points.local[..., None])[..., 0]
 
-    def update(self, chart: Doubles) -> None:
+    def update(self, chart: Array) -> None:
         """Place chart rows (N, nv)."""
         self._kinematics.update(chart, jacobians=False)
 
-    def points(self) -> Doubles:
+    def points(self) -> Array:
         """Control points, (N, C, 3) [m]."""
         return self._kinematics.points(self._joint, self._local)
 
     def matrices(self, joints: Sequence[int], nodes: Sequence[int] | None = None) -> Floats:
-        """Poses of the bodies of some joints at some nodes (all by default), (N, B, 16) column-major."""
+        """RobotPoses of the bodies of some joints at some nodes (all by default), (N, B, 16) column-major."""
         T = self._kinematics.T[list(joints), : self._kinematics.n]
         if nodes is not None:
             T = T[:, list(nodes)]
@@ -69,7 +363,7 @@ def between(starts: ArrayLike, ends: ArrayLike, radius: ArrayLike) -> Floats:
 
 
 def spheres(centers: ArrayLike, radii: ArrayLike) -> Floats:
-    """Matrices (K, 16) that put unit spheres at centres (K, 3) [m] with radii (K,) [m]."""
+    """Matrices (K, 16) that put unit spheres at centres (K, 3) [m], or one (3,), with radii (K,) [m]."""
     centers = np.asarray(centers, dtype=np.float32).reshape(-1, 3)
     result = np.zeros((len(centers), 16), dtype=np.float32)
     result[:, 0] = result[:, 5] = result[:, 10] = np.asarray(radii, dtype=np.float32).reshape(-1)
@@ -90,7 +384,7 @@ def arrows(points: ArrayLike, vectors: ArrayLike, longest: float = 0.45) -> Floa
     return between(points[keep], points[keep] + vectors[keep] * scale, np.clip(0.09 * length, 0.008, 0.03))
 
 
-def spaced(points: Doubles, count: int) -> list[int]:
+def spaced(points: Array, count: int) -> list[int]:
     """Choose at most ``count`` nodes, the last among them, evenly along the motion of control points (N, C, 3)."""
     n = len(points)
     if n - 1 <= count:
@@ -100,13 +394,13 @@ def spaced(points: Doubles, count: int) -> list[int]:
     return sorted({*(int(i) for i in np.clip(chosen, 1, n - 2)), n - 1})
 
 
-def arc_length(points: Doubles) -> Doubles:
+def arc_length(points: Array) -> Array:
     """How far the farthest control point has moved up to each node, (N,) [m], strictly growing."""
     step = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1, initial=1e-9)
     return np.concatenate(([0.0], np.cumsum(np.maximum(step, 1e-9))))
 
 
-def interpolated(space: ConfigurationSpace, chart: Doubles, at: Doubles, where: Doubles) -> Doubles:
+def interpolated(space: ConfigurationSpace, chart: Array, at: Array, where: Array) -> Array:
     """Chart rows (M, nv) at places ``where`` (M,) along nodes (N, nv) that lie at ``at`` (N,)."""
     if len(chart) == 1:
         return np.repeat(chart, len(where), axis=0)
@@ -116,7 +410,7 @@ def interpolated(space: ConfigurationSpace, chart: Doubles, at: Doubles, where: 
 
 
 def ribbon(
-    space: ConfigurationSpace, chart: Doubles, colors: Doubles, width: float = 0.06, steps: int = 4
+    space: ConfigurationSpace, chart: Array, colors: Array, *, width: float = 0.06, height: float = 0.0, steps: int = 4
 ) -> MeshData | None:
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
@@ -125,6 +419,7 @@ def ribbon(
         chart: Nodes (N, nv).
         colors: (N - 1, 3) linear RGB.
         width: Width of the band [m].
+        height: Height above the floor [m].
         steps: Pieces per segment, so that arcs look like arcs.
 
     Returns:
@@ -143,16 +438,15 @@ def ribbon(
         return None
     along = np.divide(along, size, out=np.zeros_like(along), where=size > 1e-9)
     side = 0.5 * width * np.column_stack((-along[:, 1], along[:, 0]))
-    vertices = np.zeros((2 * len(flat), 3), dtype=np.float32)
-    vertices[0::2, :2], vertices[1::2, :2] = flat + side, flat - side
+    vertices = np.zeros((2 * len(flat), 3))
+    vertices[0::2, :2], vertices[1::2, :2], vertices[:, 2] = flat + side, flat - side, height
     i = 2 * (np.arange(len(chart) - 1)[:, None] * (steps + 1) + np.arange(steps)[None]).reshape(-1)
-    faces = np.vstack((np.column_stack((i, i + 1, i + 3)), np.column_stack((i, i + 3, i + 2)))).astype(np.uint32)
-    normals = np.tile(np.array([0, 0, 1], dtype=np.float32), (len(vertices), 1))
-    return MeshData(vertices, normals, faces, np.repeat(colors, 2 * (steps + 1), axis=0).astype(np.float32))
+    faces = np.vstack((np.column_stack((i, i + 1, i + 3)), np.column_stack((i, i + 3, i + 2))))
+    return _flat(vertices, faces, np.repeat(colors, 2 * (steps + 1), axis=0))
 
 
-def threads(points: Doubles, radius: float) -> Floats:
-    """Matrices (C (N - 1), 16) of rods along each control point's way through the nodes (N, C, 3)."""
+def threads(points: Array, radius: float) -> Floats:
+    """Matrices (C (N - 1), 16) of rods along each control point's path through the nodes (N, C, 3)."""
     starts = np.swapaxes(points[:-1], 0, 1).reshape(-1, 3)
     ends = np.swapaxes(points[1:], 0, 1).reshape(-1, 3)
     return between(starts, ends, radius)

@@ -1,7 +1,8 @@
 """Server: a process of its own that hands the newest picture to every browser that asks, on the loopback only.
 
-It is run as a script, knows neither robots nor scenes, and needs no port besides the browser's: pages and commands
-arrive on standard input, and when that ends, because the parent closed it or died, the process ends.
+``ServerProcess`` runs this file as a script. The process knows neither robots nor scenes and needs no port besides the
+browser's: page and commands arrive on standard input, and when that ends, because the parent closed it or died, the
+process ends.
 
 A frame on standard input is a header (length of the key, length of the payload), the key and the payload. Key ``page``
 carries the HTML; an empty key ends a batch; any other one is a command (see ``commands``).
@@ -10,19 +11,29 @@ carries the HTML; an empty key ends a batch; any other one is a command (see ``c
 from __future__ import annotations
 
 import asyncio
+import atexit
 import os
+import select
+import socket
 import struct
+import subprocess
 import sys
 import threading
 from collections.abc import Iterable
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
-HEADER = struct.Struct(">IQ")
-HOST = "127.0.0.1"
-FIRST_PORT, PORTS = 7000, 100
+if TYPE_CHECKING:
+    from tornado.httputil import HTTPServerRequest
+
+Command = tuple[str, bytes]  # key, payload
+
+_HEADER = struct.Struct(">IQ")
+_HOST = "127.0.0.1"
+_FIRST_PORT, _PORTS = 7000, 100
+_START, _SEND = 20.0, 10  # longest waits [s]
 
 
-class Record:
+class CommandLog:
     """The commands that a picture consists of, without those that later ones made superfluous."""
 
     def __init__(self, *, deletions: bool = False) -> None:
@@ -51,12 +62,12 @@ class Record:
             self._items.pop(key, None)
         self._items[key] = payload
 
-    def extend(self, items: Iterable[tuple[str, bytes]]) -> None:
+    def extend(self, items: Iterable[Command]) -> None:
         """Add many commands."""
         for key, payload in items:
             self.put(key, payload)
 
-    def items(self) -> list[tuple[str, bytes]]:
+    def items(self) -> list[Command]:
         """Return keys and payloads in the order in which they have to be executed."""
         return list(self._items.items())
 
@@ -71,6 +82,103 @@ class Record:
         return data
 
 
+class ServerError(RuntimeError):
+    """The server could not be started, or is gone."""
+
+
+class ServerProcess:
+    """A running server process; used by one thread, except for ``alive`` and ``close``."""
+
+    def __init__(self, *, port: int | None, page: str) -> None:
+        """Start the server and give it the page.
+
+        Args:
+            port: Port on 127.0.0.1; None takes a free one.
+            page: HTML.
+
+        Raises:
+            ServerError: It does not start, or the port is taken.
+        """
+        ours, theirs = socket.socketpair()
+        # Writes block in the kernel, without the interpreter's lock; one that waits too long fails.
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _SEND, 0))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        self._socket = ours
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, __file__, str(port or 0)],
+                stdin=theirs.fileno(),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C in a terminal or a notebook is not for the server
+                bufsize=0,
+            )
+        except OSError as error:
+            ours.close()
+            raise ServerError(f"the server process does not start: {error}") from error
+        finally:
+            theirs.close()
+        atexit.register(self.close)
+        line = self._first_line()
+        name, _, value = line.partition("=")
+        if name != "url":
+            self.close()
+            raise ServerError(f"the server does not start: {value or 'no answer'}")
+        self.url = value
+        self.send([("page", page.encode())])
+
+    @property
+    def alive(self) -> bool:
+        """Whether the server process runs."""
+        return self._process.poll() is None
+
+    @property
+    def pid(self) -> int:
+        """Process id of the server."""
+        return self._process.pid
+
+    def send(self, commands: Iterable[Command]) -> None:
+        """Send one batch of commands.
+
+        Raises:
+            ServerError: The server is gone or does not read.
+        """
+        chunks = []
+        for key, payload in commands:
+            name = key.encode()
+            chunks += [_HEADER.pack(len(name), len(payload)), name, payload]
+        chunks.append(_HEADER.pack(0, 0))
+        try:
+            self._socket.sendall(b"".join(chunks))
+        except BlockingIOError:
+            raise ServerError(f"the server has not read for {_SEND} s") from None
+        except OSError as error:
+            raise ServerError(f"the server process is gone: {error}") from error
+
+    def close(self) -> None:
+        """End the server process."""
+        atexit.unregister(self.close)
+        process = self._process
+        if process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(2.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._socket.close()
+        if process.stdout is not None:
+            process.stdout.close()
+
+    def _first_line(self) -> str:
+        assert self._process.stdout is not None
+        ready, _, _ = select.select([self._process.stdout], [], [], _START)
+        return self._process.stdout.readline().decode().strip() if ready else ""
+
+
+# What the process runs
+
+
 def _read(stream: BinaryIO, size: int) -> bytes:
     data = stream.read(size)
     if len(data) < size:
@@ -78,7 +186,7 @@ def _read(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-async def serve(port: int) -> None:
+async def _serve(port: int) -> None:
     """Serve until standard input ends."""
     import tornado.httpserver
     import tornado.netutil
@@ -86,12 +194,12 @@ async def serve(port: int) -> None:
     import tornado.websocket
 
     page: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
-    record = Record()
-    clients: set[Any] = set()
+    log = CommandLog()
+    clients: set[Client] = set()
 
-    def local(request: Any) -> bool:
+    def local(request: HTTPServerRequest) -> bool:
         """Refuse requests that a foreign name was made to point here for."""
-        return request.host.rsplit(":", 1)[0] in (HOST, "localhost")
+        return request.host.rsplit(":", 1)[0] in (_HOST, "localhost")
 
     class Page(tornado.web.RequestHandler):
         async def get(self) -> None:
@@ -101,7 +209,7 @@ async def serve(port: int) -> None:
             self.write(await page)
 
     class Client(tornado.websocket.WebSocketHandler):
-        pending: Record
+        pending: CommandLog
         task: asyncio.Future[None] | None = None
         sending = False
 
@@ -111,8 +219,8 @@ async def serve(port: int) -> None:
 
         def open(self, *_: str, **__: str) -> None:
             self.set_nodelay(True)
-            self.pending = Record(deletions=True)
-            self.pending.extend(record.items())
+            self.pending = CommandLog(deletions=True)
+            self.pending.extend(log.items())
             clients.add(self)
             self.push()
 
@@ -136,12 +244,12 @@ async def serve(port: int) -> None:
             finally:
                 self.sending = False
 
-    def receive(frames: list[tuple[str, bytes]]) -> None:
+    def receive(frames: list[Command]) -> None:
         for key, payload in frames:
             if key == "page":
                 page.set_result(payload)
                 continue
-            record.put(key, payload)
+            log.put(key, payload)
             for client in clients:
                 client.pending.put(key, payload)
         for client in clients:
@@ -149,10 +257,10 @@ async def serve(port: int) -> None:
 
     def pump(loop: asyncio.AbstractEventLoop) -> None:
         stream = sys.stdin.buffer
-        frames: list[tuple[str, bytes]] = []
+        frames: list[Command] = []
         try:
             while True:
-                key_size, size = HEADER.unpack(_read(stream, HEADER.size))
+                key_size, size = _HEADER.unpack(_read(stream, _HEADER.size))
                 name, payload = _read(stream, key_size).decode(), _read(stream, size)
                 if name:
                     frames.append((name, payload))
@@ -164,11 +272,11 @@ async def serve(port: int) -> None:
 
     app = tornado.web.Application([("/", Page), ("/ws", Client)], log_function=lambda _: None)
     server = tornado.httpserver.HTTPServer(app)
-    wanted = [port] if port else [*range(FIRST_PORT, FIRST_PORT + PORTS), 0]
-    sockets: list[Any] = []
+    wanted = [port] if port else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
+    sockets: list[socket.socket] = []
     for candidate in wanted:
         try:
-            sockets = tornado.netutil.bind_sockets(candidate, HOST)
+            sockets = tornado.netutil.bind_sockets(candidate, _HOST)
             break
         except OSError as error:
             problem = error
@@ -177,7 +285,7 @@ async def serve(port: int) -> None:
         sys.stdout.flush()
         os._exit(1)
     server.add_sockets(sockets)
-    sys.stdout.write(f"url=http://{HOST}:{sockets[0].getsockname()[1]}/\n")
+    sys.stdout.write(f"url=http://{_HOST}:{sockets[0].getsockname()[1]}/\n")
     sys.stdout.flush()
     threading.Thread(target=pump, args=(asyncio.get_running_loop(),), daemon=True).start()
     parent = os.getppid()
@@ -188,4 +296,4 @@ async def serve(port: int) -> None:
 
 if __name__ == "__main__":
     sys.path.pop(0)  # the modules next to this file are no top-level modules
-    asyncio.run(serve(int(sys.argv[1])))
+    asyncio.run(_serve(int(sys.argv[1])))

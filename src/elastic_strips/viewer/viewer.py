@@ -8,28 +8,29 @@ import os
 import threading
 import time
 import webbrowser
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
+from elastic_strips.arrays import ArrayLike
+from elastic_strips.control.record import Record
 from elastic_strips.errors import InputError, RobotError, SceneError
-from elastic_strips.execution.record import Record as RunRecord
-from elastic_strips.io.files import check_writable, write_whole
+from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.viewer import page, playback, replay
-from elastic_strips.viewer.commands import Command
-from elastic_strips.viewer.drawing import Drawing, Snapshot
-from elastic_strips.viewer.link import Link, LinkError
-from elastic_strips.viewer.playback import Playback
-from elastic_strips.viewer.replay import Replay
-from elastic_strips.viewer.server import Record
+from elastic_strips.strip import Strip
+from elastic_strips.strip.report import DeformReport
+from elastic_strips.validation import check_count, check_type, shown
 
-from ..validation import check_count, check_type, shown
+from . import animation
+from .animation import Animated, RunReplay, StripAnimation
+from .commands import Command, inline_frame, live_page, static_page
+from .drawing import Drawing, Snapshot
+from .server import CommandLog, ServerError, ServerProcess
 
 _log = logging.getLogger(__name__)
 _RATE = 30.0  # pictures per second
 _PATIENCE = 60.0  # [s]
-Job = Snapshot | Playback | Replay
+_Job = Snapshot | StripAnimation | RunReplay
 
 
 class Viewer:
@@ -73,44 +74,43 @@ class Viewer:
         check_type("open_browser", open_browser, bool)
         self._title = title
         self._drawing = Drawing(title=title, ghosts=ghosts)
-        self._record = Record()
-        self._record_lock = threading.Lock()
+        self._log = CommandLog()
+        self._log_lock = threading.Lock()
         self._condition = threading.Condition()
-        self._pending: Job | None = None
+        self._pending: _Job | None = None
         self._posted = self._drawn = 0
-        self._robot: RobotModel | None = None
         self._scene = Scene()
         self._failed = self._lost = self._closed = False
         self._missed: Snapshot | None = None
-        self._link: Link | None = None
+        self._server: ServerProcess | None = None
         if server:
             try:
-                self._link = Link(port=port, page=page.live_page(title))
-                _log.info("the viewer shows its picture at %s", self._link.url)
-            except (LinkError, OSError) as error:
+                self._server = ServerProcess(port=port, page=live_page(title))
+                _log.info("the viewer shows its picture at %s", self._server.url)
+            except (ServerError, OSError) as error:
                 self._lost = True
                 _log.warning("the viewer could not start; planning goes on without live pictures: %s", error)
         self._thread = threading.Thread(target=self._work, name="elastic-strips viewer", daemon=True)
         self._thread.start()
-        if open_browser and self._link is not None:
-            webbrowser.open(self._link.url)
+        if open_browser and self._server is not None:
+            webbrowser.open(self._server.url)
 
     @property
     def url(self) -> str | None:
         """Address of the live picture; None without a server."""
-        return None if self._link is None else self._link.url
+        return None if self._server is None else self._server.url
 
     @property
     def server_pid(self) -> int | None:
         """Process id of the server; None without one."""
-        return None if self._link is None else self._link.pid
+        return None if self._server is None else self._server.pid
 
     @property
     def alive(self) -> bool:
         """Whether pictures are still drawn (and served)."""
-        return not (self._failed or self._lost or self._closed) and (self._link is None or self._link.alive)
+        return not (self._failed or self._lost or self._closed) and (self._server is None or self._server.alive)
 
-    def show(self, robot: RobotModel, scene: Scene, strip_or_report: Any) -> Viewer:
+    def show(self, robot: RobotModel, scene: Scene, strip_or_report: Animated) -> Viewer:
         """Show a strip, or a report with its certificate, forces and tunnel, and turn the camera to it.
 
         Args:
@@ -121,12 +121,12 @@ class Viewer:
         Raises:
             InputError: Something else, or in another order.
         """
-        play = playback.playback(robot, scene, [strip_or_report], 1.0)
-        self._robot, self._scene = robot, scene
-        self._post(Snapshot(robot, scene, play.strips[0], play.reports[0], frame=True))
+        job = animation.strip_animation(robot, scene, [strip_or_report], 1.0).snapshot()
+        self._scene = scene
+        self._post(job)
         return self
 
-    def update(self, report: Any, scene: Scene | None = None, *, q: Any = None) -> None:
+    def update(self, report: DeformReport | Strip, scene: Scene | None = None, *, q: ArrayLike | None = None) -> None:
         """Show the newest report; for control loops: costs microseconds, and the newest wins.
 
         Args:
@@ -137,18 +137,20 @@ class Viewer:
         if self._failed or self._closed:
             return
         check_type("scene", scene, Scene, SceneError, none=True)
-        strip = getattr(report, "strip", report)
-        if not hasattr(strip, "robot") or not hasattr(strip, "q"):
+        strip, about = animation.strip_and_report(report)
+        if not isinstance(strip, Strip):
             raise InputError(f"update shows a report or a Strip, not {shown(report)}")
         if scene is not None:
             self._scene = scene
-        job = Snapshot(strip.robot, self._scene, strip, None if strip is report else report, q=q, live=True)
+        job = Snapshot(strip.robot, self._scene, strip.q, about, q=q, live=True)
         if self._lost:
             self._missed = job  # nobody looks; save_html may want it
         else:
             self._post(job)
 
-    def animate(self, robot: RobotModel, scene: Scene, strips: Any, duration: float = 8.0) -> Viewer:
+    def animate(
+        self, robot: RobotModel, scene: Scene, strips: Animated | Iterable[Animated], duration: float = 8.0
+    ) -> Viewer:
         """Play the robot driving along a strip; the page has buttons to stop and to go back.
 
         Args:
@@ -162,15 +164,15 @@ class Viewer:
         Raises:
             InputError: Nothing to play, a duration out of range, or nodes of the wrong size.
         """
-        play = playback.playback(robot, scene, strips, duration)
-        self._robot, self._scene = robot, scene
-        self._post(play)
+        job = animation.strip_animation(robot, scene, strips, duration)
+        self._scene = scene
+        self._post(job)
         return self
 
     def replay(
         self,
         robot: RobotModel,
-        record: RunRecord,
+        record: Record,
         *,
         speed: float = 1.0,
         begin: float | None = None,
@@ -189,9 +191,9 @@ class Viewer:
             InputError: Another robot, a speed out of range, or nothing between begin and end.
         """
         check_type("robot", robot, RobotModel, RobotError)
-        check_type("record", record, RunRecord)
-        job = replay.replay(robot, record, speed, begin, end)
-        self._robot, self._scene = robot, record.world.at(job.end)
+        check_type("record", record, Record)
+        job = animation.run_replay(robot, record, speed=speed, begin=begin, end=end)
+        self._scene = record.world.at(job.end)
         self._post(job)
         return self
 
@@ -201,8 +203,8 @@ class Viewer:
         if missed is not None:
             self._post(missed)
         self._flush()
-        with self._record_lock:
-            return page.static_page(self._title, self._record)
+        with self._log_lock:
+            return static_page(self._title, self._log)
 
     def save_html(self, path: str | os.PathLike[str]) -> Path:
         """Write the picture as a standalone page; the file is complete or not there at all.
@@ -210,15 +212,15 @@ class Viewer:
         Raises:
             InputError: The file cannot be written.
         """
-        return write_whole(check_writable(path), self.html().encode())
+        return atomic_write(check_writable(path), self.html().encode())
 
     def _repr_html_(self) -> str:
-        return page.inline_frame(self.html())
+        return inline_frame(self.html())
 
     def wait(self) -> None:
         """Block until the viewer is closed, its server ends or the user presses Ctrl-C: for the end of a script."""
         try:
-            while self._link is not None and self.alive:
+            while self._server is not None and self.alive:
                 time.sleep(0.2)
         except KeyboardInterrupt:
             pass
@@ -233,8 +235,8 @@ class Viewer:
             self._condition.notify_all()
         if threading.current_thread() is not self._thread:
             self._thread.join(2.0)
-        if self._link is not None:
-            self._link.close()
+        if self._server is not None:
+            self._server.close()
 
     def __enter__(self) -> Viewer:
         return self
@@ -242,7 +244,7 @@ class Viewer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _post(self, job: Job) -> None:
+    def _post(self, job: _Job) -> None:
         if self._failed or self._closed:
             return
         with self._condition:
@@ -269,22 +271,24 @@ class Viewer:
                 self._condition.notify_all()
 
     def _send(self, commands: list[Command]) -> None:
-        if self._link is None or self._lost:
+        if self._server is None or self._lost:
             return
         try:
-            if not self._link.alive:
-                raise LinkError("the process has ended")
+            if not self._server.alive:
+                raise ServerError("the process has ended")
             if commands:
-                self._link.send(commands)
-        except LinkError as error:
+                self._server.send(commands)
+        except ServerError as error:
             self._lost = True
             if not self._closed:
                 _log.warning("the viewer has lost its server; planning goes on without live pictures: %s", error)
 
-    def _draw(self, job: Job) -> list[Command]:
-        if isinstance(job, Replay):
-            return replay.draw(self._drawing, job)
-        return self._drawing.draw(job) if isinstance(job, Snapshot) else playback.draw(self._drawing, job)
+    def _draw(self, job: _Job) -> list[Command]:
+        if isinstance(job, Snapshot):
+            return self._drawing.draw(job)
+        if isinstance(job, RunReplay):
+            return animation.draw_run(self._drawing, job)
+        return animation.draw_strips(self._drawing, job)
 
     def _turn(self) -> bool:
         """Draw what is pending; False at the end."""
@@ -298,8 +302,8 @@ class Viewer:
             return True
         begin = time.monotonic()
         commands = self._draw(job)
-        with self._record_lock:
-            self._record.extend(commands)
+        with self._log_lock:
+            self._log.extend(commands)
         with self._condition:
             self._drawn = number
             self._condition.notify_all()

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from brute_force import link_distances
 
-from elastic_strips.control import DeliberativeLayer, DriveAndReach, DriveTo, Part, Reach, ReachHand
+from elastic_strips.control.tasks import DeliberativeLayer, DriveAndReach, DriveTo, InverseKinematics, Part, ReachHand
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.scene import Box, Scene
 
@@ -29,7 +29,7 @@ def placement(robot, q, frame="hand_frame"):
 
 def test_driving_keeps_the_arm(layer, silvermate):
     here = silvermate.home(joints={"arm_1_joint": 0.4})
-    (step,) = layer.divide(DriveTo(3.0, 2.0, 1.0), here, SCENE).steps
+    (step,) = layer.decompose(DriveTo(3.0, 2.0, 1.0), here, SCENE).steps
     assert step.part is Part.NAVIGATION
     np.testing.assert_allclose(silvermate.space.to_chart(step.q)[:3], (3.0, 2.0, 1.0))
     np.testing.assert_array_equal(step.q[4:], here[4:])
@@ -37,7 +37,7 @@ def test_driving_keeps_the_arm(layer, silvermate):
 
 def test_what_is_near_is_reached_from_here(layer, silvermate):
     here, target = silvermate.home(), (0.3, -0.1, 0.9)
-    (step,) = layer.divide(ReachHand(target), here, SCENE).steps
+    (step,) = layer.decompose(ReachHand(target), here, SCENE).steps
     assert step.part is Part.MANIPULATION
     np.testing.assert_array_equal(step.q[:4], here[:4])
     np.testing.assert_allclose(placement(silvermate, step.q).translation, target, atol=2e-3)
@@ -45,7 +45,7 @@ def test_what_is_near_is_reached_from_here(layer, silvermate):
 
 def test_what_is_far_is_driven_to_first(layer, silvermate):
     target = (2.9, 0.1, 0.85)
-    drive, reach = layer.divide(ReachHand(target), silvermate.home(), SCENE).steps
+    drive, reach = layer.decompose(ReachHand(target), silvermate.home(), SCENE).steps
     assert (drive.part, reach.part) == (Part.NAVIGATION, Part.MANIPULATION)
     np.testing.assert_allclose(drive.q[:4], reach.q[:4], atol=1e-12)
     np.testing.assert_array_equal(drive.q[4:], silvermate.home()[4:])
@@ -59,7 +59,7 @@ def test_the_arm_has_room_where_the_base_drives_to(silvermate):
     scene = Scene([Box((0.5, 0.8, 0.05), at=(4.6, 0.0, 0.6), name="shelf")])
     target, home = (4.5, 0.1, 0.85), silvermate.home()
     for seed in range(6):
-        found = Reach(silvermate, np.random.default_rng(seed)).with_base(scene, home, ReachHand(target))
+        found = InverseKinematics(silvermate, np.random.default_rng(seed)).with_base(scene, home, ReachHand(target))
         assert found.q is not None, f"seed {seed}: {found.reason}"
         np.testing.assert_allclose(placement(silvermate, found.q).translation, target, atol=2e-3)
         for q in (found.q, np.concatenate((found.q[:4], home[4:]))):
@@ -68,7 +68,7 @@ def test_the_arm_has_room_where_the_base_drives_to(silvermate):
 
 def test_both_at_once_is_one_goal(layer, silvermate):
     task = DriveAndReach(DriveTo(2.2, 0.0, 0.0), ReachHand((2.7, -0.1, 0.9), (0.0, 0.0, 0.0, 1.0)))
-    (step,) = layer.divide(task, silvermate.home(), SCENE).steps
+    (step,) = layer.decompose(task, silvermate.home(), SCENE).steps
     assert step.part is Part.WHOLE_BODY
     there = placement(silvermate, step.q)
     np.testing.assert_allclose(there.translation, (2.7, -0.1, 0.9), atol=2e-3)
@@ -77,16 +77,16 @@ def test_both_at_once_is_one_goal(layer, silvermate):
 
 
 def test_what_cannot_be_reached_is_said(layer, silvermate):
-    deliberation = layer.divide(ReachHand((2.9, 0.0, 2.9)), silvermate.home(), SCENE)
+    deliberation = layer.decompose(ReachHand((2.9, 0.0, 2.9)), silvermate.home(), SCENE)
     assert deliberation.steps == ()
     assert "misses it by" in deliberation.reason
-    inside = layer.divide(ReachHand((3.0, 0.0, 0.7)), silvermate.home(), SCENE)
+    inside = layer.decompose(ReachHand((3.0, 0.0, 0.7)), silvermate.home(), SCENE)
     assert inside.steps == ()
     assert "touch" in inside.reason or "misses" in inside.reason
 
 
 def test_slopes_are_those_of_the_residuals(silvermate, rng):
-    reach = Reach(silvermate, rng)
+    reach = InverseKinematics(silvermate, rng)
     frame, turn, space = (
         silvermate.model.getFrameId("hand_frame"),
         pin.rpy.rpyToMatrix(0.3, -0.4, 1.0),
@@ -108,4 +108,4 @@ def test_wrong_tasks_are_refused(layer, silvermate):
     with pytest.raises(ParameterError, match="unit length"):
         ReachHand((0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 2.0))
     with pytest.raises(RobotError, match="hand_fram"):
-        layer.divide(ReachHand((0.3, 0.0, 0.9), frame="hand_fram"), silvermate.home(), SCENE)
+        layer.decompose(ReachHand((0.3, 0.0, 0.9), frame="hand_fram"), silvermate.home(), SCENE)

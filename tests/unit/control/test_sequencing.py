@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from elastic_strips.control import Facts, Order, SequencingLayer
+from elastic_strips.control.tasks import Blackboard, Order, SequencingLayer
 from elastic_strips.errors import MissingExtraError, ParameterError
 
 
@@ -16,37 +16,37 @@ def layer():
 
 
 def test_steps_are_done_in_their_order(layer):
-    assert layer.tick(Facts()) is Order.FOLLOW
-    assert layer.tick(Facts(reached=1)) is Order.FOLLOW
-    assert layer.tick(Facts(reached=2)) is Order.DONE
+    assert layer.tick(Blackboard()) is Order.FOLLOW
+    assert layer.tick(Blackboard(reached=1)) is Order.FOLLOW
+    assert layer.tick(Blackboard(reached=2)) is Order.DONE
 
 
 @pytest.mark.parametrize(
     "facts, order, reason",
     [
-        (Facts(scene_age=0.5), Order.WAIT, "0.50 s old"),
-        (Facts(localized=False), Order.WAIT, "odometry"),
-        (Facts(trouble="box in the way"), Order.ASK, "box in the way"),
-        (Facts(trouble="box in the way", planning=True), Order.WAIT, "planning"),
-        (Facts(trouble="box in the way", attempts=3), Order.GIVE_UP, "3 paths were of no use: box in the way"),
-        (Facts(scene_age=0.5, trouble="box in the way"), Order.WAIT, "old"),
+        (Blackboard(scene_age=0.5), Order.WAIT, "0.50 s old"),
+        (Blackboard(localized=False), Order.WAIT, "odometry"),
+        (Blackboard(trouble="box in the way"), Order.REQUEST_PATH, "box in the way"),
+        (Blackboard(trouble="box in the way", planning=True), Order.WAIT, "planning"),
+        (Blackboard(trouble="box in the way", attempts=3), Order.GIVE_UP, "3 paths were of no use: box in the way"),
+        (Blackboard(scene_age=0.5, trouble="box in the way"), Order.WAIT, "old"),
     ],
     ids=str,
 )
 def test_trouble_is_answered(layer, facts, order, reason):
-    layer.tick(Facts())
+    layer.tick(Blackboard())
     assert layer.tick(facts) is order
     assert reason in layer.reason
 
 
 def test_trouble_that_is_over_is_forgotten(layer):
-    layer.tick(Facts(trouble="box in the way"))
-    assert layer.tick(Facts()) is Order.FOLLOW
+    layer.tick(Blackboard(trouble="box in the way"))
+    assert layer.tick(Blackboard()) is Order.FOLLOW
     assert "box" not in layer.drawing()
 
 
 def test_the_drawing_shows_what_runs(layer):
-    layer.tick(Facts(scene_age=0.31, reached=1))
+    layer.tick(Blackboard(scene_age=0.31, reached=1))
     text = layer.drawing(unicode=False)
     assert text.isascii()
     lines = {line.strip().split(" -- ")[0]: line for line in text.splitlines()}
@@ -66,6 +66,6 @@ def test_the_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "py_trees", None)
     for name in [m for m in sys.modules if m.startswith("py_trees.")]:
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, "elastic_strips.control.tree", raising=False)
+    monkeypatch.delitem(sys.modules, "elastic_strips.control.tasks.tree", raising=False)
     with pytest.raises(MissingExtraError, match=r"elastic-strips\[control\]"):
         SequencingLayer(["drive"])

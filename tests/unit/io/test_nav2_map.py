@@ -93,7 +93,7 @@ BAD_YAML = [
     ),
     (YAML.replace("map.pgm", "map.yaml"), r"map\.yaml: is no PGM image"),
     (YAML.replace("trinary", "scale"), r"map\.yaml:2: mode: unknown value 'scale'.*Valid: trinary"),
-    (YAML.replace("0.5\n", "0\n"), r"map\.yaml:3: resolution: the value is 0"),
+    (YAML.replace("0.5\n", "0\n"), r"map\.yaml:3: resolution: 0 must be"),
     (YAML.replace(", 0]", "]"), "origin: must be a list of 3 numbers"),
     (YAML.replace("negate: 0", "negate: 2"), r"negate: is 2, outside \[0, 1\]"),
     (YAML.replace("0.25", "0.9"), r"map\.yaml:7: free_thresh: is 0.9; it must not exceed 'occupied_thresh', 0.65"),

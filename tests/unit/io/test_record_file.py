@@ -15,19 +15,18 @@ import pytest
 from brute_force import make_scene, scene_pieces
 from synthetic_run import moving_world, straight_run
 
+from elastic_strips.control.record import Record, Recorder, RecordError
 from elastic_strips.errors import InputError, MissingExtraError
-from elastic_strips.execution.record import Record, Recorder, RecordError
-from elastic_strips.io import record_file
+from elastic_strips.io import obstacle_document, record_file
+from elastic_strips.io.obstacle_document import world_from_documents
 from elastic_strips.io.record_file import (
     FORMAT_VERSION,
     check_record_file,
-    control_columns,
     read_record,
     record_columns,
     record_csv,
     record_frame,
     record_robot,
-    world_from_documents,
     write_record,
 )
 from elastic_strips.scene import Box, Keyframes, Mesh, Scene, Sphere, Twist, World
@@ -176,7 +175,7 @@ def test_a_csv_file_holds_the_control_rows(record, tmp_path):
     target = write_record(record, tmp_path / "run.CSV")
     rows = list(csv.DictReader(target.read_text().splitlines()))
     assert len(rows) == len(record.control)
-    assert tuple(rows[0]) == control_columns(record)
+    assert list(rows[0]) == list(record_columns(record))
     assert len(set(rows[0])) == 2 + 5 * 10 + 2 + 7 + 2
     for k in (0, 57, len(rows) - 1):
         assert float(rows[k]["time"]) == record.control.time[k]
@@ -206,7 +205,7 @@ def test_a_frame_where_pandas_is(record, monkeypatch):
     pandas = pytest.importorskip("pandas")
     frame = record_frame(record)
     assert isinstance(frame, pandas.DataFrame)
-    assert list(frame.columns) == list(control_columns(record))
+    assert list(frame.columns) == list(record_columns(record))
     np.testing.assert_array_equal(frame["x"], record.control.chart[:, 0])
     assert frame["state"].iloc[-1] == "reached"
 
@@ -324,14 +323,14 @@ def test_arrays_that_contradict_themselves_are_refused(record, file, tmp_path):
         with pytest.raises(RecordError, match=match):
             read_record(changed(file, target, **{name: array}))
     for values, match in (
-        ({"base": "legs"}, "'legs' is not a valid BaseKind"),
+        ({"base": "legs"}, "metadata: base: unknown value 'legs'"),
         ({"joint_names": "arm"}, "list of names"),
-        ({"goal": [1.0]}, "goal has shape"),
-        ({"events": [[1]]}, "metadata are damaged"),
+        ({"goal": [1.0]}, "goal: must be a list of 10 numbers, not a list of 1"),
+        ({"events": [[1]]}, r"events\[0\]: must be a list of time, kind and reason"),
         ({"obstacles": [{"name": "x"}]}, "an obstacle is damaged"),
         ({"obstacles": 3}, "an obstacle is damaged"),
         ({"tracks": ["a", "b", "c", "d"]}, "track_position"),
-        ({"locked": [1]}, "metadata are damaged"),
+        ({"locked": [1]}, "locked: must be a mapping"),
     ):
         with pytest.raises(RecordError, match=match):
             read_record(with_metadata(file, target, **values))
@@ -388,7 +387,7 @@ def test_what_is_not_finite_is_refused_with_its_place(record, file, tmp_path):
         {"events": [[np.nan, "start", ""]]},
         {"locked": {"arm": np.inf}},
     ):
-        with pytest.raises(RecordError, match="must be finite"):
+        with pytest.raises(RecordError, match="must be a finite number"):
             read_record(with_metadata(file, target, **values))
 
 
@@ -414,7 +413,7 @@ def test_obstacles_that_follow_one_track_are_bounded(file, tmp_path, monkeypatch
     """A line of metadata each, and all of them would hold the track's poses."""
     entry = {"shape": "sphere", "size": [1.0], "pose": [0, 0, 0, 0, 0, 0, 1], "appears": None, "vanishes": None}
     many = [{**entry, "name": f"b{k}", "track": 0} for k in range(20)]
-    monkeypatch.setattr(record_file, "MAX_ROWS", 1000)
+    monkeypatch.setattr(obstacle_document, "MAX_ROWS", 1000)
     with pytest.raises(RecordError, match=r"need \d+ rows; at most 1000"):
         read_record(with_metadata(file, tmp_path / "x.npz", obstacles=many))
 

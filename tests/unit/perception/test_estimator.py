@@ -13,7 +13,7 @@ from ray_caster import box_segments, scan
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import LaserScan, RangeRing, SceneEstimator, SceneEstimatorParams
 from elastic_strips.scene import Box, Scene, Voxels
-from elastic_strips.sim.sensors import seen_obstacles, visible_to
+from elastic_strips.sim.evaluation import seen_obstacles, visible_to
 
 ROOM = box_segments(0, 0, 8, 6) + box_segments(2, 1, 0.5, 0.5)
 

@@ -129,24 +129,24 @@ def test_who_has_come_to_rest_may_set_off_again_for_a_while():
     def at(t):
         return [(2.5, y(t), 0.25)]
 
-    estimator = SceneEstimator(SceneEstimatorParams(wary_time=8.0))
-    wary, moving = {}, {}
+    estimator = SceneEstimator(SceneEstimatorParams(recent_motion_time=8.0))
+    rested, moving = {}, {}
     for t, movers in drive(estimator, 9.0, at):
-        wary[round(t, 1)], moving[round(t, 1)] = estimator.suspects, movers
+        rested[round(t, 1)], moving[round(t, 1)] = estimator.possibly_moving, movers
     for t in (5.0, 6.0, 6.9):
-        (suspect,) = wary[t]
+        (thing,) = rested[t]
         assert not moving[t]
-        assert suspect.obstacle.motion.max_speed == 0.2
-        assert np.hypot(*(suspect.position - (2.5, y(t)))) < 0.06
-    assert len({m.name for found in (wary, moving) for t in found for m in found[t]}) == 1
+        assert thing.obstacle.motion.max_speed == 0.2
+        assert np.hypot(*(thing.position - (2.5, y(t)))) < 0.06
+    assert len({m.name for found in (rested, moving) for t in found for m in found[t]}) == 1
     assert all(isinstance(moving[t][0].obstacle.motion, Twist) for t in (2.0, 8.5, 9.0))
-    assert suspect.name in estimator.scene()
-    estimator = SceneEstimator(SceneEstimatorParams(wary_time=1.0))
-    assert not any(estimator.suspects for t, _ in drive(estimator, 6.9, at) if t > 6.0)
+    assert thing.name in estimator.scene()
+    estimator = SceneEstimator(SceneEstimatorParams(recent_motion_time=1.0))
+    assert not any(estimator.possibly_moving for t, _ in drive(estimator, 6.9, at) if t > 6.0)
     assert estimator.map.occupied(np.array([[2.26, y(6.9)]])).all()
 
 
-def test_who_comes_out_from_behind_something_is_suspect_at_once():
+def test_who_comes_out_from_behind_something_may_move_at_once():
     """A crate hides it; scans saw through where it is now, long before its velocity can be known."""
     crate = box_segments(1.6, 0.9, 0.8, 0.8)
 
@@ -156,16 +156,16 @@ def test_who_comes_out_from_behind_something_is_suspect_at_once():
     estimator = SceneEstimator()
     first: dict[str, float] = {}
     for t, movers in drive(estimator, 2.6, at, segments=ROOM + crate):
-        for kind, found in (("suspect", estimator.suspects), ("mover", movers)):
+        for kind, found in (("possible", estimator.possibly_moving), ("mover", movers)):
             for m in found:
                 if np.hypot(*(m.position - at(t)[0][:2])) < 0.4:
                     first.setdefault(kind, t)
-    assert first["suspect"] <= first["mover"] - 0.2
+    assert first["possible"] <= first["mover"] - 0.2
     assert estimator.scene().obstacle(movers[0].name).motion is not None
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_in_a_standing_room_nothing_is_suspect(seed):
+def test_in_a_standing_room_nothing_may_move(seed):
     """A robot drives and turns among walls and boxes, with noise in its ranges and its pose."""
     rng = np.random.default_rng(seed)
     spin, step = rng.uniform(-0.7, 0.7), rng.uniform(0.1, 0.5)
@@ -173,7 +173,7 @@ def test_in_a_standing_room_nothing_is_suspect(seed):
     posts = [(1.5, -1.0, 0.06), (3.0, 1.5, 0.2), (-1.0, 2.0, 0.3)]
     for _ in drive(estimator, 5.0, lambda t: posts, pose_at=lambda t: (step * t, 0.1 * t, spin * t), pose_noise=0.005,
                    seed=seed):  # fmt: skip
-        assert not estimator.suspects
+        assert not estimator.possibly_moving
 
 
 def test_what_is_seen_through_is_lost_and_what_is_hidden_is_foreseen():

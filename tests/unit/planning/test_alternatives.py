@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.planning import base_class, parted_by, plan_alternatives, strip_cost
-from elastic_strips.planning.alternatives import strip_path
+from elastic_strips.planning import homotopy_class, plan_report, separating_obstacles, strip_cost
+from elastic_strips.planning.homotopy.alternatives import AlternativesSearch, base_path
+from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.scene import Box, Scene
+from elastic_strips.strip import Deformer, DeformParams
 
 HALL = Scene(
     [
@@ -24,30 +25,32 @@ HALL = Scene(
 def test_a_box_is_passed_on_both_sides(name, request) -> None:
     robot = request.getfixturevalue(name)
     start, goal = robot.home(), robot.home(x=6.0)
-    report = plan_alternatives(robot, HALL, start, goal, count=2)
+    report = plan_report(robot, HALL, start, goal, count=2)
     assert len(report.alternatives) == 2, report.reason
     one, two = report.alternatives
-    assert one.base_class != two.base_class
+    assert report.strip is one.strip
+    assert report.method == one.method
+    assert one.homotopy_class != two.homotopy_class
     assert one.cost <= two.cost
-    assert parted_by(strip_path(one.strip), strip_path(two.strip), report.components) == {"box": "left"}
+    assert separating_obstacles(base_path(one.strip), base_path(two.strip), report.clusters) == {"box": "left"}
     for found in report.alternatives:
         assert found.report.usable
         assert Deformer(robot).certify(found.strip, HALL).certified
         np.testing.assert_allclose(found.strip.q[[0, -1]], [start, goal], atol=1e-12)
         assert found.strip.lateral_slip.max() <= 1e-6
-        assert found.base_class == base_class(strip_path(found.strip), report.components)
+        assert found.homotopy_class == homotopy_class(base_path(found.strip), report.clusters)
         assert found.length == found.strip.length
         assert found.cost == strip_cost(found.report, DeformParams())
         assert found.length <= found.cost <= found.length + 1.0
         assert found.method in ("line", "grid", "ompl")
     assert report.reason == "2 certified strips of different classes"
-    assert set(report.timings) == {"search", "relaxation"}
+    assert set(report.timings) == {"line", "planner", "relaxation"}
     assert sum(report.timings.values()) <= report.seconds
 
 
 def test_clearance_costs(silvermate) -> None:
     """A strip with little clearance costs more than a slightly longer one with much."""
-    report = plan_alternatives(silvermate, HALL, silvermate.home(), silvermate.home(x=6.0), count=1)
+    report = plan_report(silvermate, HALL, silvermate.home(), silvermate.home(x=6.0), count=2)
     found = report.alternatives[0]
     nodes = found.report.node_clearance
     wide, narrow = (strip_cost(found.report, DeformParams(influence=d)) for d in (nodes, 0.9))
@@ -57,27 +60,32 @@ def test_clearance_costs(silvermate) -> None:
 
 
 def test_what_is_there_already_is_not_found_again(silvermate) -> None:
-    start, goal = silvermate.home(), silvermate.home(x=6.0)
-    first = plan_alternatives(silvermate, HALL, start, goal, count=1)
-    more = plan_alternatives(silvermate, HALL, start, goal, count=1, without=[first.alternatives[0].base_class])
-    assert [a.base_class for a in more.alternatives] != [a.base_class for a in first.alternatives]
+    def search(count: int, **options) -> AlternativesSearch:
+        problem = PlanningProblem(silvermate, HALL, silvermate.home(), silvermate.home(x=6.0), timeout=60.0)
+        search = AlternativesSearch(problem, count, **options)
+        search.run()
+        return search
+
+    first = search(1).alternatives
+    more = search(1, without=[first[0].homotopy_class])
     assert len(more.alternatives) == 1
+    assert more.alternatives[0].homotopy_class != first[0].homotopy_class
     assert more.attempts == 1  # what is of a known class is not even relaxed
-    both = {a.base_class for a in (*first.alternatives, *more.alternatives)}
-    none = plan_alternatives(silvermate, HALL, start, goal, count=9, without=both, ompl_attempts=2, timeout=60.0)
-    assert not both & {a.base_class for a in none.alternatives}
+    both = {a.homotopy_class for a in (*first, *more.alternatives)}
+    none = search(9, without=both, ompl_attempts=2)
+    assert not both & {a.homotopy_class for a in none.alternatives}
     assert "relaxed into a class that is there already" in none.reason
 
 
 def test_where_nothing_stands_one_is_all_there_is(silvermate) -> None:
-    report = plan_alternatives(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0))
+    report = plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), count=3)
     assert [a.method for a in report.alternatives] == ["line"]
     assert report.reason.startswith("1 certified strip of different classes, not 3: nothing stands in the way")
 
 
 def test_a_fixed_base_has_one_class(gantry) -> None:
-    report = plan_alternatives(gantry, Scene([]), gantry.home(bend=-1.0), gantry.home(bend=1.5, slide=0.2))
-    assert [a.base_class for a in report.alternatives] == [()]
+    report = plan_report(gantry, Scene([]), gantry.home(bend=-1.0), gantry.home(bend=1.5, slide=0.2), count=3)
+    assert [a.homotopy_class for a in report.alternatives] == [()]
     assert "the base is fixed: there is one class only" in report.reason
 
 
@@ -85,22 +93,21 @@ def test_a_side_that_is_too_narrow_is_named(silvermate) -> None:
     """The right gap is 0.55 m wide: the grid lets the base's disc through, the robot with its arm does not fit."""
     scene = HALL.without("wall-right").with_obstacle(Box((9.0, 3.0, 1.4), at=(3.0, -2.57, 0.7), name="wall-right"))
     scene = scene.without("wall-left").with_obstacle(Box((9.0, 6.0, 1.4), at=(3.0, 4.8, 0.7), name="wall-left"))
-    report = plan_alternatives(
-        silvermate, scene, silvermate.home(), silvermate.home(x=6.0), count=4, ompl_attempts=0, timeout=4.0
-    )
+    report = plan_report(silvermate, scene, silvermate.home(), silvermate.home(x=6.0), count=4, timeout=4.0)
     assert 1 <= len(report.alternatives) < 4
     assert "not 4: the grid knows" in report.reason or "time" in report.reason
-    words = [a.base_class for a in report.alternatives]
+    words = [a.homotopy_class for a in report.alternatives]
     assert len(set(words)) == len(words)
 
 
 def test_no_strip_at_all_is_said(silvermate, caplog) -> None:
     walls = [Box((0.2, 14.0, 1.4), at=(2.0, 0.0, 0.7), name="across")]
     with caplog.at_level("WARNING", logger="elastic_strips"):
-        report = plan_alternatives(
-            silvermate, Scene(walls), silvermate.home(), silvermate.home(x=4.0), ompl_attempts=1, timeout=1.0
-        )
+        report = plan_report(silvermate, Scene(walls), silvermate.home(), silvermate.home(x=4.0), count=3, timeout=1.0)
     assert report.alternatives == ()
+    assert not report.certified
+    assert report.method == "none"
+    assert len(report.strip) == len(report.report.strip)
     assert report.reason.startswith("0 certified strips")
     assert "across" in report.reason
     assert any("0 certified strips" in r.message for r in caplog.records)
@@ -109,18 +116,30 @@ def test_no_strip_at_all_is_said(silvermate, caplog) -> None:
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"count": 0}, "count=0 must be an integer ≥ 1"),
+        ({"count": 0}, "count=0 must be a whole number ≥ 1"),
         ({"count": True}, "count=True"),
         ({"seed": -1}, "seed=-1"),
         ({"timeout": 0.0}, "timeout=0.0"),
-        ({"ompl_attempts": -1}, "ompl_attempts=-1"),
+        ({"line_ticks": -1}, "line_ticks=-1"),
     ],
 )
 def test_wrong_options_are_named(silvermate, options, message) -> None:
     with pytest.raises(ParameterError, match=message):
-        plan_alternatives(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), **options)
+        plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), **options)
 
 
 def test_ends_in_collision_are_named(silvermate) -> None:
     with pytest.raises(ConfigurationError, match=r"goal is in collision: '\w+' is [\d.]+ mm deep in 'box'"):
-        plan_alternatives(silvermate, HALL, silvermate.home(), silvermate.home(x=3.0))
+        plan_report(silvermate, HALL, silvermate.home(), silvermate.home(x=3.0))
+
+
+def test_all_options_hold_for_several(silvermate) -> None:
+    """A path that is given is relaxed first; neither line nor grid where they are not wanted."""
+    ticks = []
+    report = plan_report(
+        silvermate, HALL, silvermate.home(), silvermate.home(x=6.0), count=2, line=False, grid=False, timeout=2.0,
+        path=[[0.0, 0.0], [3.0, 1.0], [6.0, 0.0]], watch=ticks.append,
+    )  # fmt: skip
+    assert report.alternatives
+    assert {a.method for a in report.alternatives} <= {"path", "ompl"}
+    assert len(ticks) > 1

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 from brute_force import SHAPES, make_obstacle
 from shared_data import shared_data
 
-from elastic_strips.deform import Deformer
 from elastic_strips.errors import ParameterError
-from elastic_strips.io import barn_ids, load_barn
 from elastic_strips.planning import grid_path, plan_report, waypoint_rows
-from elastic_strips.planning.grid_path import clearance_map, footprint, resample, support
-from elastic_strips.robot import load_robot
+from elastic_strips.planning.grid_path import clearance_map, resample
+from elastic_strips.robot import PlanarFootprint, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.sim.datasets import barn_ids, load_barn
+from elastic_strips.strip import Deformer
 
 WALL = Scene([Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75)), Box((0.2, 3.0, 1.5), at=(2.0, -3.9, 0.75))])
 """A wall with one door, off the straight line."""
@@ -26,21 +25,6 @@ def slalom(seed):
     rng = np.random.default_rng(seed)
     places = np.column_stack((rng.uniform(0.8, 5.2, 30), rng.uniform(-2.5, 2.5, 30)))
     return Scene([Cylinder(0.1, 1.0, at=(x, y, 0.5)) for x, y in places])
-
-
-@pytest.mark.parametrize(
-    "geometry",
-    [coal.Box(0.3, 0.5, 0.8), coal.Sphere(0.4), coal.Capsule(0.2, 0.7), coal.Cylinder(0.3, 0.9), coal.Cone(0.3, 0.9)],
-    ids=lambda g: type(g).__name__,
-)
-def test_the_support_is_the_distance_from_a_far_plane(geometry, rng):
-    """A slab that faces a direction comes as near as the support says."""
-    for direction in rng.normal(size=(20, 3)):
-        direction /= np.linalg.norm(direction)
-        turn = pin.Quaternion.FromTwoVectors(np.array([1.0, 0, 0]), direction).toRotationMatrix()
-        slab, at = coal.Box(1.0, 50.0, 50.0), coal.Transform3s(turn, 5.0 * direction)
-        gap = coal.distance(geometry, coal.Transform3s(), slab, at, coal.DistanceRequest(), coal.DistanceResult())
-        assert support(geometry, direction[None])[0] == pytest.approx(4.5 - gap, abs=2e-5)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -67,30 +51,20 @@ def test_the_map_holds_every_obstacle_and_little_more(seed):
 
 def test_obstacles_above_the_robot_and_on_the_floor_do_not_count(jackal_box):
     low, shape = np.array([-1.0, -1.0]), np.array([41, 41])
-    height = footprint(jackal_box, jackal_box.home_q).height
+    height = PlanarFootprint.of(jackal_box, jackal_box.home_q).height
     assert height == pytest.approx(0.25)
     for z, counts in [(0.3, False), (0.2, True), (-0.1, False), (-0.04, True)]:
         scene = Scene([Box((0.2, 0.2, 0.1), at=(0, 0, z + 0.05))])
         assert (clearance_map(scene, low, shape, 0.05, height) == 0.0).any() == counts, z
 
 
-def test_the_footprint_of_the_robots(jackal_box, silvermate, bridge_arm):
-    """Largest disc within, smallest disc about: a box's are half its width and half its diagonal."""
-    body = footprint(jackal_box, jackal_box.home(3.0, 1.0, 0.7))
-    assert body.inner == pytest.approx(0.215)
-    assert np.hypot(0.254, 0.215) <= body.outer <= 1.005 * np.hypot(0.254, 0.215)
-    assert footprint(silvermate, silvermate.home_q).inner == pytest.approx(0.27)
-    assert footprint(silvermate, silvermate.home_q).height == pytest.approx(1.45)
-    assert footprint(bridge_arm, bridge_arm.home_q).height == pytest.approx(0.8217, abs=1e-4)
-
-
 def test_it_goes_through_the_door_and_keeps_off_its_sides(jackal_box):
     found = grid_path(jackal_box, WALL, jackal_box.home(), jackal_box.home(4.0))
-    assert found.way is not None, found.reason
-    np.testing.assert_array_equal(found.way[[0, -1]], [[0, 0], [4, 0]])
-    at_wall = found.way[np.abs(found.way[:, 0] - 2.0).argmin()]
+    assert found.points is not None, found.reason
+    np.testing.assert_array_equal(found.points[[0, -1]], [[0, 0], [4, 0]])
+    at_wall = found.points[np.abs(found.points[:, 0] - 2.0).argmin()]
     assert at_wall[1] == pytest.approx(-1.65, abs=0.25)  # the door is from -2.4 to -0.9
-    steps = np.linalg.norm(np.diff(found.way, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(found.points, axis=0), axis=1)
     assert steps.max() < 1.01 * 0.05
 
 
@@ -99,23 +73,23 @@ def test_it_prefers_a_wide_gap_to_a_short_way(jackal_box):
     wall = [Box((0.2, 0.9, 1.0), at=(2.0, 0.7, 0.5)), Box((0.2, 4.0, 1.0), at=(2.0, -2.25, 0.5))]
     far = Box((0.2, 4.0, 1.0), at=(2.0, 4.5, 0.5))
     found = grid_path(jackal_box, Scene([*wall, far]), jackal_box.home(), jackal_box.home(4.0))
-    assert found.way is not None
-    assert 1.3 < np.interp(2.0, found.way[:, 0], found.way[:, 1]) < 2.4
+    assert found.points is not None
+    assert 1.3 < np.interp(2.0, found.points[:, 0], found.points[:, 1]) < 2.4
     shut = Scene([*wall, Box((0.2, 6.0, 1.0), at=(2.0, 3.8, 0.5))])
     narrow = grid_path(jackal_box, shut, jackal_box.home(), jackal_box.home(4.0))
-    assert narrow.way is not None
-    assert abs(np.interp(2.0, narrow.way[:, 0], narrow.way[:, 1])) < 0.1
+    assert narrow.points is not None
+    assert abs(np.interp(2.0, narrow.points[:, 0], narrow.points[:, 1])) < 0.1
 
 
 def test_no_way_is_said(jackal_box, bridge_arm):
     """A wall without a door; and a deck that is lower than the arm in its start posture."""
     wall = Scene([Box((0.2, 30.0, 1.5), at=(2.0, 0.0, 0.75))])
     found = grid_path(jackal_box, wall, jackal_box.home(), jackal_box.home(4.0))
-    assert found.way is None
+    assert found.points is None
     assert "no way for the base on a grid of 0.05 m" in found.reason
     deck = Scene([Box((0.6, 30.0, 0.1), at=(2.0, 0.0, 0.75))])
-    assert grid_path(bridge_arm, deck, bridge_arm.home(), bridge_arm.home(4.0)).way is None
-    assert grid_path(jackal_box, deck, jackal_box.home(), jackal_box.home(4.0)).way is not None
+    assert grid_path(bridge_arm, deck, bridge_arm.home(), bridge_arm.home(4.0)).points is None
+    assert grid_path(jackal_box, deck, jackal_box.home(), jackal_box.home(4.0)).points is not None
 
 
 @pytest.mark.parametrize("seed", range(6))

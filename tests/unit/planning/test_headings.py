@@ -15,7 +15,7 @@ WALL = Scene([Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75)), Box((0.2, 3.0, 1.5), at
 def test_the_planner_takes_any_heading(jackal_box, yaw):
     """OMPL calls a heading of exactly pi out of bounds; a goal that faces back must be found all the same."""
     start, goal = jackal_box.home(yaw=yaw), jackal_box.home(4.0, 0.0, yaw)
-    path = ompl_path(jackal_box, WALL, start, goal, seed=0, margin=0.03, timeout=60.0).chart
+    path = ompl_path(jackal_box, WALL, start, goal, seed=0, margin=0.03, timeout=60.0).rows
     assert path is not None
     np.testing.assert_allclose(jackal_box.space.from_chart(path[[0, -1]]), [start, goal], atol=1e-9)
     report = plan_report(jackal_box, WALL, start, goal, line=False)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from brute_force import link_distances, make_obstacle, self_distances
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.planning import Validity, check_ends, ompl_path, plan, plan_report
+from elastic_strips.planning import Validity, check_endpoints, ompl_path, plan, plan_report
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
+from elastic_strips.strip import Deformer, DeformParams
 
 # a wall with a door beside the line: the straight line does not relax through it
 DOOR = Scene(
@@ -72,7 +72,7 @@ def test_equal_seeds_give_equal_strips(silvermate):
 
 def test_other_seeds_give_other_paths(silvermate):
     start, goal = silvermate.home(), silvermate.home(x=4.0)
-    paths = [ompl_path(silvermate, DOOR, start, goal, seed=seed, margin=0.02, timeout=60.0).chart for seed in (1, 2, 1)]
+    paths = [ompl_path(silvermate, DOOR, start, goal, seed=seed, margin=0.02, timeout=60.0).rows for seed in (1, 2, 1)]
     assert all(p is not None for p in paths)
     np.testing.assert_array_equal(paths[0], paths[2])
     assert paths[0].shape != paths[1].shape or np.abs(paths[0] - paths[1]).max() > 1e-3
@@ -111,7 +111,7 @@ def test_ends_that_are_too_close_say_how_close(silvermate):
     with pytest.raises(ConfigurationError, match=r"start is too close: 'base_link_0' is 3.0 mm from 'kerb'.*5.0 mm"):
         plan(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0))
     params = DeformParams(clearance=0.001)
-    check_ends(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params)
+    check_endpoints(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params)
 
 
 def test_ends_in_self_collision_name_both_links(silvermate, rng):
@@ -134,26 +134,26 @@ def test_large_clearances_are_checked_at_the_ends(silvermate):
     base = silvermate.geometries[0].geometry.radius
     scene = Scene([Box((0.2, 4.0, 1.0), at=(-base - 0.1 - 0.4, 0.0, 0.5), name="wall")])
     with pytest.raises(ConfigurationError, match="wall"):
-        check_ends(
+        check_endpoints(
             silvermate, scene, silvermate.home(), silvermate.home(x=3.0), DeformParams(clearance=0.45, influence=0.6)
         )
-    check_ends(
+    check_endpoints(
         silvermate, scene, silvermate.home(), silvermate.home(x=3.0), DeformParams(clearance=0.35, influence=0.6)
     )
     nearest = self_distances(silvermate, silvermate.home()).min()
     for margin, fine in ((nearest - 1e-3, True), (nearest + 1e-3, False)):
         params = DeformParams(self_clearance=float(margin))
         if fine:
-            check_ends(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
+            check_endpoints(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
         else:
             with pytest.raises(ConfigurationError, match="too close"):
-                check_ends(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
+                check_endpoints(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
 
 
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"seed": -1}, "seed=-1 must be an integer"),
+        ({"seed": -1}, "seed=-1 must be a whole number"),
         ({"seed": 1.5}, "seed=1.5"),
         ({"seed": True}, "seed=True"),
         ({"timeout": 0.0}, "timeout=0.0"),
@@ -211,11 +211,11 @@ def test_a_path_keeps_its_margin_at_its_nodes(silvermate):
     scene = Scene([Cylinder(0.3, 1.5, at=(2.0, 0.0, 0.75)), Sphere(0.3, at=(3.0, 1.0, 0.5))])
     start, goal = silvermate.home(), silvermate.home(x=4.0)
     found = ompl_path(silvermate, scene, start, goal, seed=0, margin=0.04, timeout=60.0)
-    assert found.chart is not None, found.reason
-    q = silvermate.space.from_chart(found.chart)
+    assert found.rows is not None, found.reason
+    q = silvermate.space.from_chart(found.rows)
     np.testing.assert_allclose(q[[0, -1]], [start, goal], atol=1e-12)
     assert min(link_distances(silvermate, scene, row).min() for row in q) > 0.01
     assert found.checks > 0
     blocked = ompl_path(silvermate, scene, start, silvermate.home(x=2.0), seed=0, margin=0.04, timeout=1.0)
-    assert blocked.chart is None
+    assert blocked.rows is None
     assert "goal is nearer than 0.040 m" in blocked.reason

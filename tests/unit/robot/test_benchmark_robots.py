@@ -9,12 +9,12 @@ import pytest
 from shared_data import shared_data
 
 from elastic_strips import get_scenario, run_scenario
-from elastic_strips.deform import Deformer, DeformStatus
 from elastic_strips.errors import ConfigurationError
-from elastic_strips.io import load_bridge
-from elastic_strips.planning import check_ends, plan_report
+from elastic_strips.planning import check_endpoints, plan_report
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.sim.datasets import load_bridge
+from elastic_strips.strip import Deformer, DeformStatus
 from elastic_strips.viewer import Viewer
 
 BRIDGE_HEIGHT = 0.70
@@ -65,7 +65,7 @@ def test_a_robot_without_joints_plans_deforms_and_is_drawn(base, tmp_path):
     page = Viewer(server=False).show(robot, scene, settled).save_html(tmp_path / "strip.html")
     assert page.stat().st_size > 100_000
     with pytest.raises(ConfigurationError, match=r"'base_link_0' is .* mm deep in 'cylinder-0'"):
-        check_ends(robot, scene, robot.home(x=1.5), goal, deformer.params)
+        check_endpoints(robot, scene, robot.home(x=1.5), goal, deformer.params)
 
 
 def test_a_fixed_base_without_joints_has_nothing_to_plan():
@@ -95,7 +95,7 @@ def test_the_bridge_arm_is_what_its_problem_states(bridge_arm):
     assert _top(bridge_arm, bridge_arm.home_q) > BRIDGE_HEIGHT + 0.1
     ducked = bridge_arm.home(joints=DUCKED)
     assert _top(bridge_arm, ducked) < BRIDGE_HEIGHT - 0.05
-    check_ends(bridge_arm, Scene([]), bridge_arm.home(), ducked, Deformer(bridge_arm).params)
+    check_endpoints(bridge_arm, Scene([]), bridge_arm.home(), ducked, Deformer(bridge_arm).params)
 
 
 def test_pairs_that_the_srdf_leaves_out_never_come_nearer(bridge_arm, rng):

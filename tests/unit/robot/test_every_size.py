@@ -11,7 +11,7 @@ import pytest
 from brute_force import configuration, link_distances, make_scene, random_chart, self_distances
 from random_robots import random_urdf
 
-from elastic_strips.proximity import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from elastic_strips.robot import Kinematics, RobotModel, load_robot
 
 NODES = 5
@@ -56,8 +56,8 @@ def test_no_bound_is_above_the_distance_at_any_node(robots, rng):
         obstacles.update(kin, scene)
         own = SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=0.5)
         own.update(kin)
-        assert obstacles.window is not None
-        rows = obstacles.window.rows
+        assert obstacles.candidates is not None
+        rows = obstacles.candidates.rows
         for n, row in enumerate(chart):
             q = configuration(robot, row)
             true = link_distances(robot, scene, q)[:, rows]

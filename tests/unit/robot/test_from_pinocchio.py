@@ -7,11 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from elastic_strips.deform import Deformer, DeformParams
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.robot import KinematicTree, RobotModel
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Deformer, DeformParams, Strip
 
 
 def planar_model() -> pin.Model:

@@ -18,12 +18,8 @@ from scipy.spatial import ConvexHull
 from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.geometry import (
-    bounding_capsule,
-    convex_from_vertices,
-    link_geometries,
-    support_points,
-)
+from elastic_strips.robot.coal_shapes import convex_from_vertices, support_points
+from elastic_strips.robot.geometry import bounding_capsule, link_geometries
 
 SHAPES = [
     coal.Box(0.2, 0.4, 0.6),
@@ -190,7 +186,7 @@ def test_nearly_flat_meshes_do_not_crash(thickness):
     code = (
         "import numpy as np\n"
         "from elastic_strips.errors import RobotError\n"
-        "from elastic_strips.robot.geometry import convex_from_vertices\n"
+        "from elastic_strips.robot.coal_shapes import convex_from_vertices\n"
         "rng = np.random.default_rng(0)\n"
         f"points = np.c_[rng.uniform(0, 1, (30, 2)), rng.uniform(-1, 1, 30) * {thickness}]\n"
         "try:\n    convex_from_vertices(points)\nexcept RobotError:\n    pass\n"

@@ -8,7 +8,7 @@ import pytest
 from brute_force import configuration, distance, link_poses, random_chart, self_distances
 
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.robot.self_pairs import never_touch
+from elastic_strips.robot.geometry import never_touch
 
 
 def candidates(robot: RobotModel) -> set[tuple[int, int]]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import Box, Keyframes, Scene, Sphere, Twist, Unknown
+from elastic_strips.scene import Box, Keyframes, Scene, Sphere, Twist, UnknownMotion
 
 EYE = np.eye(4)
 
@@ -182,20 +182,20 @@ def test_velocity_of_an_obstacle_is_that_of_its_own_time():
 
 def test_an_unknown_motion_stays_but_may_move():
     """Its pose is the last one and its velocity 0; its bound holds at all times and for any shape."""
-    ball = Sphere(0.4, at=(1, 2, 3), motion=Unknown(1.2))
+    ball = Sphere(0.4, at=(1, 2, 3), motion=UnknownMotion(1.2))
     for t in (-5.0, 0.0, 7.0):
         np.testing.assert_array_equal(ball.at(t).pose, ball.pose)
-        assert not np.any(Unknown(1.2).velocity(ball.pose, t))
-    assert ball.speed_bound() == ball.speed_bound(start=3, end=4) == Unknown(1.2).speed_bound(9.0) == 1.2
-    assert Unknown(0).max_speed == 0.0
+        assert not np.any(UnknownMotion(1.2).velocity(ball.pose, t))
+    assert ball.speed_bound() == ball.speed_bound(start=3, end=4) == UnknownMotion(1.2).speed_bound(9.0) == 1.2
+    assert UnknownMotion(0).max_speed == 0.0
 
 
 BAD = [
-    (lambda: Unknown(-0.1), r"Unknown max_speed is -0.1, outside \[0"),
-    (lambda: Unknown(math.nan), "finite"),
-    (lambda: Unknown(True), "must be a number"),
-    (lambda: Unknown(1.0).speed_bound(-1), "radius"),
-    (lambda: Sphere(1, motion=1.0), "Twist, Keyframes, Unknown, Yielding or None"),
+    (lambda: UnknownMotion(-0.1), r"UnknownMotion max_speed=-0\.1 must be .* ≥ 0"),
+    (lambda: UnknownMotion(math.nan), "finite"),
+    (lambda: UnknownMotion(True), "must be a finite number"),
+    (lambda: UnknownMotion(1.0).speed_bound(-1), "radius"),
+    (lambda: Sphere(1, motion=1.0), "Twist, Keyframes, UnknownMotion, PedestrianMotion or None"),
     (lambda: Twist((1, 2)), "Twist linear"),
     (lambda: Twist((0, 0, 0), (0, 0, math.inf)), "Twist angular"),
     (lambda: Twist((0, 0, 1e5)), "within"),

@@ -150,7 +150,7 @@ def test_derived_table_is_updated_and_not_rebuilt(monkeypatch):
     def fail(obstacles):
         raise AssertionError("the table was rebuilt")
 
-    monkeypatch.setattr("elastic_strips.scene.scene.build_table", fail)
+    monkeypatch.setattr("elastic_strips.scene.scene._build_table", fail)
     assert len(scene.moved("box", np.eye(4)).moved("cone", np.eye(4)).at(1.0).table) == len(scene.table)
     with pytest.raises(AssertionError, match="rebuilt"):
         _ = scene.without("box").table

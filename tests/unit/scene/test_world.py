@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, Unknown, Voxels, World
+from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, UnknownMotion, Voxels, World
 
 
 def items():
@@ -102,7 +102,7 @@ def test_a_world_is_immutable_and_pickles():
 
 def test_an_unknown_motion_keeps_its_snapshot():
     """Nothing is known to have moved, so nothing is measured again."""
-    world = World(Scene([*items(), Sphere(0.3, name="seen", at=(1, 2, 0.3), motion=Unknown(1.5))]))
+    world = World(Scene([*items(), Sphere(0.3, name="seen", at=(1, 2, 0.3), motion=UnknownMotion(1.5))]))
     one, two = world.at(1.0), world.at(2.0)
     assert two.obstacle("seen") is one.obstacle("seen")
     assert "seen" in world.names_moving
@@ -113,13 +113,13 @@ BAD = [
     (lambda: World(items()), "needs a Scene"),
     (lambda: World(Scene(items()), {"persn": 1.0}), r"appears: no obstacle 'persn'.*did you mean 'person'"),
     (lambda: World(Scene(items()), {}, {"bal": 1.0}), r"vanishes: no obstacle 'bal'.*did you mean 'ball'"),
-    (lambda: World(Scene(items()), {"person": math.nan}), "appears of 'person' must be finite"),
-    (lambda: World(Scene(items()), {}, {"person": math.inf}), "vanishes of 'person' must be finite"),
-    (lambda: World(Scene(items()), {"person": True}), "must be a number"),
+    (lambda: World(Scene(items()), {"person": math.nan}), "appears of 'person'=nan must be a finite"),
+    (lambda: World(Scene(items()), {}, {"person": math.inf}), "vanishes of 'person'=inf must be a finite"),
+    (lambda: World(Scene(items()), {"person": True}), "must be a finite number"),
     (lambda: World(Scene(items()), {"person": 2.0}, {"person": 2.0}), "'person' vanishes at 2 s.*later.*2 s"),
     (lambda: World(Scene(items()), [("person", 2.0)]), "must be a mapping"),
-    (lambda: World(Scene(items())).at(math.nan), "time must be finite"),
-    (lambda: World(Scene(items())).at("now"), "time must be a number"),
+    (lambda: World(Scene(items())).at(math.nan), "time=nan must be a finite"),
+    (lambda: World(Scene(items())).at("now"), "time='now' must be a finite number"),
     (lambda: World(Scene(items())).exists("cart", 0), "no obstacle 'cart' in the world"),
     (lambda: World(Scene(items())).speed_bound("crat"), "did you mean 'crate'"),
     (lambda: World(Scene(items())).speed_bound(start=2, end=1), "start <= end"),

@@ -8,22 +8,21 @@ import numpy as np
 import pytest
 
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import Box, Keyframes, Scene, Sphere, Twist, World, Yielding
-from elastic_strips.scene.yielding import copied
+from elastic_strips.scene import Box, Keyframes, PedestrianMotion, Scene, Sphere, Twist, World
 
 EYE = np.eye(4)
 TRACK = Keyframes([0.0, 2.0, 4.0, 6.0], [[0, 0, 0], [2, 0, 0], [2, 1, 0], [2, 1, 0]])
 
 
-def history(*steps: tuple[float, float], track: Keyframes = TRACK) -> Yielding:
-    motion = Yielding(track)
+def history(*steps: tuple[float, float], track: Keyframes = TRACK) -> PedestrianMotion:
+    motion = PedestrianMotion(track)
     for t, rate in steps:
         motion.advance(t, rate)
     return motion
 
 
 def test_nobody_in_the_way_is_the_track_itself():
-    motion = Yielding(TRACK)
+    motion = PedestrianMotion(TRACK)
     for t in np.linspace(-1.0, 8.0, 50):
         np.testing.assert_array_equal(motion.pose(EYE, t), TRACK.pose(EYE, t))
         np.testing.assert_array_equal(motion.velocity(EYE, t)[0], TRACK.velocity(EYE, t)[0])
@@ -70,7 +69,7 @@ def test_the_bound_holds_between_samples_and_is_no_larger_than_needed(rng):
         assert fastest <= bound + 1e-6
         loose += bound > 1.3 * fastest
     assert loose < 30
-    assert Yielding(TRACK).speed_bound(0.1) == TRACK.speed_bound(0.1)
+    assert PedestrianMotion(TRACK).speed_bound(0.1) == TRACK.speed_bound(0.1)
     assert history((0.5, 0.0), (1.0, 1.0)).speed_bound(0.1, start=0.6, end=0.9) == 0.0
 
 
@@ -83,28 +82,28 @@ def test_the_bound_of_the_future_holds_whatever_is_decided():
 
 def test_copies_of_a_world_go_their_own_ways():
     world = World(Scene([Box((1, 1, 1), at=(9, 0, 0)), Sphere(0.2, name="who", motion=history((1.0, 0.0)))]))
-    kept, afresh = copied(world), copied(world, history=False)
+    kept, afresh = world.copied(), world.copied(history=False)
     for other in (kept, pickle.loads(pickle.dumps(world))):
         for t in (0.3, 1.0, 4.0):
             np.testing.assert_array_equal(other.at(t).obstacle("who").pose, world.scene.obstacle("who").at(t).pose)
     motion = world.scene.obstacle("who").motion
-    assert isinstance(motion, Yielding)
+    assert isinstance(motion, PedestrianMotion)
     motion.advance(5.0, 1.0)
     assert kept.scene.obstacle("who").at(6.0).pose[0, 3] == pytest.approx(1.0)
     assert world.scene.obstacle("who").at(6.0).pose[0, 3] == pytest.approx(2.0)
     assert afresh.scene.obstacle("who").at(2.0).pose[0, 3] == pytest.approx(2.0)
     still = World(Scene([Sphere(0.2)]))
-    assert copied(still) is still
+    assert still.copied() is still
 
 
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: Yielding(Twist()), "needs Keyframes"),  # type: ignore[arg-type]
-        (lambda: Yielding(Keyframes([0, 1], [[0, 0, 0], [1, 0, 0]], loop=True)), "jumps"),
-        (lambda: Yielding(TRACK, 0.0), "positive"),
+        (lambda: PedestrianMotion(Twist()), "needs Keyframes"),  # type: ignore[arg-type]
+        (lambda: PedestrianMotion(Keyframes([0, 1], [[0, 0, 0], [1, 0, 0]], loop=True)), "jumps"),
+        (lambda: PedestrianMotion(TRACK, 0.0), "positive"),
         (lambda: history((1.0, 1.1)), "must lie in"),
-        (lambda: Yielding(TRACK).speed_bound(0.1, start=2.0, end=1.0), "start <= end"),
+        (lambda: PedestrianMotion(TRACK).speed_bound(0.1, start=2.0, end=1.0), "start <= end"),
     ],
 )
 def test_wrong_arguments_are_refused(make, message):

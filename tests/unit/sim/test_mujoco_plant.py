@@ -8,13 +8,11 @@ from motions import smooth_motion
 
 pytest.importorskip("mujoco", reason="mujoco (extra sim) is not installed")
 
+from elastic_strips.control.estimation import StateEstimator
+from elastic_strips.control.interfaces import Command
+from elastic_strips.control.tracking import TrackingController
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.estimation import Estimator
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.retiming import retime
-from elastic_strips.execution.tracking import Command, TrackingController
 from elastic_strips.planning import plan
-from elastic_strips.scenarios.corridor import corridor_scene
 from elastic_strips.scene import (
     Box,
     Capsule,
@@ -27,17 +25,18 @@ from elastic_strips.scene import (
     Sphere,
     Twist,
     Voxels,
+    World,
 )
-from elastic_strips.scene.world import World
-from elastic_strips.sim.mujoco_geoms import LINK, ROLLING
-from elastic_strips.sim.mujoco_plant import MujocoPlant
-from elastic_strips.sim.odometry import SensorParams
-from elastic_strips.sim.plant import PlantParams
-from elastic_strips.sim.tracking_bound import follow, tracking_errors
-from elastic_strips.strip import Strip
-from elastic_strips.tunnel import strip_clearance
+from elastic_strips.sim.mujoco.model import LINK, ROLLING
+from elastic_strips.sim.mujoco.plant import MujocoPlant
+from elastic_strips.sim.plant import OdometryParams, PlantParams
+from elastic_strips.sim.scenarios.corridors import corridor_scene
+from elastic_strips.sim.tracking_bound import follow_trajectory, tracking_errors
+from elastic_strips.strip import Strip, strip_clearance
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.retiming import retime
 
-EXACT = PlantParams(jitter=0.0, sensors=SensorParams.ideal())
+EXACT = PlantParams(jitter=0.0, odometry=OdometryParams.ideal())
 
 
 def limits_of(robot) -> MotionLimits:
@@ -127,7 +126,7 @@ def test_joints_turn_as_they_are_told(machine):
 def test_joints_lag_as_the_parameters_say(silvermate):
     ways = []
     for lag in (0.03, 0.08):
-        params = PlantParams(jitter=0.0, joint_lag=lag, sensors=SensorParams.ideal())
+        params = PlantParams(jitter=0.0, joint_lag=lag, odometry=OdometryParams.ideal())
         plant = MujocoPlant(silvermate, limits_of(silvermate), params=params)
         begin = plant.chart
         drive(plant, 1.0, joints=0.15)
@@ -170,7 +169,9 @@ def test_it_follows_motions(silvermate, turn):
     for seed in range(3):
         plant = MujocoPlant(silvermate, limits, seed=seed)
         motion = smooth_motion(silvermate, limits, seed, turn=turn, seconds=5.0)
-        runs.append(follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits)))
+        runs.append(
+            follow_trajectory(motion, plant, StateEstimator(silvermate, limits), TrackingController(silvermate, limits))
+        )
         assert plant.contact_events == ()
     assert tracking_errors(silvermate, runs).max < 0.015  # 0.010 measured
 
@@ -180,7 +181,7 @@ def test_it_follows_motions_that_its_wheels_are_strong_enough_for(tiago):
     limits = MotionLimits.for_robot(tiago, wheel_acceleration=0.8)
     plant = MujocoPlant(tiago, limits, seed=1)
     motion = smooth_motion(tiago, limits, 1, seconds=5.0)
-    run = follow(motion, plant, Estimator(tiago, limits), TrackingController(tiago, limits))
+    run = follow_trajectory(motion, plant, StateEstimator(tiago, limits), TrackingController(tiago, limits))
     assert tracking_errors(tiago, [run]).max < 0.015
 
 
@@ -190,7 +191,7 @@ def test_it_drives_through_a_corridor_without_a_touch(silvermate):
     strip = plan(silvermate, scene, silvermate.home(), silvermate.home(8.0), seed=4)
     motion = retime(strip, limits.scaled(0.95, 0.75))
     plant = MujocoPlant(silvermate, limits, scene, seed=4)
-    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits))
+    run = follow_trajectory(motion, plant, StateEstimator(silvermate, limits), TrackingController(silvermate, limits))
     assert plant.contact_events == ()
     assert np.hypot(*(plant.chart[:2] - (8.0, 0.0))) < 0.05
     assert tracking_errors(silvermate, [run]).max < 0.02

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elastic_strips.control.interfaces import Command
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.tracking import Command
-from elastic_strips.sim.odometry import SensorParams
-from elastic_strips.sim.plant import KinematicPlant, PlantParams, speed_loop, stopping_time
+from elastic_strips.sim.plant import KinematicPlant, OdometryParams, PlantParams, speed_loop, stopping_time
+from elastic_strips.trajectory.limits import MotionLimits
 
 IDEAL = PlantParams.ideal()
-LAGGED = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, sensors=SensorParams.ideal())
+LAGGED = replace(PlantParams(), slip=0.0, slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal())
 
 
 def limits_of(robot) -> MotionLimits:
@@ -205,7 +204,7 @@ def test_a_command_arrives_late_by_at_most_the_jitter(silvermate):
 
 
 def test_encoder_noise_does_not_add_up(silvermate):
-    params = replace(IDEAL, sensors=replace(SensorParams.ideal(), encoder_noise=1e-3, joint_noise=1e-3))
+    params = replace(IDEAL, odometry=replace(OdometryParams.ideal(), encoder_noise=1e-3, joint_noise=1e-3))
     plant = KinematicPlant(silvermate, limits_of(silvermate), params, 1)
     turned, rough, joints = np.zeros(2), 0.0, 0.0
     for i in range(500):
@@ -256,7 +255,7 @@ def test_lost_odometry_says_so_and_comes_back(silvermate):
 
 
 def test_fixes_on_their_way_are_lost_too(silvermate):
-    params = replace(IDEAL, sensors=replace(SensorParams.ideal(), fix_latency=0.05))
+    params = replace(IDEAL, odometry=replace(OdometryParams.ideal(), fix_latency=0.05))
     plant, arrivals = KinematicPlant(silvermate, limits_of(silvermate), params), []
     for i in range(25):
         if i == 6:
@@ -333,8 +332,4 @@ def test_plant_parameters_are_checked(wrong):
 @pytest.mark.parametrize("wrong", [{"fix_noise": -1.0}, {"fix_period": 0.0}, {"fix_latency": np.inf}])
 def test_sensor_parameters_are_checked(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
-        SensorParams(**wrong)
-
-
-def test_sensors_are_changed_by_name():
-    assert PlantParams().with_sensors(fix_period=math.inf).sensors.fix_period == math.inf
+        OdometryParams(**wrong)

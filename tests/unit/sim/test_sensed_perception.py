@@ -8,20 +8,20 @@ import pytest
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World
 from elastic_strips.sim.perception import PerceptionError
-from elastic_strips.sim.sensed_perception import SensedPerception, body_radius
+from elastic_strips.sim.sensed_perception import SensorPerception, body_radius
 from elastic_strips.sim.sensors import SensorConfig
 
 LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")
 
 
-def stand(perception: SensedPerception, chart: np.ndarray, begin: float, end: float) -> None:
+def stand(perception: SensorPerception, chart: np.ndarray, begin: float, end: float) -> None:
     for t in np.arange(begin, end, 0.01).tolist():
         perception.observe(t, chart, chart)
 
 
 def test_what_stands_is_known_from_the_start(silvermate):
-    perception = SensedPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER)
+    perception = SensorPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER)
     known = perception.known()
     assert len(known)
     assert "pillar" not in known, "a sensor knows no names"
@@ -31,7 +31,7 @@ def test_what_stands_is_known_from_the_start(silvermate):
 
 
 def test_a_blind_robot_says_so(silvermate):
-    perception = SensedPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, look=0.0)
+    perception = SensorPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, look=0.0)
     with pytest.raises(PerceptionError, match="laser"):
         perception.sense(0.0)
 
@@ -40,7 +40,7 @@ def test_it_stands_while_it_feels_something(silvermate):
     """A post comes into the robot from the side, and goes: nothing of it stays in the scene."""
     way = Keyframes([0, 1, 2, 3, 9], [[0, -2, 0.7], [0, -0.3, 0.7], [0, -0.3, 0.7], [0, -6, 0.7], [0, -6, 0.7]])
     post = Cylinder(0.15, 1.4, at=(0.0, -2.0, 0.7), name="post", motion=way)
-    perception = SensedPerception(silvermate, World(Scene([post])), silvermate.home(), sensors=LASER)
+    perception = SensorPerception(silvermate, World(Scene([post])), silvermate.home(), sensors=LASER)
     chart = silvermate.space.to_chart(silvermate.home())
     stand(perception, chart, 0.0, 1.5)
     assert perception.contact == "the bumper is pressed"
@@ -52,7 +52,7 @@ def test_it_stands_while_it_feels_something(silvermate):
 
 
 def test_the_body_is_free_of_what_was_seen_there(silvermate):
-    perception = SensedPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, bumper=False)
+    perception = SensorPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, bumper=False)
     chart = silvermate.space.to_chart(silvermate.home())
     assert perception.estimator.map.occupied(np.array([[1.3, 0.3]])).all()
     chart[:2] = 1.3, 0.3  # the robot is now where the pillar's face was seen

@@ -1,4 +1,4 @@
-"""The loop: drives to the goal, waits for what crosses, ends at rest whatever fails; judged from the true states."""
+"""The loop: drives to the goal, waits for what crosses, ends at rest whatever fails; evaluated from the true states."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
-from elastic_strips.execution import DriveParams, MotionLimits, RunState
+from elastic_strips.control import DriveParams, RunState
 from elastic_strips.planning import straight_line
-from elastic_strips.scene import Box, Cylinder, Scene, Twist, Unknown, World
-from elastic_strips.sim import FAULTS, Fault, PerceptionError, PerceptionParams, judge, simulation
-from elastic_strips.sim.judge import REST_SPEED
+from elastic_strips.scene import Box, Cylinder, Scene, Twist, UnknownMotion, World
+from elastic_strips.sim import FAULTS, Fault, PerceptionError, PerceptionParams, evaluate, simulation
+from elastic_strips.sim.evaluation.drive_evaluation import REST_SPEED
 from elastic_strips.sim.tracking_bound import Displacement
 from elastic_strips.strip import Strip
+from elastic_strips.trajectory import MotionLimits
 
 CLUTTER = [
     Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate"),
@@ -33,31 +34,31 @@ def through(robot) -> Strip:
 def drive(robot, obstacles, seconds: float = 40.0, **options):
     runner = simulation(robot, World(Scene(obstacles)), *ends(robot), seed=2, **options)
     result = runner.run(time_limit=seconds)
-    return runner, result, judge(result.record, robot, runner.world, runner.limits)
+    return runner, result, evaluate(result.record, robot, runner.world, runner.limits)
 
 
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
 def test_drives_to_the_goal(name, request):
     robot = request.getfixturevalue(name)
     limits = MotionLimits.for_robot(robot, joint_speed={"spin": 1.0}) if name == "rover" else None
-    runner, result, verdict = drive(robot, CLUTTER, limits=limits)
+    runner, result, evaluation = drive(robot, CLUTTER, limits=limits)
     assert result.state is RunState.REACHED, result.reason
-    assert verdict.reached
-    assert not verdict.contacts
-    assert verdict.max_lateral_slip_m < 1e-5
+    assert evaluation.reached
+    assert not evaluation.contacts
+    assert evaluation.max_lateral_slip_m < 1e-5
     rows = result.record.control
     assert np.abs(rows.v[-1]).max() < REST_SPEED
     # by brute force at some moments, and never nearer than what is certified minus the tracking error
     for k in range(0, len(rows), 97):
         d = link_distances(robot, runner.world.at(rows.time[k]), configuration(robot, rows.chart[k])).min()
         assert d > runner.params.margin
-        assert d >= verdict.min_clearance_m - 1e-3
+        assert d >= evaluation.min_clearance_m - 1e-3
 
 
 def test_waits_for_what_crosses_and_equal_seeds_give_equal_runs(silvermate):
-    _, result, verdict = drive(silvermate, [*CLUTTER, WALKER])
+    _, result, evaluation = drive(silvermate, [*CLUTTER, WALKER])
     assert result.state is RunState.REACHED, result.reason
-    assert not verdict.collisions
+    assert not evaluation.collisions
     one, two = result.record.control, drive(silvermate, [*CLUTTER, WALKER])[1].record.control
     np.testing.assert_array_equal(one.chart, two.chart)
     np.testing.assert_array_equal(one.drive, two.drive)
@@ -66,8 +67,8 @@ def test_waits_for_what_crosses_and_equal_seeds_give_equal_runs(silvermate):
 @pytest.mark.parametrize("kind", sorted(set(FAULTS) - {"viewer_killed"}))
 def test_faults_end_at_rest_or_at_the_goal(silvermate, kind):
     duration = 0.5 if kind == "lost_odometry" else 2.0
-    _, result, verdict = drive(silvermate, [*CLUTTER, WALKER], faults=[Fault(kind, 1.5, duration)])
-    assert not verdict.collisions
+    _, result, evaluation = drive(silvermate, [*CLUTTER, WALKER], faults=[Fault(kind, 1.5, duration)])
+    assert not evaluation.collisions
     assert np.abs(result.record.control.v[-1]).max() < REST_SPEED
     assert result.state is RunState.REACHED, result.reason  # once the fault is over, it goes on
     named = {
@@ -94,12 +95,12 @@ def test_without_odometry_it_stays_on_its_way(silvermate):
 
 
 def test_a_fault_that_stays_leaves_the_robot_at_rest(silvermate):
-    _, result, verdict = drive(silvermate, CLUTTER, seconds=6.0, faults=[Fault("scene_frozen", 1.5, 100.0)])
+    _, result, evaluation = drive(silvermate, CLUTTER, seconds=6.0, faults=[Fault("scene_frozen", 1.5, 100.0)])
     assert result.state is RunState.STOPPED
     assert "stale scene" in result.stops[0][1]
     rows = result.record.control
     assert np.abs(rows.v[rows.time > 4.0]).max() < REST_SPEED
-    assert not verdict.contacts
+    assert not evaluation.contacts
 
 
 def test_a_watcher_that_dies_does_not_stop_the_robot(silvermate):
@@ -117,12 +118,12 @@ def test_stop_brings_it_to_rest(silvermate):
         if runner.time > 1.5:
             runner.stop()
 
-    _, result, verdict = drive(silvermate, CLUTTER, watch=watch)
+    _, result, evaluation = drive(silvermate, CLUTTER, watch=watch)
     assert result.state is RunState.STOPPED
     assert result.reason == "asked to stop"
     assert result.record.control.time[-1] < 4.5
     assert np.abs(result.record.control.v[-1]).max() < REST_SPEED
-    assert not verdict.contacts
+    assert not evaluation.contacts
 
 
 def test_the_time_limit_brings_it_to_rest(silvermate):
@@ -137,9 +138,9 @@ def test_a_closed_way_is_not_driven(silvermate):
     """The strip stays broken at the wall: the robot stops, says why, and does not wander about."""
     wall = Box((0.2, 60.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
     params = DriveParams(replan_time=50.0)
-    _, result, verdict = drive(silvermate, [wall], seconds=8.0, params=params, strip=through(silvermate))
+    _, result, evaluation = drive(silvermate, [wall], seconds=8.0, params=params, strip=through(silvermate))
     assert result.state is RunState.STOPPED
-    assert not verdict.contacts
+    assert not evaluation.contacts
     assert "wall" in result.reason
     rows = result.record.control
     assert np.abs(rows.v[rows.time > 4.0]).max() < REST_SPEED
@@ -148,22 +149,22 @@ def test_a_closed_way_is_not_driven(silvermate):
 
 def test_who_might_walk_on_and_does_not_is_planned_around_again_and_again(silvermate):
     """At rest the held motion is made anew now and then: that must not count as if the robot had moved."""
-    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=UnknownMotion(0.1))
     walls = ((0.2, 6.0, -2.0, 0.0), (4.2, 0.2, 0.0, 3.0), (4.2, 0.2, 0.0, -3.0))
     room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.6)
-    _, result, verdict = drive(silvermate, [queue, *room], seconds=9.0, params=params, strip=through(silvermate))
+    _, result, evaluation = drive(silvermate, [queue, *room], seconds=9.0, params=params, strip=through(silvermate))
     assert result.state is RunState.STOPPED
-    assert not verdict.contacts
+    assert not evaluation.contacts
     assert result.replans >= 2
 
 
 def test_a_delayed_scene_is_driven_on_more_carefully(silvermate):
     """The same walker, seen later: never nearer, and still there in the end."""
     for delay in (0.0, 0.2):
-        _, result, verdict = drive(silvermate, [*CLUTTER, WALKER], perception=PerceptionParams(delay=delay))
+        _, result, evaluation = drive(silvermate, [*CLUTTER, WALKER], perception=PerceptionParams(delay=delay))
         assert result.state is RunState.REACHED
-        assert not verdict.collisions
+        assert not evaluation.collisions
 
 
 class Feeling:

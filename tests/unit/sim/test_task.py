@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.control import DriveTo, Order, ReachHand
-from elastic_strips.execution import DriveParams
-from elastic_strips.scene import Box, Scene, Unknown, World
-from elastic_strips.sim import TaskSimulation, judge
+from elastic_strips.control import DriveParams
+from elastic_strips.control.tasks import DriveTo, Order, ReachHand
+from elastic_strips.scene import Box, Scene, UnknownMotion, World
+from elastic_strips.sim import TaskSimulation, evaluate
 
 SHELF = Box((0.5, 0.8, 0.05), at=(1.6, 0.0, 0.6), name="shelf")
 
@@ -22,7 +22,7 @@ def test_a_hand_reaches_what_is_far(silvermate):
     assert result.drive is not None
     assert task.control is not None
     record = result.drive.record
-    assert judge(record, silvermate).collisions == ()
+    assert evaluate(record, silvermate).collisions == ()
     q = silvermate.space.from_chart(record.control.chart[-1:])[0]
     data = silvermate.model.createData()
     pin.forwardKinematics(silvermate.model, data, q)
@@ -40,15 +40,15 @@ def test_a_way_that_closes_is_planned_anew(silvermate):
     result = task.run(time_limit=60.0)
     assert result.done, result.reason
     orders = [order for _, order, _ in result.orders]
-    assert Order.ASK in orders
-    assert orders.index(Order.ASK) < len(orders) - 1
-    assert any("gate" in reason for _, order, reason in result.orders if order is Order.ASK)
+    assert Order.REQUEST_PATH in orders
+    assert orders.index(Order.REQUEST_PATH) < len(orders) - 1
+    assert any("gate" in reason for _, order, reason in result.orders if order is Order.REQUEST_PATH)
     assert result.drive is not None
     assert result.drive.replans >= 1
 
 
 def test_a_hopeless_task_is_given_up(silvermate):
-    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=Unknown(0.1))
+    queue = Box((0.2, 6.0, 1.5), at=(2.0, 0.0, 0.75), name="queue", motion=UnknownMotion(0.1))
     walls = ((0.2, 6.0, -2.0, 0.0), (4.2, 0.2, 0.0, 3.0), (4.2, 0.2, 0.0, -3.0))
     room = [Box((a, b, 1.5), at=(x, y, 0.75)) for a, b, x, y in walls]
     params = DriveParams(replan_after=0.1, replan_time=0.1)

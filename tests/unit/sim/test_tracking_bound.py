@@ -9,22 +9,22 @@ import pinocchio as pin
 import pytest
 from motions import smooth_motion
 
+from elastic_strips.control.estimation import StateEstimator
+from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.errors import ParameterError
-from elastic_strips.execution.estimation import Estimator
-from elastic_strips.execution.limits import MotionLimits
-from elastic_strips.execution.retiming import retime
-from elastic_strips.execution.tracking import TrackingController, TrackingGains
 from elastic_strips.planning import plan
-from elastic_strips.robot.geometry import support_points
-from elastic_strips.scenarios.corridor import corridor_scene
+from elastic_strips.robot.coal_shapes import support_points
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
+from elastic_strips.sim.scenarios.corridors import corridor_scene
 from elastic_strips.sim.tracking_bound import (
     DEFAULT_TRACKING_ERROR,
     Displacement,
-    follow,
+    follow_trajectory,
     measure_tracking,
     tracking_errors,
 )
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.retiming import retime
 
 
 def limits_of(robot) -> MotionLimits:
@@ -108,7 +108,9 @@ def test_the_parts_are_told_apart(silvermate):
     limits = limits_of(silvermate)
     plant = KinematicPlant(silvermate, limits, seed=4)
     motion = smooth_motion(silvermate, limits, 3).shifted(7.0)
-    run = follow(motion, plant, Estimator(silvermate, limits), TrackingController(silvermate, limits), after=0.2)
+    run = follow_trajectory(
+        motion, plant, StateEstimator(silvermate, limits), TrackingController(silvermate, limits), after=0.2
+    )
     assert run.time[0] == 7.0
     assert run.time[-1] == pytest.approx(motion.end_time + 0.2)
     assert run.reference[-1] == pytest.approx(motion.chart[-1])

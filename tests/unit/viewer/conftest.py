@@ -9,6 +9,8 @@ import pytest
 
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Twist, Voxels
+from elastic_strips.strip import Strip
+from elastic_strips.strip.report import DeformStatus
 
 
 @pytest.fixture(scope="session")
@@ -43,11 +45,11 @@ def make_report(robot):
         chart[:, 0] = -1.0 + 7.0 * s
         chart[:, 1] = (0.5 + shift) * np.sin(np.pi * s) ** 2
         chart[:, 2] = np.arctan2(np.gradient(chart[:, 1]), np.gradient(chart[:, 0]))
-        strip = SimpleNamespace(robot=robot, q=robot.space.from_chart(chart))
+        strip = Strip.from_chart(robot, chart)
         segments = np.arange(nodes - 1) != 5
         fields = {
             "strip": strip,
-            "status": "DEFORMING",
+            "status": DeformStatus.DEFORMING,
             "reason": "",
             "clearance": 0.1234,
             "node_clearance": changes.get("clearance", 0.1234),
@@ -55,7 +57,11 @@ def make_report(robot):
             "energies": {},
             "timings": {},
             "forces": SimpleNamespace(points=np.ones((5, 3)), vectors=np.eye(5, 3)),
-            "hull_radius": np.full((nodes, len(robot.control_point_names)), 0.2),
+            "tunnel": SimpleNamespace(
+                points=np.array([robot.control_points(q) for q in strip.q]),
+                radius=np.full((nodes, len(robot.control_point_names)), 0.2),
+            ),
+            "connectivity_counts": False,
         }
         return SimpleNamespace(**(fields | changes))
 

@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from elastic_strips.viewer import geometry
-from elastic_strips.viewer.bodies import robot_bodies
 
 
 def as_matrices(rows):
@@ -27,7 +26,7 @@ def rng():
 
 
 def test_control_points_equal_the_robots(robot, nodes):
-    poses = geometry.Poses(robot)
+    poses = geometry.RobotPoses(robot)
     poses.update(robot.space.to_chart(nodes))
     expected = np.array([robot.control_points(q) for q in nodes])
     assert np.allclose(poses.points(), expected, atol=1e-9)
@@ -35,8 +34,8 @@ def test_control_points_equal_the_robots(robot, nodes):
 
 def test_bodies_are_where_pinocchio_has_the_visual_geometry(robot, nodes):
     """Compare the bounding box of every body with that of its vertices as Pinocchio places them."""
-    bodies = robot_bodies(robot)
-    poses = geometry.Poses(robot)
+    bodies = geometry.robot_bodies(robot)
+    poses = geometry.RobotPoses(robot)
     poses.update(robot.space.to_chart(nodes))
     matrices = poses.matrices([b.joint for b in bodies])
     data = robot.model.createData()

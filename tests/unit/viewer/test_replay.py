@@ -13,14 +13,15 @@ import pytest
 import umsgpack
 from synthetic_run import moving_world, straight_run
 
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.record import Recorder, RecordError
 from elastic_strips.errors import InputError
-from elastic_strips.execution.record import Recorder, RecordError, RunState
 from elastic_strips.io.record_file import read_record, record_robot, write_record
 from elastic_strips.scene import Capsule, Scene, Twist, World
 from elastic_strips.strip import Strip
 from elastic_strips.viewer import Viewer
-from elastic_strips.viewer.obstacles import Obstacles
-from elastic_strips.viewer.replay import STATE_COLORS
+from elastic_strips.viewer.animation import STATE_COLORS
+from elastic_strips.viewer.drawing import ObstacleDrawing
 
 SCREENSHOT = Path(__file__).parents[3] / "scripts" / "screenshot"
 
@@ -36,7 +37,7 @@ class Played:
     def __init__(self, viewer: Viewer) -> None:
         viewer._flush()
         assert viewer.alive
-        items = dict(viewer._record.items())
+        items = dict(viewer._log.items())
         self.objects = {key.split("\0")[0] for key in items if key.endswith("object")}
         self.commands = {key: umsgpack.unpackb(payload) for key, payload in items.items()}
         self.last = list(items)[-1]
@@ -178,7 +179,7 @@ def test_what_a_replay_hid_comes_back(silvermate, record):
             assert played.commands[path + "\0property visible"]["value"] is False
         viewer.show(silvermate, record.world.at(0.0), silvermate.space.from_chart(strip))
         viewer._flush()
-        items = {key: umsgpack.unpackb(payload) for key, payload in viewer._record.items()}
+        items = {key: umsgpack.unpackb(payload) for key, payload in viewer._log.items()}
         assert not any(key.startswith("/playback") for key in items)
         assert not any(key.startswith(("/obstacles/bin", "/obstacles/ball")) for key in items)  # not there yet
         assert "/obstacles/box\0object" not in items  # one of many still boxes again
@@ -262,7 +263,7 @@ def test_a_live_scene_sends_where_obstacles_are_and_nothing_else(silvermate, rec
 
 
 def test_an_obstacle_of_a_scene_that_is_shown_already_can_get_an_object_of_its_own(record):
-    scene, obstacles = record.world.scene, Obstacles()
+    scene, obstacles = record.world.scene, ObstacleDrawing()
     assert "/obstacles/bin" not in {key.split("\0")[0] for key, _ in obstacles.draw(scene)}
     assert obstacles.draw(scene) == []
     own = {key.split("\0")[0] for key, _ in obstacles.draw(scene, alone=frozenset({"bin"}))}
@@ -277,7 +278,7 @@ def test_the_robot_is_shown_where_it_is(silvermate, record):
         for q, x in ((None, strip.q[0, 0]), (where, 1.25)):
             viewer.update(strip, Scene(), q=q)
             viewer._flush()
-            command = umsgpack.unpackb(dict(viewer._record.items())["/robot\0transforms"])
+            command = umsgpack.unpackb(dict(viewer._log.items())["/robot\0transforms"])
             matrices = np.frombuffer(command["matrices"].data, "<f4").reshape(-1, 16)
             assert matrices[command["paths"].index("/robot/1"), 12] == pytest.approx(x)
 

@@ -23,7 +23,7 @@ import umsgpack
 from tornado.websocket import websocket_connect
 
 from elastic_strips.errors import InputError, ParameterError
-from elastic_strips.viewer import Viewer, page
+from elastic_strips.viewer import Viewer, commands
 
 linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc")
 
@@ -80,7 +80,7 @@ def viewer():
 @linux
 def test_listens_on_the_loopback_only(viewer, robot, scene, make_report):
     viewer.show(robot, scene, make_report())
-    assert listening(viewer._link.pid) == ["0100007F"]
+    assert listening(viewer._server.pid) == ["0100007F"]
     assert "0100007F" not in listening(os.getpid())  # nothing in our own process
     assert viewer.url.startswith("http://127.0.0.1:")
 
@@ -96,7 +96,7 @@ def test_serves_the_page_and_refuses_foreign_names(viewer):
 def test_a_late_browser_gets_the_whole_picture(viewer, robot, scene, make_report):
     viewer.show(robot, scene, make_report())
     viewer._flush()
-    assert eventually(lambda: len(received(viewer.url)[0]) == len(viewer._record))
+    assert eventually(lambda: len(received(viewer.url)[0]) == len(viewer._log))
     (batch,) = received(viewer.url)
     paths = {command.get("path") for command in batch if command["type"] == "set_object"}
     assert {"/forces", "/tunnel", "/strip/threads", "/strip/base", "/markers/start"} <= paths
@@ -128,10 +128,10 @@ def test_an_update_sends_transforms_not_meshes(robot, scene, make_report):
     with Viewer(server=False) as viewer:
         viewer.show(robot, scene, make_report())
         viewer._flush()
-        before = dict(viewer._record.items())
+        before = dict(viewer._log.items())
         viewer.update(make_report(shift=0.1), scene.at(1.0))
         viewer._flush()
-        after = dict(viewer._record.items())
+        after = dict(viewer._log.items())
     changed = {key.split("\0")[0] for key in after if key.endswith("object") and after[key] != before.get(key)}
     assert changed == {"/strip/base"}
     capsule = next(path for path in after if "capsule" in path and path.endswith("transforms"))
@@ -142,13 +142,13 @@ def test_obstacles_come_and_go(robot, scene, make_report):
     with Viewer(server=False) as viewer:
         viewer.show(robot, scene, make_report())
         viewer._flush()
-        paths = {key.split("\0")[0] for key, _ in viewer._record.items()}
+        paths = {key.split("\0")[0] for key, _ in viewer._log.items()}
         cloud = "/obstacles/<\N{DIVISION SLASH}script><b>cloud<\N{DIVISION SLASH}b>\N{DIVISION SLASH}1"
         assert cloud in paths
         smaller = scene.without("</script><b>cloud</b>/1").without("sphere-1")
         viewer.update(make_report(), smaller)
         viewer._flush()
-        after = dict(viewer._record.items())
+        after = dict(viewer._log.items())
     assert cloud + "\0object" not in after
     assert umsgpack.unpackb(after["/obstacles/all sphere\0instances"])["matrices"].data == b""
     assert len(umsgpack.unpackb(after["/obstacles/all box\0instances"])["matrices"].data) == 64
@@ -158,10 +158,19 @@ def test_a_plain_strip_is_shown_as_not_checked(robot, scene, make_report):
     with Viewer(server=False) as viewer:
         viewer.show(robot, scene, make_report().strip)
         viewer._flush()
-        card = next(umsgpack.unpackb(p) for k, p in viewer._record.items() if k.endswith("hud"))
+        card = next(umsgpack.unpackb(p) for k, p in viewer._log.items() if k.endswith("hud"))
         assert viewer.alive
     assert card["chip"] is None
     assert any("not checked" in name for name, _ in card["legend"])
+
+
+def test_a_report_that_proves_nothing_is_shown_as_its_strip(robot, scene, make_report):
+    planned = SimpleNamespace(strip=make_report().strip, certified=True)  # as plan_report returns it
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, planned).update(planned)
+        viewer._flush()
+        assert viewer.alive
+        assert umsgpack.unpackb(dict(viewer._log.items())["\0hud"])["chip"] is None
 
 
 def test_the_tunnel_is_drawn_where_the_report_has_one(robot, scene, make_report):
@@ -170,10 +179,10 @@ def test_the_tunnel_is_drawn_where_the_report_has_one(robot, scene, make_report)
     with Viewer(server=False) as viewer:
         viewer.show(robot, scene, report)
         viewer._flush()
-        first = dict(viewer._record.items())["/tunnel\0instances"]
-        viewer.update(SimpleNamespace(**{k: v for k, v in vars(report).items() if k not in ("tunnel", "hull_radius")}))
+        first = dict(viewer._log.items())["/tunnel\0instances"]
+        viewer.update(make_report(tunnel=None))
         viewer._flush()
-        second = dict(viewer._record.items())["/tunnel\0instances"]
+        second = dict(viewer._log.items())["/tunnel\0instances"]
         assert viewer.alive
     assert len(umsgpack.unpackb(first)["matrices"].data) == 6 * 64
     assert umsgpack.unpackb(second)["matrices"].data == b""
@@ -192,7 +201,7 @@ def test_a_killed_server_is_reported_once_and_disturbs_nobody(viewer, robot, sce
     viewer.show(robot, scene, make_report())
     viewer._flush()
     with caplog.at_level(logging.WARNING):
-        os.kill(viewer._link.pid, signal.SIGKILL)
+        os.kill(viewer._server.pid, signal.SIGKILL)
         assert eventually(lambda: not viewer.alive)
         for k in range(200):
             viewer.update(make_report(shift=0.01 * k))
@@ -202,11 +211,11 @@ def test_a_killed_server_is_reported_once_and_disturbs_nobody(viewer, robot, sce
         assert eventually(lambda: len(caplog.records) > 0)
         viewer.save_html(tmp_path / "last.html")
     assert len([r for r in caplog.records if r.name.startswith("elastic_strips.viewer")]) == 1
-    assert b"0.777 m" in dict(viewer._record.items())["\0hud"]  # the page has the newest picture nevertheless
+    assert b"0.777 m" in dict(viewer._log.items())["\0hud"]  # the page has the newest picture nevertheless
 
 
 def test_a_stopped_server_does_not_block(viewer, robot, scene, make_report):
-    os.kill(viewer._link.pid, signal.SIGSTOP)
+    os.kill(viewer._server.pid, signal.SIGSTOP)
     shown = threading.Event()
 
     def show() -> None:
@@ -217,13 +226,13 @@ def test_a_stopped_server_does_not_block(viewer, robot, scene, make_report):
 
     threading.Thread(target=show, daemon=True).start()
     assert shown.wait(60.0), "it waits for a server that does not read"
-    os.kill(viewer._link.pid, signal.SIGKILL)
+    os.kill(viewer._server.pid, signal.SIGKILL)
 
 
 def test_an_error_in_drawing_is_logged_once(robot, scene, make_report, caplog):
     with Viewer(server=False) as viewer, caplog.at_level(logging.WARNING):
         for _ in range(3):
-            viewer.update(make_report(hull_radius="nonsense"))
+            viewer.update(make_report(tunnel="nonsense"))
             viewer._flush()
         assert not viewer.alive
         assert len(caplog.records) == 1
@@ -241,7 +250,7 @@ def test_a_taken_port_is_no_error(robot, scene, make_report, caplog):
             viewer.update(make_report(clearance=0.777))
             assert "<html" in viewer.html()
     assert len(caplog.records) == 1
-    assert b"0.777 m" in dict(viewer._record.items())["\0hud"]
+    assert b"0.777 m" in dict(viewer._log.items())["\0hud"]
 
 
 def test_two_viewers_take_two_ports(viewer):
@@ -254,7 +263,7 @@ def test_the_server_ends_with_its_parent():
         import os, sys
         from elastic_strips.viewer import Viewer
         viewer = Viewer()
-        print(viewer._link.pid, flush=True)
+        print(viewer._server.pid, flush=True)
         os.kill(os.getpid(), 9)
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
@@ -280,7 +289,7 @@ def test_close_ends_the_server_and_can_be_repeated(robot, scene, make_report):
     viewer.close()
     viewer.close()
     assert not viewer.alive
-    assert not viewer._link.alive
+    assert not viewer._server.alive
     viewer.show(robot, scene, make_report())
     viewer.update(make_report())
     assert "<html" in viewer.html()
@@ -319,7 +328,7 @@ def test_animate_moves_robot_and_obstacles_and_stops_again(robot, scene, make_re
     with Viewer(server=False) as viewer:
         viewer.animate(robot, scene, [make_report(shift=0.05 * k) for k in range(10)], 2.0)
         viewer._flush()
-        play = next(umsgpack.unpackb(p) for k, p in viewer._record.items() if k.endswith("animation"))
+        play = next(umsgpack.unpackb(p) for k, p in viewer._log.items() if k.endswith("animation"))
         targets = {one["path"] for one in play["animations"]}
         assert any(path.startswith("/robot/") for path in targets)
         assert any("capsule" in path for path in targets)
@@ -330,7 +339,7 @@ def test_animate_moves_robot_and_obstacles_and_stops_again(robot, scene, make_re
         assert all(value is True or value is False for values in shown for value in values)  # 0 does not hide
         viewer.update(make_report())
         viewer._flush()
-        assert not any(key.startswith("/playback") for key, _ in viewer._record.items())
+        assert not any(key.startswith("/playback") for key, _ in viewer._log.items())
         assert viewer.alive
 
 
@@ -351,4 +360,4 @@ def test_wrong_input_raises(robot, scene, make_report):
 
 
 def test_the_page_does_not_end_its_script_early():
-    assert page._meshcat_script().lower().count("</script") == 0
+    assert commands._meshcat_script().lower().count("</script") == 0

@@ -1,24 +1,29 @@
-"""Devices: laser, sonars and infrared sensors, which report a world with noise, losses and limits."""
+"""Range sensors of a robot in a world: laser, sonars and infrared sensors, and all of them at their rates."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError, RobotError, SceneError
+from elastic_strips.perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import World
+from elastic_strips.validation import check_count, check_type
 
-from ...perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing
-from .mounting import Mount, Posture
-from .params import LaserParams, RangeParams, RingParams
-from .rays import ObstacleRays, OwnBody, Rays
+from .bodies import ObstacleRays, Posture, SelfFilter, SensorMount
+from .params import LaserParams, RangeParams, RingParams, SensorConfig
+from .rays import Rays
 
-CUT = 3.0
+_CUT = 3.0
 """Noise is cut off at this many standard deviations."""
 
 
-def measured(distance: Array, params: RangeParams, rng: np.random.Generator) -> Array:
+def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator) -> Array:
     """Ranges (R,) [m] that a device reports.
 
     As many random numbers are drawn whatever the distances are, so that one range does not change the noise of another.
@@ -32,7 +37,7 @@ def measured(distance: Array, params: RangeParams, rng: np.random.Generator) -> 
         ``NOTHING`` beyond the longest range, ``NO_ANSWER`` where the range was lost or is not known; else within
         ``range_min`` and ``range_max``.
     """
-    white = np.clip(rng.standard_normal(distance.shape), -CUT, CUT)
+    white = np.clip(rng.standard_normal(distance.shape), -_CUT, _CUT)
     lost = rng.random(distance.shape) < params.dropout
     there = np.where(np.isfinite(distance), distance, 0.0)
     ranges = np.clip(there + (params.noise + params.noise_ratio * there) * white, params.range_min, params.range_max)
@@ -66,13 +71,13 @@ class LaserRangefinder:
         self_padding: float,
     ) -> None:
         self.params, self._obstacles, self._rng = params, obstacles, rng
-        self._mount = Mount(posture, (params.frame,))
+        self._mount = SensorMount(posture, (params.frame,))
         half, full = 0.5 * params.field_of_view, params.field_of_view >= 2.0 * math.pi - 1e-9
         self.angles = np.linspace(-half, half, params.rays, endpoint=not full) if params.rays > 1 else np.zeros(1)
         fan = np.stack((np.cos(self.angles), np.sin(self.angles), np.zeros(params.rays)), axis=1)
         self._local = Rays(np.zeros((1, 3)), fan)
         joint = np.full(params.rays, self._mount.joint[0])
-        self._own = OwnBody(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
+        self._own = SelfFilter(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
 
     def measure(self, t: float) -> LaserScan:
         """The scan at time ``t`` [s] from where the robot was placed.
@@ -85,7 +90,7 @@ class LaserRangefinder:
         distance = self._obstacles.cast(t, rays, p.range_max).distance
         own = self._own.distances(rays, p.range_max)
         distance[np.isfinite(own) & (own <= distance)] = NO_ANSWER
-        ranges = measured(distance, p, self._rng)
+        ranges = noisy_ranges(distance, p, self._rng)
         return LaserScan(p.name, t, T_base_sensor[0], self.angles, ranges, p.range_min, p.range_max)
 
 
@@ -104,7 +109,7 @@ def cone_rays(half_angle: float, count: int) -> Array:
     return np.stack((np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)), axis=1)
 
 
-class SensorRing:
+class SonarArray:
     """Workspace: one ring of sonars or infrared sensors on a robot; one group of them fires at a time.
 
     Args:
@@ -127,14 +132,14 @@ class SensorRing:
         self_padding: float,
     ) -> None:
         self.params, self._obstacles, self._rng = params, obstacles, rng
-        self._mount = Mount(posture, params.frames)
+        self._mount = SensorMount(posture, params.frames)
         self._cone = cone_rays(params.half_angle, params.rays)
-        self._groups: list[tuple[npt.NDArray[np.intp], OwnBody]] = []
+        self._groups: list[tuple[npt.NDArray[np.intp], SelfFilter]] = []
         for g in range(params.groups):
             members = np.arange(g, len(params.frames), params.groups)
             joint = np.repeat(self._mount.joint[members], params.rays)
             local = self._rays(self._mount.T_joint_sensor[members])
-            self._groups.append((members, OwnBody(posture, joint, local, self_padding)))
+            self._groups.append((members, SelfFilter(posture, joint, local, self_padding)))
         self.restart()
 
     def restart(self) -> None:
@@ -152,7 +157,7 @@ class SensorRing:
         T_world_sensor, T_base_sensor = self._mount.poses()
         distance = self._distances(t, self._rays(T_world_sensor[members]), own)
         ranges = np.full(len(p.frames), NO_ANSWER)
-        ranges[members] = measured(self._overheard(distance), p, self._rng)
+        ranges[members] = noisy_ranges(self._overheard(distance), p, self._rng)
         return RangeRing(p.name, p.kind, t, T_base_sensor, ranges, p.half_angle, p.range_min, p.range_max)
 
     def _rays(self, T: Array) -> Rays:
@@ -160,7 +165,7 @@ class SensorRing:
         direction = np.matmul(self._cone, T[:, :3, :3].transpose(0, 2, 1)).reshape(-1, 3)
         return Rays(np.repeat(T[:, :3, 3], self.params.rays, axis=0), direction)
 
-    def _distances(self, t: float, rays: Rays, own: OwnBody) -> Array:
+    def _distances(self, t: float, rays: Rays, own: SelfFilter) -> Array:
         """Nearest true echo (S,) [m] of each sensor; infinite without one, NaN where it is the robot's own."""
         p = self.params
         met = self._obstacles.cast(t, rays, p.range_max, normals=True)
@@ -183,3 +188,115 @@ class SensorRing:
             return distance
         neighbour = distance[(np.arange(n) + side) % n]
         return np.where(hears & (neighbour < distance), neighbour, distance)
+
+
+_SLACK = 1e-9  # [s] times that differ by less are the same
+
+
+@dataclass(slots=True)
+class _Clocked:
+    """A sensor and when it fires: at whole periods after the start."""
+
+    device: LaserRangefinder | SonarArray
+    period: float
+    due: float = 0.0
+
+
+class SensorSuite:
+    """Workspace: what a robot's range sensors read of a world.
+
+    Args:
+        robot: that carries them.
+        world: of obstacles.
+        config: what the sensors are like.
+        seed: of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of its
+            own.
+        time: at which the sensors begin [s].
+
+    Raises:
+        RobotError: the robot has not the links that the sensors sit on.
+        MissingExtraError: the extra ``sensing`` is needed for the shapes there are, and not installed.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        world: World,
+        config: SensorConfig | None = None,
+        *,
+        seed: int | np.random.Generator = 0,
+        time: float = 0.0,
+    ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("world", world, World, SceneError)
+        check_type("config", config, SensorConfig, none=True)
+        if not isinstance(seed, np.random.Generator):
+            check_count("seed", seed)
+        self.config = SensorConfig() if config is None else config
+        self._posture = Posture(robot)
+        obstacles = ObstacleRays(world)
+        streams = np.random.default_rng(seed).spawn(len(self.config.sensors))
+        self._sensors: list[_Clocked] = []
+        for params, rng in zip(self.config.sensors, streams, strict=True):
+            make = LaserRangefinder if isinstance(params, LaserParams) else SonarArray
+            device = make(params, self._posture, obstacles, rng, self.config.self_padding)  # type: ignore[arg-type]
+            self._sensors.append(_Clocked(device, 1.0 / params.rate))
+        self.reset(time)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sensors."""
+        return self.config.names
+
+    def reset(self, t: float) -> None:
+        """Begin at ``t`` [s]: all sensors fire then, and readings on their way are lost. The noise goes on.
+
+        Raises:
+            ParameterError: the time is not finite.
+        """
+        self._start = self._now = _finite(t)
+        self._pending: list[tuple[float, int, float, Reading]] = []  # time, sensor, arrival, reading
+        for sensor in self._sensors:
+            sensor.due = self._start
+            if isinstance(sensor.device, SonarArray):
+                sensor.device.restart()
+
+    def observe(self, t: float, chart: Array) -> tuple[Reading, ...]:
+        """The readings that can be read at ``t`` [s] and could not before, in the order of their times.
+
+        To be called at every step of the control: a sensor fires at the first call at or after each of its times, once
+        if several have passed.
+
+        Args:
+            t: the time, not before that of the last call.
+            chart: (nv,) the robot's true chart row then.
+
+        Raises:
+            ParameterError: the time is not finite, or goes back.
+            ConfigurationError: the chart row has another size, or is not finite.
+        """
+        now = _finite(t)
+        if now < self._now - _SLACK:
+            raise ParameterError(f"observe at t={now!r} s after t={self._now!r} s; time must not go back: reset first")
+        self._now = now
+        due = [k for k, sensor in enumerate(self._sensors) if now >= sensor.due - _SLACK]
+        if due:
+            self._posture.place(chart)
+        for k in due:
+            sensor = self._sensors[k]
+            reading = sensor.device.measure(now)
+            self._pending.append((now, k, now + sensor.device.params.latency, reading))
+            passed = math.floor((now - self._start + _SLACK) / sensor.period)
+            sensor.due = self._start + (passed + 1) * sensor.period
+        ready = [entry for entry in self._pending if entry[2] <= now + _SLACK]
+        if not ready:
+            return ()
+        self._pending = [entry for entry in self._pending if entry[2] > now + _SLACK]
+        return tuple(entry[3] for entry in sorted(ready, key=lambda e: e[:2]))
+
+
+def _finite(t: float) -> float:
+    number = isinstance(t, (int, float, np.integer, np.floating)) and not isinstance(t, bool)
+    if not number or not math.isfinite(t):
+        raise ParameterError(f"t={t!r} must be a finite time [s]")
+    return float(t)

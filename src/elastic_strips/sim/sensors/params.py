@@ -1,38 +1,36 @@
-"""Sensors room, params: what range sensors are like: their rays, reach, rate, latency and errors, checked."""
+"""What range sensors are like: their rays, reach, rate, latency and errors, checked; and their YAML file
+(docs/sensors.md)."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any, Literal
 
-from ...errors import ParameterError, nearest_name
+from elastic_strips.errors import ParameterError, nearest_name
+from elastic_strips.io.nodes import Node, load_yaml
+from elastic_strips.validation import check_count, check_number
 
 RingKind = Literal["sonar", "infrared"]
 KINDS: tuple[RingKind, ...] = ("sonar", "infrared")
-MOST_RAYS = 100_000
-SHORTEST_PERIOD = 1e-3  # [s]
+_MOST_RAYS = 100_000
+_SHORTEST_PERIOD = 1e-3  # [s]
 
 
-def _where(params: Any) -> str:
-    name = getattr(params, "name", None)
-    return f"{type(params).__name__}({name!r})" if isinstance(name, str) else type(params).__name__
+def _where(params: RangeParams) -> str:
+    return f"{type(params).__name__}({params.name!r})"
 
 
-def _check(params: Any, key: str, low: float, high: float, unit: str) -> None:
-    value = getattr(params, key)
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or not low <= value <= high:
-        raise ParameterError(f"{_where(params)}.{key}={value!r} must be a number in [{low:g}, {high:g}] {unit}")
+def _check(params: RangeParams, bounds: Mapping[str, tuple[float, float, str]]) -> None:
+    """Fields that are numbers, by name: their least and largest value, and the unit."""
+    for key, (low, high, unit) in bounds.items():
+        check_number(f"{_where(params)}.{key}", getattr(params, key), low=low, high=high, unit=unit)
 
 
-def _check_count(params: Any, key: str, low: int, high: int) -> None:
-    value = getattr(params, key)
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ParameterError(f"{_where(params)}.{key}={value!r} must be an integer in [{low}, {high}]")
-
-
-def _check_name(params: Any, key: str) -> None:
+def _check_name(params: RangeParams, key: str) -> None:
     value = getattr(params, key)
     if not isinstance(value, str) or not value.strip():
         raise ParameterError(f"{type(params).__name__}.{key}={value!r} must be a name")
@@ -70,23 +68,24 @@ class RangeParams:
             ParameterError: a value that is no number, not finite or outside its bounds.
         """
         _check_name(self, "name")
-        _check(self, "range_min", 0.0, 1e3, "m")
-        _check(self, "range_max", 0.0, 1e3, "m")
+        _check(
+            self,
+            {
+                "range_min": (0.0, 1e3, "m"),
+                "range_max": (0.0, 1e3, "m"),
+                "rate": (1e-3, 1.0 / _SHORTEST_PERIOD, "Hz"),
+                "latency": (0.0, 10.0, "s"),
+                "noise": (0.0, 10.0, "m"),
+                "noise_ratio": (0.0, 1.0, ""),
+                "dropout": (0.0, 1.0, ""),
+            },
+        )
         if not self.range_max > self.range_min:
             raise ParameterError(
                 f"{_where(self)}.range_max={self.range_max!r} must exceed range_min={self.range_min!r} m"
             )
-        _check(self, "rate", 1e-3, 1.0 / SHORTEST_PERIOD, "Hz")
-        _check(self, "latency", 0.0, 10.0, "s")
-        _check(self, "noise", 0.0, 10.0, "m")
-        _check(self, "noise_ratio", 0.0, 1.0, "-")
-        _check(self, "dropout", 0.0, 1.0, "-")
         if not isinstance(self.near_reads_min, bool):
             raise ParameterError(f"{_where(self)}.near_reads_min={self.near_reads_min!r} must be True or False")
-
-    def noise_bound(self, distance: float) -> float:
-        """Largest error [m] of a range of something ``distance`` [m] away."""
-        return 3.0 * (self.noise + self.noise_ratio * distance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,8 +119,8 @@ class LaserParams(RangeParams):
         """
         RangeParams.__post_init__(self)
         _check_name(self, "frame")
-        _check(self, "field_of_view", 0.0, 2.0 * math.pi + 1e-9, "rad")
-        _check_count(self, "rays", 1, MOST_RAYS)
+        _check(self, {"field_of_view": (0.0, 2.0 * math.pi + 1e-9, "rad")})
+        check_count(f"{_where(self)}.rays", self.rays, low=1, high=_MOST_RAYS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,11 +160,12 @@ class RingParams(RangeParams):
         object.__setattr__(self, "frames", tuple(self.frames))
         if len(set(self.frames)) < len(self.frames):
             raise ParameterError(f"{_where(self)}.frames={self.frames!r} names a link twice")
-        _check(self, "half_angle", 0.0, 0.5 * math.pi, "rad")
-        _check_count(self, "rays", 1, MOST_RAYS // len(self.frames))
-        _check(self, "max_incidence", 0.0, 0.5 * math.pi, "rad")
-        _check(self, "crosstalk", 0.0, 1.0, "-")
-        _check_count(self, "groups", 1, len(self.frames))
+        right = 0.5 * math.pi
+        _check(
+            self, {"half_angle": (0.0, right, "rad"), "max_incidence": (0.0, right, "rad"), "crosstalk": (0.0, 1.0, "")}
+        )
+        check_count(f"{_where(self)}.rays", self.rays, low=1, high=_MOST_RAYS // len(self.frames))
+        check_count(f"{_where(self)}.groups", self.groups, low=1, high=len(self.frames))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,7 +212,7 @@ class InfraredParams(RingParams):
     near_reads_min: bool = True
 
 
-SensorParams = LaserParams | RingParams
+_SensorParams = LaserParams | RingParams
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,7 +225,7 @@ class SensorConfig:
             was itself [m].
     """
 
-    sensors: tuple[SensorParams, ...] = (LaserParams(), SonarParams(), InfraredParams())
+    sensors: tuple[_SensorParams, ...] = (LaserParams(), SonarParams(), InfraredParams())
     self_padding: float = 0.01
 
     def __post_init__(self) -> None:
@@ -242,7 +242,7 @@ class SensorConfig:
             if sensor.name in names:
                 raise ParameterError(f"SensorConfig.sensors: two of them are named {sensor.name!r}; names are unique")
             names.add(sensor.name)
-        _check(self, "self_padding", 0.0, 1.0, "m")
+        check_number("SensorConfig.self_padding", self.self_padding, low=0.0, high=1.0, unit="m")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -259,3 +259,65 @@ class SensorConfig:
             if name not in self.names:
                 raise ParameterError(f"sensor {name!r} is unknown{nearest_name(name, self.names)}")
         return replace(self, sensors=tuple(s for s in self.sensors if s.name in names))
+
+
+_KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams]] = {
+    "laser": LaserParams,
+    "sonar": SonarParams,
+    "infrared": InfraredParams,
+}
+
+
+def silvermate_sensors() -> Path:
+    """The file of the Silvermate's range sensors, which comes with the library: one to copy and to change."""
+    return Path(__file__).with_name("silvermate_sensors.yaml")
+
+
+def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
+    """The range sensors that a YAML file describes.
+
+    Args:
+        path: of the file; None for the Silvermate's.
+
+    Returns:
+        The sensors in the order of the file; what it leaves out is as `LaserParams`, `SonarParams` and
+        `InfraredParams` have it.
+
+    Raises:
+        ParameterError: the file cannot be read, a key is unknown, a value is of another kind or out of bounds; the
+            message names file, line, key, value and bound.
+    """
+    root = load_yaml(silvermate_sensors() if path is None else path, error=ParameterError)
+    entries = root.mapping(("sensors", "self_padding"), needed=("sensors",), what="a sensor file")
+    named = entries["sensors"].mapping(what="names to sensors")
+    values: dict[str, object] = {"sensors": tuple(_sensor(name, node) for name, node in named.items())}
+    if "self_padding" in entries:
+        values["self_padding"] = entries["self_padding"].number()
+    return root.checked(SensorConfig, **values)
+
+
+def _sensor(name: str, node: Node) -> _SensorParams:
+    kind = node.mapping().get("kind")
+    if kind is None:
+        node.fail(f"the key 'kind' is missing{nearest_name('kind', _KINDS)}")
+    make = _KINDS[kind.text(valid=_KINDS)]
+    known = {f.name: f.type for f in fields(make) if f.name != "name"}
+    entries = node.mapping(("kind", *known), what=f"a {kind.value}")
+    values: dict[str, Any] = {"name": name}
+    for key, entry in entries.items():
+        if key != "kind":
+            values[key] = _value(str(known[key]), entry)
+    return node.checked(make, **values)
+
+
+def _value(kind: str, node: Node) -> Any:
+    """What a node holds, as the field of that type needs it."""
+    if kind == "str":
+        return node.text()
+    if kind == "bool":
+        return node.boolean()
+    if kind == "int":
+        return node.integer(low=0, high=1_000_000)
+    if kind.startswith("tuple"):
+        return tuple(entry.text() for entry in node)
+    return node.number(unit="")

@@ -9,7 +9,7 @@ from brute_force import configuration, random_chart
 
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.sim.sensors import sensor_frames
-from elastic_strips.sim.sensors.mounting import Mount, Posture
+from elastic_strips.sim.sensors.bodies import Posture, SensorMount
 
 
 def test_the_silvermate_has_its_sensors(silvermate):
@@ -27,9 +27,9 @@ def test_a_missing_link_is_named_with_those_there_are(gantry, silvermate):
     with pytest.raises(
         RobotError, match=r"no link 'laser_frame'.* It has: camera, carriage, finger, rail, spindle, tip"
     ):
-        Mount(Posture(gantry), ["laser_frame"])
+        SensorMount(Posture(gantry), ["laser_frame"])
     with pytest.raises(RobotError, match="did you mean 'sonar_1_frame'"):
-        Mount(Posture(silvermate), ["sonar_1_fram"])
+        SensorMount(Posture(silvermate), ["sonar_1_fram"])
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_a_missing_link_is_named_with_those_there_are(gantry, silvermate):
 def test_poses_are_pinocchios(name, links, request):
     robot = request.getfixturevalue(name)
     posture = Posture(robot)
-    mount = Mount(posture, links)
+    mount = SensorMount(posture, links)
     data = robot.model.createData()
     for chart in random_chart(robot, np.random.default_rng(0), 4):
         posture.place(chart)

@@ -25,7 +25,8 @@ from elastic_strips.scene import (
     Voxels,
     World,
 )
-from elastic_strips.sim.sensors.rays import ObstacleRays, Rays
+from elastic_strips.sim.sensors.bodies import ObstacleRays
+from elastic_strips.sim.sensors.rays import Rays
 
 REACH = 12.0
 EIGHTH = math.sin(math.pi / 8), math.cos(math.pi / 8)

@@ -1,0 +1,141 @@
+"""Options: what several commands have in common, and the progress bar that they show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from types import TracebackType
+from typing import TYPE_CHECKING, TypeVar
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from elastic_strips.errors import InputError
+from elastic_strips.files import check_writable
+
+if TYPE_CHECKING:
+    from elastic_strips.sim.sensors import SensorConfig
+
+EXIT_DONE, EXIT_NOT_DONE = 0, 3
+"""Exit codes: certified or reached; or not."""
+SEED = click.IntRange(0, 2**31 - 1)
+_PATIENCE = 2.0
+_F = TypeVar("_F", bound=Callable[..., object])
+
+
+class OutputFile(click.Path):
+    """A file that can be written."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        check_writable(value)
+        return value
+
+
+class Finite(click.FloatRange):
+    """A finite number, within a range where one is given; click's own ranges let NaN through."""
+
+    def convert(self, value: float, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+def robot_option(default: str | None = None, help: str = "The robot.") -> Callable[[_F], _F]:
+    """``--robot``."""
+    return click.option("--robot", default=default, show_default=True, metavar="NAME|FILE.urdf", help=help)
+
+
+def base_option(help: str = "How the base moves; the robot's own by default.") -> Callable[[_F], _F]:
+    """``--base``."""
+    return click.option("--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help=help)
+
+
+def json_option(help: str) -> Callable[[_F], _F]:
+    """``--json``: a file that can be written, or None."""
+    return click.option("--json", "json_file", metavar="FILE", type=OutputFile(), help=help)
+
+
+processes_option = click.option(
+    "--processes", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
+)
+evade_option = click.option(
+    "--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait."
+)
+sensors_option = click.option(
+    "--sensors", metavar="NAMES|FILE.yaml",
+    help="Drive by what the robot's simulated sensors see, not by the scene: all, or some by name (laser,sonar), of "
+    "the Silvermate's; or those of a file (docs/sensors.md).",
+)  # fmt: skip
+
+
+def sensors_of(text: str | None) -> SensorConfig | None:
+    """What the option's value stands for; None where it was not given.
+
+    Raises:
+        ParameterError: no such sensor, or a file that is none of sensors.
+    """
+    if text is None:
+        return None
+    from elastic_strips.sim.sensors import (
+        SensorConfig,  # for those alone who drive by sensors
+        read_sensors,
+    )
+
+    if text.endswith((".yaml", ".yml")):
+        return read_sensors(text)
+    config = SensorConfig()
+    return config if text == "all" else config.only(*(name.strip() for name in text.split(",")))
+
+
+def check_outputs(scenario: str, *files: str | None) -> None:
+    """Every output can be written, and none would overwrite the scenario or another output."""
+    taken = {Path(scenario).absolute()}
+    for name in files:
+        if name is None:
+            continue
+        path = check_writable(name).absolute()
+        if path in taken:
+            raise InputError(f"{name}: is named twice; each output needs a file of its own")
+        taken.add(path)
+
+
+class LateProgress:
+    """Context manager: call :meth:`step` often; after two seconds a bar is drawn on standard error, if that is a
+    terminal.
+
+    Args:
+        label: what is being done.
+        total: number of steps, or None where it is not known.
+    """
+
+    def __init__(self, label: str, total: int | None = None) -> None:
+        self._label, self._total = label, total
+        self._console = Console(stderr=True)
+        self._progress: Progress | None = None
+        self._count = 0
+
+    def __enter__(self) -> LateProgress:
+        self._begin = perf_counter()
+        return self
+
+    def step(self, note: str = "") -> None:
+        """One step is done; ``note`` is shown beside the bar."""
+        self._count += 1
+        if self._progress is None and self._console.is_terminal and perf_counter() - self._begin > _PATIENCE:
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                       TextColumn("{task.fields[note]}"))  # fmt: skip
+            self._progress = Progress(*columns, console=self._console, transient=True)
+            self._task = self._progress.add_task(self._label, total=self._total, note=note)
+            self._progress.start()
+        if self._progress is not None:
+            self._progress.update(self._task, completed=self._count, note=note)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._progress is not None:
+            self._progress.stop()

@@ -1,0 +1,192 @@
+"""Bounds: bodies of a robot as capsules, and how far any of their points moves between two configurations.
+
+The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of
+freedom: 1 for sliding, the distance from the axis for turning. Static radii hold for all postures within the joint
+limits; tight ones for one posture and the way to the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.robot import Kinematics, KinematicTree, RobotModel
+
+_POINT_RADIUS = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodySet:
+    """Convex bodies fixed to joints of a kinematic tree.
+
+    Attributes:
+        names: (G,) names.
+        geometries: Coal shapes.
+        joint: (G,) Pinocchio joint index.
+        rotation: (G, 3, 3), translation: (G, 3) pose of the shape in the aligned joint frame.
+        ends: (G, 2, 3) end points of a capsule that contains the body, in the aligned joint frame [m].
+        radius: (G,) radius of that capsule [m].
+        skin: distance [m] to add to what Coal says (control points are tiny spheres).
+    """
+
+    tree: KinematicTree
+    names: tuple[str, ...]
+    geometries: tuple[coal.CollisionGeometry, ...]
+    joint: npt.NDArray[np.intp]
+    rotation: Array
+    translation: Array
+    ends: Array
+    radius: Array
+    skin: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @staticmethod
+    def links(robot: RobotModel) -> BodySet:
+        """The robot's convex links."""
+        tree, pieces = robot.tree, robot.geometries
+        placements = np.array([tree.to_aligned(p.joint, p.placement) for p in pieces])
+        ends = np.array([[p.capsule.a, p.capsule.b] for p in pieces])
+        align = tree.align[[p.joint for p in pieces]]
+        return BodySet(
+            tree=tree,
+            names=tuple(p.name for p in pieces),
+            geometries=tuple(p.geometry for p in pieces),
+            joint=np.array([p.joint for p in pieces], dtype=np.intp),
+            rotation=placements[:, :3, :3].copy(),
+            translation=placements[:, :3, 3].copy(),
+            ends=np.einsum("gji,gej->gei", align, ends),
+            radius=np.array([p.capsule.r for p in pieces]),
+        )
+
+    @staticmethod
+    def control_points(robot: RobotModel) -> BodySet:
+        """The robot's control points, each a tiny sphere."""
+        tree, points = robot.tree, robot.control_point_set
+        local = np.einsum("cji,cj->ci", tree.align[points.joint], points.local)
+        n = len(points.names)
+        return BodySet(
+            tree=tree,
+            names=points.names,
+            geometries=tuple(coal.Sphere(_POINT_RADIUS) for _ in range(n)),
+            joint=points.joint,
+            rotation=np.tile(np.eye(3), (n, 1, 1)),
+            translation=local,
+            ends=np.repeat(local[:, None, :], 2, axis=1),
+            radius=np.full(n, _POINT_RADIUS),
+            skin=_POINT_RADIUS,
+        )
+
+    def only(self, index: int) -> BodySet:
+        """One of the bodies alone."""
+        k = slice(index, index + 1)
+        return replace(
+            self, names=self.names[k], geometries=self.geometries[k], joint=self.joint[k], rotation=self.rotation[k],
+            translation=self.translation[k], ends=self.ends[k], radius=self.radius[k],
+        )  # fmt: skip
+
+    def capsule_ends(self, kin: Kinematics) -> Array:
+        """World capsule ends (N, G, 2, 3) [m] at the nodes of ``kin``."""
+        n, g = kin.n, len(self)
+        points = kin.points(np.repeat(self.joint, 2), self.ends.reshape(2 * g, 3))
+        return points.reshape(n, g, 2, 3)
+
+    def ends_at(self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp]) -> Array:
+        """World capsule ends (K, 2, 3) [m] of single bodies at nodes."""
+        frame = kin.T[self.joint[body], node]
+        return np.matmul(frame[:, None, :, :3], self.ends[body][..., None])[..., 0] + frame[:, None, :, 3]
+
+    def placements(
+        self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp]
+    ) -> tuple[Array, Array]:
+        """World rotations (K, 3, 3) and translations (K, 3) of the shapes ``body`` at ``node``."""
+        frame = kin.T[self.joint[body], node]
+        rotation = np.matmul(frame[..., :3], self.rotation[body])
+        translation = np.matmul(frame[..., :3], self.translation[body][..., None])[..., 0] + frame[..., 3]
+        return rotation, translation
+
+
+class MotionBounds:
+    """Static motion radii of a body set.
+
+    Attributes:
+        radius: (nv, G) static radii; zero where the degree of freedom does not move the body.
+            Rows 0 and 1 of a planar root are 0: its translation counts once, as ‖(v_x, v_y)‖.
+        between: (S, nv) True where a degree of freedom lies between the bodies of a self pair, once :meth:`for_pairs`.
+    """
+
+    def __init__(self, bodies: BodySet) -> None:
+        tree = bodies.tree
+        self.bodies = bodies
+        self.planar = tree.space.planar
+        nv = tree.space.nv
+        self.radius = np.zeros((nv, len(bodies)))
+        for g in range(len(bodies)):
+            self._chain(g)
+
+    def _chain(self, g: int) -> None:
+        """Walk from the body to the root, adding up how far the body can be from each joint's origin."""
+        tree, space = self.bodies.tree, self.bodies.tree.space
+        joint = int(self.bodies.joint[g])
+        far = self.bodies.radius[g]
+        planar_far = np.linalg.norm(self.bodies.ends[g][:, :2], axis=1).max() + far
+        distance = np.linalg.norm(self.bodies.ends[g], axis=1).max() + far
+        first = True
+        while joint > 0:
+            k = int(tree.chart_index[joint])
+            if k < 0:
+                self.radius[2, g] = planar_far if first else distance
+            elif tree.prismatic[joint]:
+                self.radius[k, g] = 1.0
+                distance += max(abs(space.lower[k]), abs(space.upper[k]))
+            else:
+                self.radius[k, g] = planar_far if first else distance
+            distance += float(np.linalg.norm(tree.offset[joint][:3, 3]))
+            first = False
+            joint = int(tree.parents[joint])
+
+    def travel(self, v: Array) -> Array:
+        """Bounds (N, G) [m] on the way of any point of each body along tangent vectors ``v`` (N, nv)."""
+        speed = np.abs(v)
+        out = speed @ self.radius
+        if self.planar:
+            out += np.hypot(v[:, 0], v[:, 1])[:, None]
+        return out
+
+    def tight_travel(self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp], v: Array) -> Array:
+        """Tighter bounds (K,) [m] for single bodies on the way from ``node`` along tangent vectors ``v`` (K, nv).
+
+        The distance of a point from an axis changes only by the joints between them, so it is at most what it is at the
+        node, plus what those joints move the point on the way.
+        """
+        bodies, tree = self.bodies, self.bodies.tree
+        ends = bodies.ends_at(kin, node, body)
+        columns = kin.J[node]  # (K, nv, 6), world origin
+        linear, angular = columns[..., :3], columns[..., 3:]
+        cross = np.cross(angular[:, None], ends[:, :, None, :]) + linear[:, None]
+        reach = np.sqrt((cross**2).sum(axis=-1)).max(axis=1)  # speed of the capsule's ends per unit rate
+        turning = np.abs(angular).max(axis=2) > 1e-9
+        reach = np.where(turning, reach + bodies.radius[body][:, None], 1.0)
+        speed = np.abs(v)
+        static = self.radius[:, body].T * speed  # (K, nv)
+        outer = np.zeros_like(static)
+        # joints further out than k on the body's chain have larger chart columns: their motion adds to k's lever
+        outer[:, :-1] = np.cumsum(static[:, :0:-1], axis=1)[:, ::-1]
+        tight = np.minimum(np.where(turning, reach + outer, 1.0), self.radius[:, body].T)
+        tight *= tree.support[bodies.joint[body]]
+        if self.planar:
+            tight[:, :2] = 0.0
+            return (tight * speed).sum(axis=1) + np.hypot(v[:, 0], v[:, 1])
+        return (tight * speed).sum(axis=1)
+
+    def pair_radius(self, pairs: npt.NDArray[np.intp]) -> Array:
+        """Radii (nv, S) for the distance between two bodies: the joints that move one of them and not the other."""
+        support = self.bodies.tree.support[self.bodies.joint]
+        one, two = support[pairs[:, 0]], support[pairs[:, 1]]
+        only_one, only_two = one & ~two, two & ~one
+        return self.radius[:, pairs[:, 0]] * only_one.T + self.radius[:, pairs[:, 1]] * only_two.T

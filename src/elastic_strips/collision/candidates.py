@@ -1,0 +1,341 @@
+"""Candidate parts: the few obstacle parts that can come near a strip, and where those that move will be.
+
+Coal's broadphase returns to Python only the nearest object of a query (the pairs that its collecting callback
+gathers have no Python converter), and the repulsive field needs all within the influence distance; so parts are
+first culled by boxes here, in numpy, and what remains goes to Coal.
+
+A node that is reached at time t meets an obstacle that has moved by then. Seen from the obstacle, the robot is moved
+the other way: so the distance at the node is measured with the robot shifted by minus the obstacle's displacement,
+and lessened by how far the obstacle can be from where it is expected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.errors import ParameterError
+from elastic_strips.scene import Scene
+from elastic_strips.scene.parts import Part
+from elastic_strips.scene.scene import PartTable
+
+_LONGEST = 1e6  # [s]
+
+
+@dataclass(slots=True)
+class CandidateParts:
+    """Parts of a scene whose boxes come within ``margin`` of the boxes that the strip may use.
+
+    Attributes:
+        scene: the snapshot that it was made from.
+        rows: (P,) rows of ``scene.table``, ascending.
+        cover_low, cover_high: (N, 3) boxes about the nodes, grown; a node inside one needs no others.
+        parts: the P parts.
+        rotation: (P, 3, 3), translation: (P, 3) world poses.
+        box_center: (P, 3) centre of each part's box in the part's frame; box_half: (P, 3) its half sizes.
+        transforms: Coal transforms of the poses.
+        obstacle: (P,) obstacle index in the scene.
+    """
+
+    scene: Scene
+    rows: npt.NDArray[np.intp]
+    cover_low: Array
+    cover_high: Array
+    parts: list[Part] = field(default_factory=list)
+    rotation: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    translation: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    box_center: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    box_half: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    transforms: list[coal.Transform3s] = field(default_factory=list)
+    obstacle: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+
+    @staticmethod
+    def build(
+        scene: Scene, low: Array, high: Array, slack: float, *, always: npt.NDArray[np.intp] | None = None
+    ) -> CandidateParts:
+        """Collect the parts near the boxes ``low``, ``high`` (N, 3) of the nodes, each grown by ``slack`` [m].
+
+        The parts of the obstacles ``always`` are in it wherever they are.
+        """
+        low, high = low - slack, high + slack
+        rows = _near_rows(scene, low, high)
+        if always is not None and len(always):
+            rows = np.union1d(rows, np.flatnonzero(np.isin(scene.table.obstacle_index, always)))
+        made, table = CandidateParts(scene, rows, low, high), scene.table
+        made.parts = [table.parts[r] for r in rows]
+        made.rotation = table.rotation[rows].copy()
+        made.translation = table.translation[rows].copy()
+        made.obstacle = table.obstacle_index[rows]
+        if len(rows):
+            made.box_center = np.array([p.center - p.T_obstacle_part[:3, 3] for p in made.parts])
+            made.box_half = np.array([p.half_extents for p in made.parts])
+        made.transforms = [coal.Transform3s(r, t) for r, t in zip(made.rotation, made.translation, strict=True)]
+        return made
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def obstacle_name(self, part: int) -> str:
+        """Name of the obstacle that a part belongs to."""
+        return self.scene.names[int(self.obstacle[part])]
+
+    def covered(self, low: Array, high: Array) -> npt.NDArray[np.bool_]:
+        """(M,) whether each box (M, 3) lies in one of the boxes that the nodes may use."""
+        above = np.all(low[:, None] >= self.cover_low[None], axis=2)
+        below = np.all(high[:, None] <= self.cover_high[None], axis=2)
+        return np.asarray(np.any(above & below, axis=1), dtype=bool)
+
+    def follow(self, scene: Scene) -> npt.NDArray[np.intp] | None:
+        """Move to another snapshot of the same obstacles.
+
+        Returns:
+            Those of its columns whose pose changed, or None where they must be collected anew: other obstacles, or
+            one that came in from outside.
+        """
+        changed = scene.rows_changed_since(self.scene)
+        if changed is None:
+            return None
+        if len(changed) == 0:
+            self.scene = scene
+            return changed
+        new = scene.table
+        position = np.searchsorted(self.rows, changed)
+        known = (
+            (position < len(self.rows)) & (self.rows[np.minimum(position, len(self.rows) - 1)] == changed)
+            if len(self.rows)
+            else np.zeros(len(changed), dtype=bool)
+        )
+        outside = changed[~known]
+        if len(outside) and len(_overlapping(new, outside, self.cover_low, self.cover_high)):
+            return None
+        columns = position[known]
+        self.rotation[columns] = new.rotation[changed[known]]
+        self.translation[columns] = new.translation[changed[known]]
+        for c in columns:
+            self.transforms[c].setTransform(self.rotation[c], self.translation[c])
+        self.scene = scene
+        return columns
+
+    def capsule_distance(self, ends: Array, radius: Array, part: npt.NDArray[np.intp]) -> Array:
+        """Lower bounds (K,) [m] of the distances of capsules with ends (K, 2, 3) to the boxes of ``part`` (K,)."""
+        one, two = ends[:, 0], ends[:, 1]
+        along = two - one
+        half = 0.5 * np.sqrt(np.einsum("ki,ki->k", along, along))
+        return self.box_distance(0.5 * (one + two), part) - half - radius
+
+    def box_distance(self, points: Array, part: npt.NDArray[np.intp] | slice) -> Array:
+        """Distance [m] of world points (K, 3) to the oriented boxes of ``part`` (K,): 0 inside."""
+        local = np.matmul((points - self.translation[part])[..., None, :], self.rotation[part])[..., 0, :]
+        gap = np.abs(local - self.box_center[part]) - self.box_half[part]
+        np.maximum(gap, 0.0, out=gap)
+        return np.sqrt(np.einsum("...i,...i->...", gap, gap))
+
+
+def _overlapping(table: PartTable, rows: npt.NDArray[np.intp], low: Array, high: Array) -> npt.NDArray[np.intp]:
+    """Those ``rows`` whose box overlaps one of the boxes (N, 3)."""
+    center, half = table.center[rows], table.half_extents[rows]
+    part_low, part_high = center - half, center + half
+    rows_in = ((part_low <= high.max(axis=0)) & (part_high >= low.min(axis=0))).all(axis=1)
+    rows, part_low, part_high = rows[rows_in], part_low[rows_in], part_high[rows_in]
+    keep = np.zeros(len(rows), dtype=bool)
+    chunk = max(1, 2_000_000 // max(1, len(low)))
+    for start in range(0, len(rows), chunk):
+        s = slice(start, start + chunk)
+        above, below = part_low[s, None] <= high[None], part_high[s, None] >= low[None]
+        keep[s] = np.any(np.all(above, axis=2) & np.all(below, axis=2), axis=1)
+    return rows[keep]
+
+
+def _near_rows(scene: Scene, low: Array, high: Array) -> npt.NDArray[np.intp]:
+    count = len(scene.table.parts)
+    if count == 0 or len(low) == 0:
+        return np.zeros(0, dtype=np.intp)
+    return _overlapping(scene.table, np.arange(count), low, high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodePrediction:
+    """A forecast at the times of N nodes, for M obstacles.
+
+    Attributes:
+        obstacles: (M,) indices in the scene.
+        shift: (N, M, 3) displacement [m] of each obstacle since the snapshot.
+        uncertainty: (N, M) how far [m] it can be from there.
+        ignored: (N,) nodes that are reached too late to say anything; moving obstacles do not count there.
+    """
+
+    obstacles: Indices
+    shift: Array
+    uncertainty: Array
+    ignored: Mask
+
+    def travel(self) -> Array:
+        """(N−1, M) bound [m] on how far the obstacles' surfaces come from node to node: motion and uncertainty."""
+        step = np.sqrt((np.diff(self.shift, axis=0) ** 2).sum(axis=2))
+        return step + np.abs(np.diff(self.uncertainty, axis=0))
+
+    def between(self, place: Array, obstacle: Indices) -> tuple[Array, Array]:
+        """Shift (K, 3) and uncertainty (K,) at places; uncertainty is convex in time, so that this bounds it."""
+        segment = np.minimum(place.astype(np.intp), len(self.shift) - 2)
+        fraction = place - segment
+        f, radius = fraction[:, None], self.uncertainty
+        shift = (1.0 - f) * self.shift[segment, obstacle] + f * self.shift[segment + 1, obstacle]
+        return shift, (1.0 - fraction) * radius[segment, obstacle] + fraction * radius[segment + 1, obstacle]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Forecast:
+    """Constant velocities of some obstacles from a snapshot on, and bounds of how wrong they can be.
+
+    At time t after the snapshot obstacle m is expected at its pose, moved by ``velocity[m]·t``; no point of it is
+    further from there than ``offset[m] + speed[m]·|t| + ½·acceleration[m]·t²``. The same bounds hold before it (t < 0):
+    a motion may have begun when the scene was still older.
+
+    Attributes:
+        obstacles: (M,) indices in the scene that it belongs to.
+        velocity: (M, 3) expected velocity [m/s], world frame.
+        offset: (M,) error of the pose [m]; speed: (M,) of the velocity [m/s], or the bound of an unknown motion;
+            acceleration: (M,) largest acceleration [m/s²].
+        horizon: longest time [s] after the snapshot that it speaks of; moving obstacles are ignored beyond.
+    """
+
+    obstacles: Indices
+    velocity: Array
+    offset: Array
+    speed: Array
+    acceleration: Array
+    horizon: float = np.inf
+
+    def __post_init__(self) -> None:
+        m = len(self.obstacles)
+        for name, shape in (("velocity", (m, 3)), ("offset", (m,)), ("speed", (m,)), ("acceleration", (m,))):
+            value = getattr(self, name)
+            if value.shape != shape:
+                raise ParameterError(f"Forecast: {name} has shape {value.shape}; {m} obstacles need {shape}")
+            if not np.isfinite(value).all():
+                raise ParameterError(f"Forecast: {name} holds a value that is not finite")
+            if name != "velocity" and (value < 0.0).any():
+                raise ParameterError(f"Forecast: {name} holds {value.min():g}; it must be ≥ 0")
+
+    def __len__(self) -> int:
+        return len(self.obstacles)
+
+    def predict(self, times: Array) -> NodePrediction:
+        """The forecast at node times (N,) [s] after the snapshot; negative ones are before it."""
+        t = np.clip(times, -_LONGEST, min(self.horizon, _LONGEST))[:, None]
+        uncertainty = self.offset + self.speed * np.abs(t) + 0.5 * self.acceleration * t * t
+        return NodePrediction(self.obstacles, self.velocity[None] * t[:, :, None], uncertainty, times > self.horizon)
+
+
+class MovingParts:
+    """Workspace: which columns of the candidates belong to a forecast's obstacles, and how they moved since the last.
+
+    Attributes:
+        prediction: the forecast at the nodes, or None.
+        always: obstacle indices that the candidates hold wherever they are.
+        columns: (P,) whether a column moves.
+    """
+
+    def __init__(self) -> None:
+        self.prediction: NodePrediction | None = None
+        self.always: Indices = np.zeros(0, dtype=np.intp)
+        self.columns: Mask = np.zeros(0, dtype=bool)
+        self._mover: Indices = np.zeros(0, dtype=np.intp)
+        self._rotation: Array = np.zeros((0, 3, 3))
+        self._translation: Array = np.zeros((0, 3))
+
+    def known(self, prediction: NodePrediction) -> bool:
+        """Whether the candidates hold all the forecast's obstacles; if not, the next ones will."""
+        if np.isin(prediction.obstacles, self.always).all():
+            return True
+        self.always = prediction.obstacles
+        return False
+
+    def remap(self, source: Indices) -> None:
+        """Carry the last forecast over to nodes (N,) that were nodes ``source`` of it."""
+        a = self.prediction
+        if a is not None:
+            self.prediction = NodePrediction(a.obstacles, a.shift[source], a.uncertainty[source], a.ignored[source])
+
+    def begin(self, prediction: NodePrediction | None, candidates: CandidateParts) -> None:
+        """Take a forecast for candidates of which nothing is known yet."""
+        self.prediction = prediction if prediction is not None and len(prediction.obstacles) else None
+        lookup = np.full(len(candidates.scene), -1, dtype=np.intp)
+        if self.prediction is not None:
+            lookup[self.prediction.obstacles] = np.arange(len(self.prediction.obstacles))
+        self._mover = lookup[candidates.obstacle]
+        self.columns = self._mover >= 0
+        self._rotation, self._translation = candidates.rotation.copy(), candidates.translation.copy()
+
+    def advance(
+        self, prediction: NodePrediction | None, candidates: CandidateParts, changed: Indices
+    ) -> tuple[Indices, Array, Array] | None:
+        """Take the next forecast for the same candidates and as many nodes.
+
+        Args:
+            prediction: the forecast, or None where nothing moves.
+            candidates: with the new snapshot.
+            changed: its columns whose pose is another than in the last.
+
+        Returns:
+            Columns (C,), how far (N, C) [m] any point of each has moved as seen from a node, and by how much (N, C)
+            its uncertainty has risen; None where nothing moved.
+        """
+        before, former, mover = self.prediction, self.columns, self._mover
+        rotation, translation = self._rotation, self._translation
+        self.begin(prediction, candidates)
+        moved = former | self.columns
+        moved[changed] = True
+        columns = np.flatnonzero(moved)
+        if len(columns) == 0:
+            return None
+        shift, uncertainty = _of_columns(self.prediction, self._mover[columns])
+        shift_before, uncertainty_before = _of_columns(before, mover[columns])
+        step = shift - shift_before
+        step += candidates.translation[columns] - translation[columns]
+        turn = candidates.rotation[columns] - rotation[columns]
+        center, half = candidates.box_center[columns], candidates.box_half[columns]
+        reach = np.linalg.norm(center, axis=1) + np.linalg.norm(half, axis=1)
+        way = np.sqrt(np.einsum("nci,nci->nc", step, step))
+        way += reach * np.sqrt(0.5 * np.einsum("cij,cij->c", turn, turn))
+        return columns, way, uncertainty - uncertainty_before
+
+    def travel(self) -> Array | None:
+        """(N−1, P) bound [m] on how far parts come towards the robot from node to node; None where nothing moves."""
+        if self.prediction is None:
+            return None
+        return np.where(self.columns, self.prediction.travel()[:, self._mover], 0.0)
+
+    def displaced(self, node: Indices, part: Indices) -> tuple[Array, Array] | None:
+        """Shift (K, 3) and uncertainty (K,) of parts at nodes; None where nothing moves."""
+        if self.prediction is None:
+            return None
+        mover = self._mover[part]
+        return self._still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
+
+    def between(self, place: Array, part: Indices) -> tuple[Array, Array] | None:
+        """The same at places, which are node numbers with fractions."""
+        if self.prediction is None:
+            return None
+        mover = self._mover[part]
+        return self._still(mover, *self.prediction.between(place, mover))
+
+    @staticmethod
+    def _still(mover: Indices, shift: Array, uncertainty: Array) -> tuple[Array, Array]:
+        shift[mover < 0], uncertainty[mover < 0] = 0.0, 0.0
+        return shift, uncertainty
+
+
+def _of_columns(prediction: NodePrediction | None, mover: Indices) -> tuple[Array, Array]:
+    """Shift (N, C, 3) and uncertainty (N, C) of columns, zero where ``mover`` is −1; N is 1 where nothing moves."""
+    if prediction is None:
+        return np.zeros((1, len(mover), 3)), np.zeros((1, len(mover)))
+    still = mover < 0
+    shift, uncertainty = prediction.shift[:, mover], prediction.uncertainty[:, mover]
+    if still.any():
+        shift[:, still], uncertainty[:, still] = 0.0, 0.0
+    return shift, uncertainty

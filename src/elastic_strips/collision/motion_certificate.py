@@ -1,0 +1,167 @@
+"""The certificate of a motion: the motion-bound proof over intervals of many samples at once.
+
+A pair that is far for the whole motion needs two distances, not two a sample: the way that is left to travel between
+two samples is the sum of the ways between those that lie between. Only where that does not do is the interval halved,
+first at samples, then between two of them. The first distance below the clearance ends the search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.robot import Kinematics
+from elastic_strips.scene import Scene
+
+from .bounds import BodySet, MotionBounds
+from .candidates import CandidateParts, MovingParts, NodePrediction
+from .certificate import (
+    Bisection,
+    BrokenSegment,
+    Certificate,
+    ObstaclePairs,
+    OpenIntervals,
+    Pairs,
+    SegmentState,
+    SelfPairs,
+    half_turn,
+)
+from .narrowphase import Narrowphase
+from .self_distance import SelfProximity
+
+_SLACK = 0.6
+"""How far [m] a motion may leave the boxes about the candidates before they are collected anew."""
+
+
+class MotionCertifier:
+    """Workspace: certifies motions given as samples, among obstacles that move meanwhile.
+
+    Args:
+        bodies: the robot's links.
+        bounds: their motion radii.
+        pairs: (S, 2) pairs of bodies that must not touch.
+        max_depth: most halvings between two samples.
+    """
+
+    def __init__(self, bodies: BodySet, bounds: MotionBounds, pairs: Indices, *, max_depth: int = 12) -> None:
+        self.bodies, self.bounds, self.max_depth = bodies, bounds, max_depth
+        self.candidates: CandidateParts | None = None
+        self._narrow = Narrowphase(bodies)
+        self._self = SelfProximity(bodies, pairs, bounds, influence=0.0)
+        self._moving = MovingParts()
+        self._kin = Kinematics(bodies.tree, 64)
+        self._bisection = Bisection(bodies)
+
+    @property
+    def queries(self) -> int:
+        """Exact distance queries made so far."""
+        return self._narrow.queries + self._self.queries
+
+    def reset(self) -> None:
+        """Forget the obstacles; for after an exception."""
+        self.candidates = None
+
+    def certify(
+        self,
+        chart: Array,
+        v: Array,
+        scene: Scene,
+        prediction: NodePrediction,
+        *,
+        clearance: float,
+        self_clearance: float,
+    ) -> Certificate:
+        """Certify the way through samples.
+
+        Args:
+            chart: (N, nv) samples, N ≥ 2.
+            v: (N−1, nv) tangents from each to the next: base and joints go on arcs and lines between them.
+            scene: snapshot of the obstacles.
+            prediction: where the moving ones are at each sample.
+            clearance: required distance [m], > 0, to obstacles.
+            self_clearance: required distance [m], > 0, between the robot's own links.
+
+        Returns:
+            Its ``broken`` is the first pair found too near; then nothing is said of the other segments.
+        """
+        self._kin.update(chart, jacobians=False)
+        self._bisection.begin(self._kin, v)
+        travel = self.bounds.travel(v)
+        self._look(scene, prediction, clearance, travel)
+        turns = np.flatnonzero(self.bodies.tree.space.half_turn(v))
+        broken = half_turn(self.bodies, int(turns[0])) if len(turns) else None
+        if broken is None:
+            broken = self._prove_obstacles(travel, clearance)
+        if broken is None:
+            broken = self._prove_self(v, self_clearance)
+        states = np.full(len(v), SegmentState.CERTIFIED if broken is None else SegmentState.UNKNOWN, dtype=np.int8)
+        if broken is not None and broken.certain:
+            states[broken.segment] = SegmentState.COLLIDING
+        return Certificate(clearance, states == SegmentState.CERTIFIED, states, broken, self._bisection.checks)
+
+    def _look(self, scene: Scene, prediction: NodePrediction, clearance: float, travel: Array) -> None:
+        """Candidates: all that comes within the clearance of the motion, and all that moves."""
+        ends = self.bodies.capsule_ends(self._kin)
+        radius = self.bodies.radius[:, None]
+        # a point between two samples is no further from the nearer of them than half its way
+        grow = clearance + 0.5 * float(travel.max(initial=0.0)) + 1e-6
+        low = (ends.min(axis=(0, 2)) - radius).min(axis=0, keepdims=True) - grow
+        high = (ends.max(axis=(0, 2)) + radius).max(axis=0, keepdims=True) + grow
+        candidates = self.candidates if self._moving.known(prediction) else None
+        if candidates is None or candidates.follow(scene) is None or not candidates.covered(low, high).all():
+            candidates = self.candidates = CandidateParts.build(scene, low, high, _SLACK, always=self._moving.always)
+            self._narrow.retain(candidates.parts)
+        self._moving.begin(prediction, candidates)
+
+    def _prove_obstacles(self, travel: Array, clearance: float) -> BrokenSegment | None:
+        candidates, count = self.candidates, len(self.bodies)
+        assert candidates is not None
+        way = np.zeros((len(travel) + 1, count, len(candidates)))
+        np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=way[1:])
+        approach = self._moving.travel()
+        if approach is not None:
+            way[1:] += np.cumsum(approach, axis=0)[:, None, :]
+        pairs = ObstaclePairs(self.bodies, self._narrow, candidates, self._moving)
+        return self._prove(pairs, way.reshape(len(way), count * len(candidates)), clearance)
+
+    def _prove_self(self, v: Array, clearance: float) -> BrokenSegment | None:
+        way = np.zeros((len(v) + 1, len(self._self.pairs)))
+        np.cumsum(self._self.travel(v), axis=0, out=way[1:])
+        return self._prove(SelfPairs(self._self), way, clearance)
+
+    def _prove(self, pairs: Pairs, way: Array, clearance: float) -> BrokenSegment | None:
+        """One interval for each pair, from the first sample to the last, is halved until all is proven."""
+        last, pair = len(way) - 1, np.arange(way.shape[1])
+        if len(pair) == 0:
+            return None
+        low = np.zeros(len(pair))
+        high = low + last
+        d_low, d_high = (pairs.lower_bounds(self._kin, at.astype(np.intp), at, pair) for at in (low, high))
+        unknown = np.zeros(len(pair), dtype=bool)
+        todo = OpenIntervals(pair, low, high, d_low, d_high, unknown, unknown, way[-1])
+        search = _MotionSearch(pairs, clearance, last)
+        todo = todo.take(todo.open(clearance))
+        left = self._bisection.run(pairs, todo, search, last.bit_length() + self.max_depth + 1, way)
+        if search.broken is None and len(left):
+            d = np.minimum(left.d_low, left.d_high)
+            k = int(np.argmin(d))
+            return pairs.broken(min(int(left.low[k]), last - 1), int(left.pair[k]), float(d[k]), False)
+        return search.broken
+
+
+class _MotionSearch:
+    """The first distance below the clearance ends the search."""
+
+    decided = None
+
+    def __init__(self, pairs: Pairs, clearance: float, segments: int) -> None:
+        self.pairs, self.clearance, self.exact_below, self.segments = pairs, clearance, clearance, segments
+        self.broken: BrokenSegment | None = None
+
+    def found(self, place: Array, pair: Indices, d: Array) -> bool:
+        k = int(np.argmin(d))
+        if d[k] > self.clearance:
+            return False
+        segment = min(int(place[k]), self.segments - 1)
+        self.broken = self.pairs.broken(segment, int(pair[k]), float(d[k]), True)
+        return True

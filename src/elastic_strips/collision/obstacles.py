@@ -1,0 +1,331 @@
+"""Obstacle proximity: lower bounds of every body–part distance along a strip, exact where they matter.
+
+The workspace keeps, for each (node, body, part), a bound that is *never above* the true distance. When a node or a
+part moves, the bound falls by at most how far it moved; only where it falls below the influence distance is a box
+test made, and only where that fails too is Coal asked. So a tick asks for what is near and has moved, and for
+nothing else.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array, Mask
+from elastic_strips.robot import Kinematics
+from elastic_strips.robot.space import nonzero
+from elastic_strips.scene import Scene
+
+from .bounds import BodySet
+from .candidates import CandidateParts, MovingParts, NodePrediction
+from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
+
+_FAR = 1e9
+_MOVING_TOLERANCE = 2e-3
+"""What is predicted is never as exact as that [m]: distances to moving parts are asked again only beyond."""
+
+
+class ObstacleProximity:
+    """Workspace: distances of a strip's bodies to a scene's parts, kept from tick to tick.
+
+    Args:
+        bodies: what of the robot is measured.
+        influence: distances below this [m] are computed exactly.
+        tolerance: an exact distance is asked again once its body or part has moved by more than this [m].
+        slack: how far [m] the strip may drift before the candidates are collected anew.
+
+    Attributes:
+        bound: (N, G, P) lower bounds [m].
+        exact: (N, G, P) distances [m] where they were asked for, else ∞.
+        direction, witness: (N, G, P, 3) away from the obstacle, and nearest point on the robot.
+        margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
+    """
+
+    def __init__(self, bodies: BodySet, *, influence: float, tolerance: float = 3e-4, slack: float = 0.4) -> None:
+        self.bodies = bodies
+        self.influence = influence
+        self.tolerance = tolerance
+        self.slack = slack
+        self.narrow = Narrowphase(bodies)
+        self.candidates: CandidateParts | None = None
+        self.pairs = 0
+        self.asked = 0
+        self.margin = np.zeros(0)
+        self.moving = MovingParts()
+        self._cover = np.zeros(0, dtype=np.intp)
+        self._chart = np.zeros((0, 0))
+        self._ends = np.zeros((0, len(bodies), 2, 3))
+        self._frames = np.zeros((0, len(bodies), 3, 3))
+        self.bound = np.zeros((0, len(bodies), 0))
+        self.exact = np.zeros((0, len(bodies), 0))
+        self.direction = np.zeros((0, len(bodies), 0, 3))
+        self.witness = np.zeros((0, len(bodies), 0, 3))
+        self._since = np.zeros((0, len(bodies), 0))
+        self._limit = np.zeros(0)
+
+    def reset(self) -> None:
+        """Forget everything; the next update starts from nothing."""
+        self.candidates = None
+        self._chart = np.zeros((0, 0))
+
+    def knows(self, scene: Scene) -> bool:
+        """Whether the last update was for the same obstacles, wherever they were, and with a forecast."""
+        candidates = self.candidates
+        return candidates is not None and self.moving.prediction is not None and candidates.scene.names == scene.names
+
+    def remap(self, source: npt.NDArray[np.intp]) -> None:
+        """Carry the bounds over to a strip whose node i was node ``source[i]``; −1 marks a new node.
+
+        A new node starts with unknown bounds; call :meth:`update` next.
+        """
+        if self.candidates is None:
+            return
+        take = np.maximum(source, 0)
+        new = source < 0
+        self.moving.remap(take)
+        self._cover = np.where(new, -1, self._cover[take])
+        for name in ("_chart", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
+            setattr(self, name, getattr(self, name)[take])
+        self.bound[new] = -_FAR
+        self._since[new] = _FAR
+        self._chart[new] = np.nan
+
+    def update(self, kin: Kinematics, scene: Scene, prediction: NodePrediction | None = None) -> None:
+        """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot.
+
+        Args:
+            kin: kinematics of the nodes (N).
+            scene: the snapshot.
+            prediction: where some of its obstacles will be when each node is reached; all of them stay where None.
+        """
+        chart = kin.chart[: kin.n]
+        ends = self.bodies.capsule_ends(kin)
+        columns = None if self.candidates is None else self.candidates.follow(scene)
+        if prediction is not None and not self.moving.known(prediction):
+            columns = None
+        moved_nodes = None
+        if columns is not None and self._chart.shape == chart.shape:
+            moved_nodes = np.flatnonzero((chart != self._chart).any(axis=1))
+            if len(moved_nodes) and not self._keep_margin(ends, moved_nodes):
+                columns = None
+        if columns is None or moved_nodes is None:
+            self._rebuild(ends, scene)
+            columns = None
+        elif len(moved_nodes):
+            self._drift(kin, ends, moved_nodes)
+        self._take_over(kin, ends, prediction, columns, moved_nodes)
+
+    def _take_over(
+        self,
+        kin: Kinematics,
+        ends: Array,
+        prediction: NodePrediction | None,
+        columns: npt.NDArray[np.intp] | None,
+        moved_nodes: npt.NDArray[np.intp] | None,
+    ) -> None:
+        self._predict(prediction, columns)
+        self._remember(kin, ends, moved_nodes)
+        self.refine(kin)
+
+    def _predict(self, prediction: NodePrediction | None, columns: npt.NDArray[np.intp] | None) -> None:
+        """Lower the bounds by how far parts have moved, or are now expected to have moved when a node is reached."""
+        candidates, moving = self.candidates, self.moving
+        assert candidates is not None
+        if columns is None:
+            moving.begin(prediction, candidates)
+        else:
+            before, former = moving.prediction, moving.columns
+            moved = moving.advance(prediction, candidates, columns)
+            if moved is not None:
+                at, way, uncertainty = moved
+                self.bound[:, :, at] -= (way + uncertainty)[:, None, :]
+                self._since[:, :, at] += (way + np.abs(uncertainty))[:, None, :]
+            if before is not None and before.ignored.any():  # nothing is known of these
+                self._mark(before.ignored, former, -_FAR, _FAR)
+        self._limit = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
+        if moving.prediction is not None and moving.prediction.ignored.any():
+            self._mark(moving.prediction.ignored, moving.columns, _FAR, 0.0)
+
+    def _mark(self, nodes: Mask, columns: Mask, bound: float, since: float) -> None:
+        at = np.ix_(nodes, np.ones(len(self.bodies), dtype=bool), columns)
+        self.bound[at], self.exact[at], self._since[at] = bound, np.inf, since
+
+    def _boxes(self, ends: Array) -> tuple[Array, Array]:
+        """Boxes (M, 3) that hold all bodies at configurations with these capsule ends (M, G, 2, 3)."""
+        radius = self.bodies.radius[:, None]
+        low = (np.minimum(ends[:, :, 0], ends[:, :, 1]) - radius).min(axis=1)
+        high = (np.maximum(ends[:, :, 0], ends[:, :, 1]) + radius).max(axis=1)
+        return low, high
+
+    def _keep_margin(self, ends: Array, moved: npt.NDArray[np.intp]) -> bool:
+        """Update how deep moved nodes are inside the candidates' boxes; False where one is not deep enough in any."""
+        candidates = self.candidates
+        assert candidates is not None
+        low, high = self._boxes(ends[moved])
+        cover = self._cover[moved]
+        depth = np.minimum(
+            (low - candidates.cover_low[cover]).min(axis=1), (candidates.cover_high[cover] - high).min(axis=1)
+        )
+        depth[cover < 0] = -1.0
+        lost = np.flatnonzero(depth < self.influence)
+        if len(lost):
+            grow = self.influence
+            if not candidates.covered(low[lost] - grow, high[lost] + grow).all():
+                return False
+            depth[lost] = grow
+            self._cover[moved[lost]] = -1
+        self.margin[moved] = depth
+        return True
+
+    def look_between(self, kin: Kinematics, between: Kinematics, reach: Array) -> bool:
+        """See that the candidates hold all that is within ``reach`` (M,) [m] of configurations between the nodes.
+
+        Args:
+            kin: kinematics of the nodes, as last given to :meth:`update`.
+            between: kinematics of the M configurations.
+
+        Returns:
+            Whether they had to be collected anew; then all bounds have been measured again.
+        """
+        candidates = self.candidates
+        assert candidates is not None
+        low, high = self._boxes(self.bodies.capsule_ends(between))
+        low, high = low - reach[:, None], high + reach[:, None]
+        new = ~candidates.covered(low, high)
+        if not new.any():
+            return False
+        ends = self.bodies.capsule_ends(kin)
+        self._rebuild(ends, candidates.scene, low[new], high[new])
+        self._take_over(kin, ends, self.moving.prediction, None, None)
+        return True
+
+    def _rebuild(self, ends: Array, scene: Scene, *more: Array) -> None:
+        """Collect the candidates about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high."""
+        n, g = ends.shape[:2]
+        body_low, body_high = self._boxes(ends)
+        low, high = body_low - self.influence, body_high + self.influence
+        low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
+        if more:
+            low, high = np.vstack((low, more[0])), np.vstack((high, more[1]))
+        self.candidates = CandidateParts.build(scene, low, high, self.slack, always=self.moving.always)
+        self.narrow.retain(self.candidates.parts)
+        inner = np.minimum(body_low - self.candidates.cover_low[:n], self.candidates.cover_high[:n] - body_high)
+        self.margin, self._cover = inner.min(axis=1), np.arange(n)
+        p = len(self.candidates)
+        self.bound = np.full((n, g, p), -_FAR)
+        self._since = np.full((n, g, p), _FAR)
+        self.exact = np.full((n, g, p), np.inf)
+        self.direction = np.zeros((n, g, p, 3))
+        self.witness = np.zeros((n, g, p, 3))
+        self._frames = np.zeros((n, g, 3, 3))
+        self._ends = np.zeros_like(ends)
+
+    def _drift(self, kin: Kinematics, ends: Array, moved: npt.NDArray[np.intp]) -> None:
+        """Lower the bounds of moved nodes by how far any point of each body can have moved."""
+        shift = np.sqrt(((ends[moved] - self._ends[moved]) ** 2).sum(axis=3)).max(axis=2)
+        turn = self._rotations(kin, moved) - self._frames[moved]
+        shift += self.bodies.radius * np.sqrt(0.5 * np.einsum("ngij,ngij->ng", turn, turn))
+        shift[np.isnan(shift)] = _FAR
+        if len(moved) == len(self.bound):
+            self.bound -= shift[:, :, None]
+            self._since += shift[:, :, None]
+        else:
+            self.bound[moved] -= shift[:, :, None]
+            self._since[moved] += shift[:, :, None]
+
+    def _rotations(self, kin: Kinematics, nodes: npt.NDArray[np.intp]) -> Array:
+        return kin.T[self.bodies.joint[None, :], nodes[:, None]][..., :3]
+
+    def _remember(self, kin: Kinematics, ends: Array, moved: npt.NDArray[np.intp] | None) -> None:
+        self._ends = ends
+        if moved is None:
+            self._frames = self._rotations(kin, np.arange(kin.n))
+            self._chart = kin.chart[: kin.n].copy()
+        elif len(moved):
+            self._frames[moved] = self._rotations(kin, moved)
+            self._chart[moved] = kin.chart[moved]
+
+    def refine(self, kin: Kinematics) -> None:
+        """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
+        need = (self.bound < self.influence) & (self._since > self._limit)
+        self.pairs = need.size
+        node, body, part = nonzero(need)
+        self._ask(kin, node, body, part, self.influence)
+
+    def refine_at(
+        self,
+        kin: Kinematics,
+        node: npt.NDArray[np.intp],
+        body: npt.NDArray[np.intp],
+        part: npt.NDArray[np.intp],
+        reach: Array,
+    ) -> None:
+        """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
+        stale = (self.bound[node, body, part] < reach) & (self._since[node, body, part] > 0.0)
+        self._ask(kin, node[stale], body[stale], part[stale], reach[stale])
+
+    def _ask(
+        self,
+        kin: Kinematics,
+        node: npt.NDArray[np.intp],
+        body: npt.NDArray[np.intp],
+        part: npt.NDArray[np.intp],
+        reach: Array | float,
+    ) -> None:
+        candidates = self.candidates
+        assert candidates is not None
+        self.asked = 0
+        if len(node) == 0:
+            return
+        ends = self._ends[node, body]
+        moved = self.moving.displaced(node, part)
+        if moved is None:
+            cheap = candidates.capsule_distance(ends, self.bodies.radius[body], part)
+        else:
+            cheap = candidates.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
+        far = cheap >= reach
+        self.bound[node[far], body[far], part[far]] = cheap[far]
+        self.exact[node[far], body[far], part[far]] = np.inf
+        self._since[node[far], body[far], part[far]] = _FAR
+        near = ~far
+        node, body, part = node[near], body[near], part[near]
+        self.asked = len(node)
+        if len(node) == 0:
+            return
+        shift, uncertainty = (None, 0.0) if moved is None else (moved[0][near], moved[1][near])
+        distance, direction, witness = self.narrow.query(
+            kin, node, body, part, candidates, self.influence + float(np.max(uncertainty)), shift
+        )
+        distance -= uncertainty
+        self.exact[node, body, part] = distance
+        self.bound[node, body, part] = distance - GJK_EXCESS
+        self._since[node, body, part] = 0.0
+        self.direction[node, body, part] = direction
+        self.witness[node, body, part] = witness
+
+    def contacts(self) -> Contacts:
+        """All pairs within the influence distance, exact to the tolerance."""
+        node, body, part = nonzero((self.exact < self.influence) & (self._since <= self._limit))
+        return Contacts(
+            node,
+            body,
+            part,
+            self.exact[node, body, part],
+            self.direction[node, body, part],
+            self.witness[node, body, part],
+        )
+
+    def clearance(self) -> Array:
+        """Lower bound (N, G) [m] of each body's distance to any obstacle, capped at the influence distance."""
+        if self.bound.shape[2] == 0:
+            return np.full(self.bound.shape[:2], self.influence)
+        return np.minimum(self.bound.min(axis=2), self.influence)
+
+    def nearer_than(self, distance: float) -> bool:
+        """Whether some body is surely nearer to an obstacle than this [m], below the influence distance."""
+        return bool((self.exact + self._since < distance).any())
+
+    def obstacle_name(self, part: int) -> str:
+        """Name of the obstacle that a column belongs to."""
+        assert self.candidates is not None
+        return self.candidates.obstacle_name(part)

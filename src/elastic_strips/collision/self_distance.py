@@ -1,0 +1,231 @@
+"""Self proximity: the distances between the robot's own links along a strip, with the same kind of bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.robot import Kinematics
+from elastic_strips.robot.space import nonzero
+
+from .bounds import BodySet, MotionBounds
+from .narrowphase import GJK_EXCESS, PairSolver, ShapePair
+
+_FAR = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class SelfContacts:
+    """Self pairs of a strip within the self influence distance.
+
+    Attributes:
+        node, pair: (K,) indices.
+        distance: (K,) [m].
+        direction: (K, 3) unit vectors that move the first body away from the second.
+        first, second: (K, 3) witness points on the two bodies [m].
+    """
+
+    node: npt.NDArray[np.intp]
+    pair: npt.NDArray[np.intp]
+    distance: Array
+    direction: Array
+    first: Array
+    second: Array
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+
+def segment_distance(one: Array, two: Array) -> Array:
+    """Distances (K,) between line segments given by their end points (K, 2, 3)."""
+    u, v, w = one[:, 1] - one[:, 0], two[:, 1] - two[:, 0], one[:, 0] - two[:, 0]
+    a, b, c = (u * u).sum(axis=1), (u * v).sum(axis=1), (v * v).sum(axis=1)
+    d, e = (u * w).sum(axis=1), (v * w).sum(axis=1)
+    tiny = 1e-18
+    det = a * c - b * b
+    s = np.where(det > tiny, (b * e - c * d) / np.where(det > tiny, det, 1.0), 0.0)
+    s = np.clip(s, 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, tiny), 0.0, 1.0)
+    s = np.clip((b * t - d) / np.maximum(a, tiny), 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, tiny), 0.0, 1.0)
+    gap = w + s[:, None] * u - t[:, None] * v
+    return np.sqrt((gap * gap).sum(axis=1))
+
+
+class SelfProximity:
+    """Workspace: bounds on the distances of self pairs, exact below the influence distance.
+
+    Args:
+        bodies: the robot's links.
+        pairs: (S, 2) index pairs of bodies.
+        bounds: motion radii of ``bodies``.
+        influence: distances below this [m] are computed exactly.
+        repulsion: (S,) distances [m] below which the pairs push each other apart; at most ``influence``.
+        tolerance: an exact distance is asked again after this much relative motion [m].
+    """
+
+    def __init__(
+        self,
+        bodies: BodySet,
+        pairs: npt.NDArray[np.intp],
+        bounds: MotionBounds,
+        *,
+        influence: float,
+        repulsion: Array | None = None,
+        tolerance: float = 3e-4,
+    ) -> None:
+        self.repulsion = np.full(len(pairs), influence) if repulsion is None else np.minimum(repulsion, influence)
+        self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance
+        self.radius = bounds.pair_radius(pairs)
+        self.asked = 0
+        self.queries = 0
+        s = len(pairs)
+        self._chart = np.zeros((0, 0))
+        self._base = np.zeros((0, 3, 4))
+        self.bound = np.zeros((0, s))
+        self.exact = np.zeros((0, s))
+        self.direction = np.zeros((0, s, 3))
+        self.first = np.zeros((0, s, 3))
+        self.second = np.zeros((0, s, 3))
+        self._since = np.zeros((0, s))
+        self._functors = [ShapePair.of(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
+        self._solver = PairSolver()
+        self._one, self._two = coal.Transform3s(), coal.Transform3s()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._chart = np.zeros((0, 0))
+
+    def remap(self, source: npt.NDArray[np.intp]) -> None:
+        """Carry over to a strip whose node i was node ``source[i]``; −1 marks a new node."""
+        if len(self._chart) == 0:
+            return
+        take, new = np.maximum(source, 0), source < 0
+        for name in ("_chart", "bound", "exact", "direction", "first", "second", "_since"):
+            setattr(self, name, getattr(self, name)[take])
+        self.bound[new] = -_FAR
+        self._since[new] = _FAR
+        self._chart[new] = np.nan
+
+    def update(self, kin: Kinematics) -> None:
+        """Bring bounds and exact distances up to date with the nodes of ``kin``."""
+        chart = kin.chart[: kin.n]
+        if self._chart.shape != chart.shape:
+            n, s = kin.n, len(self.pairs)
+            self.bound = np.full((n, s), -_FAR)
+            self._since = np.full((n, s), _FAR)
+            self.exact = np.full((n, s), np.inf)
+            self.direction = np.zeros((n, s, 3))
+            self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3))
+        else:
+            b = self.bodies.tree.space.base_nv
+            delta = np.abs(chart[:, b:] - self._chart[:, b:])
+            shift = delta @ self.radius[b:]
+            shift[np.isnan(shift)] = _FAR
+            self.bound -= shift
+            self._since += shift
+        self._chart = chart.copy()
+        self._base = kin.T[1 if self.bodies.tree.space.planar else 0, : kin.n].copy()
+        self.refine(kin, self.influence)
+
+    def refine(self, kin: Kinematics, reach: float) -> None:
+        """Make every pair exact whose bound is below ``reach`` and that moved since it was asked."""
+        node, pair = nonzero((self.bound < reach) & (self._since > self.tolerance))
+        self._ask(kin, node, pair, np.full(len(node), reach))
+
+    def refine_at(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
+        """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
+        stale = (self.bound[node, pair] < reach) & (self._since[node, pair] > self.tolerance)
+        self._ask(kin, node[stale], pair[stale], reach[stale])
+
+    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
+        self.asked = 0
+        if len(node) == 0:
+            return
+        cheap = self.cheap(kin, node, pair)
+        far = cheap >= reach
+        self.bound[node[far], pair[far]] = cheap[far]
+        self._since[node[far], pair[far]] = _FAR
+        self.exact[node[far], pair[far]] = np.inf
+        node, pair = node[~far], pair[~far]
+        self.asked = len(node)
+        if len(node) == 0:
+            return
+        distance, direction, first, second = self.query(kin, node, pair)
+        self.exact[node, pair] = distance
+        self.bound[node, pair] = distance - GJK_EXCESS
+        self._since[node, pair] = 0.0
+        # kept in the base's frame: the base carries all links alike, and does not make them ask again
+        rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
+        self.direction[node, pair] = _into(rotation, direction)
+        self.first[node, pair] = _into(rotation, first - translation)
+        self.second[node, pair] = _into(rotation, second - translation)
+
+    def cheap(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
+        """Lower bounds (K,) [m]: the distance between the capsules that contain the two bodies."""
+        bodies, one, two = self.bodies, self.pairs[pair, 0], self.pairs[pair, 1]
+        ends = bodies.ends_at(kin, node, one), bodies.ends_at(kin, node, two)
+        return segment_distance(*ends) - bodies.radius[one] - bodies.radius[two]
+
+    def query(
+        self, kin: Kinematics, node: npt.NDArray[np.intp], pair: npt.NDArray[np.intp]
+    ) -> tuple[Array, Array, Array, Array]:
+        """Exact signed distances (K,), directions (K, 3) and witness points (K, 3) ×2 of (node, pair)."""
+        count = len(node)
+        distance = np.empty(count)
+        direction, first, second = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
+        result = self._solver.result
+        for k, d in enumerate(self._each(kin, node, pair)):
+            distance[k] = d
+            direction[k] = result.normal
+            first[k] = result.getNearestPoint1()
+            second[k] = result.getNearestPoint2()
+        return distance, -direction, first, second
+
+    def distances(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
+        """Exact signed distances (K,) [m]; cheaper than :meth:`query`, which reads the nearest points, too."""
+        return np.fromiter(self._each(kin, node, pair), dtype=float, count=len(node))
+
+    def _each(self, kin: Kinematics, node: Indices, pair: Indices) -> Iterator[float]:
+        """Ask Coal for one pair after the other; the solver's result is that of the last."""
+        self.queries += len(node)
+        r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
+        r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])
+        one, two, ask, functors = self._one, self._two, self._solver.ask, self._functors
+        for k, s in enumerate(pair.tolist()):
+            one.setTransform(r1[k], t1[k])
+            two.setTransform(r2[k], t2[k])
+            yield ask(functors[s], one, two)
+
+    def travel(self, v: Array) -> Array:
+        """Bounds (N, S) [m] on how far the two of each pair come nearer to each other along tangents (N, nv)."""
+        b = self.bodies.tree.space.base_nv
+        return np.abs(v[:, b:]) @ self.radius[b:]
+
+    def contacts(self) -> SelfContacts:
+        """All self pairs within their repulsion distance."""
+        node, pair = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
+        rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
+        return SelfContacts(
+            node,
+            pair,
+            self.exact[node, pair],
+            _out_of(rotation, self.direction[node, pair]),
+            _out_of(rotation, self.first[node, pair]) + translation,
+            _out_of(rotation, self.second[node, pair]) + translation,
+        )
+
+
+def _into(rotation: Array, vectors: Array) -> Array:
+    """Rᵀ v for each of K rotations (K, 3, 3) and vectors (K, 3)."""
+    return np.matmul(vectors[:, None, :], rotation)[:, 0, :]
+
+
+def _out_of(rotation: Array, vectors: Array) -> Array:
+    """R v for each of K rotations (K, 3, 3) and vectors (K, 3)."""
+    return np.matmul(rotation, vectors[:, :, None])[:, :, 0]

@@ -1,0 +1,320 @@
+"""What is known of a strip between its nodes: its certificate, its clearance, and the paper's protective hulls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.robot.space import nonzero
+from elastic_strips.scene import Scene
+from elastic_strips.summary import Summary
+
+from .bounds import BodySet, MotionBounds
+from .certificate import (
+    Bisection,
+    BrokenSegment,
+    Certificate,
+    ObstaclePairs,
+    OpenIntervals,
+    Pairs,
+    SegmentState,
+    SelfPairs,
+    half_turn,
+)
+from .obstacles import ObstacleProximity
+from .self_distance import SelfProximity
+
+_MOST_SAMPLES = 256
+"""Most configurations of one segment about which obstacles are looked for."""
+_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
+_UNLIMITED = 60
+
+
+class Certifier:
+    """Workspace: certifies strips for which the two proximities are up to date.
+
+    What the proximities know of the nodes decides most pairs; only what it leaves open is bisected.
+
+    Args:
+        bodies: the robot's links.
+        bounds: their motion radii.
+        obstacles, self_pairs: proximities of the strip's nodes.
+        max_depth: most halvings of a segment.
+    """
+
+    def __init__(
+        self,
+        bodies: BodySet,
+        bounds: MotionBounds,
+        obstacles: ObstacleProximity,
+        self_pairs: SelfProximity,
+        *,
+        max_depth: int = 12,
+    ) -> None:
+        self.bodies, self.bounds, self.obstacles, self.self_pairs = bodies, bounds, obstacles, self_pairs
+        self.max_depth = max_depth
+        self._bisection = Bisection(bodies)
+        self._between = Kinematics(bodies.tree, 64)
+
+    def certify(
+        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene
+    ) -> Certificate:
+        """Certify the segments between the nodes of ``kin``.
+
+        Args:
+            kin: kinematics of the nodes (N), as last given to the proximities.
+            v: (N−1, nv) tangents of the segments.
+            clearance: required distance [m], > 0, to obstacles.
+            self_clearance: required distance [m], > 0, between the robot's own links.
+            scene: the snapshot, as last given to the obstacle proximity.
+        """
+        states = np.zeros(kin.n - 1, dtype=np.int8)
+        travel = self.bounds.travel(v)
+        looked = self._look_along(kin, v, travel, clearance, scene)
+        worst: list[BrokenSegment] = []
+        for j in np.flatnonzero(self.bodies.tree.space.half_turn(v)).tolist():
+            states[j] = SegmentState.UNKNOWN
+            worst.append(half_turn(self.bodies, j))
+        candidates = self.obstacles.candidates
+        assert candidates is not None
+        obstacle_pairs = ObstaclePairs(self.bodies, self.obstacles.narrow, candidates, self.obstacles.moving)
+        searches = (
+            _StripSearch(obstacle_pairs, clearance, states, worst),
+            _StripSearch(SelfPairs(self.self_pairs), self_clearance, states, worst),
+        )
+        self._colliding_nodes(kin, searches[0])
+        todos = self._open_obstacles(kin, v, travel, clearance, states), self._open_self(kin, v, self_clearance)
+        self._bisection.begin(kin, v)
+        for search, todo in zip(searches, todos, strict=True):
+            if todo is None or len(todo) == 0:
+                continue
+            search.found(todo.low, todo.pair, np.minimum(todo.d_low, todo.d_high))
+            todo = todo.take(states[todo.segment] == 0)
+            left = self._bisection.run(search.pairs, todo, search, self.max_depth)
+            if len(left):
+                search.report(left.low, left.pair, np.minimum(left.d_low, left.d_high), certain=False)
+        worst.sort(key=lambda b: (not b.certain, b.clearance))
+        checks = looked + self._bisection.checks
+        return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
+
+    def _colliding_nodes(self, kin: Kinematics, search: _StripSearch) -> None:
+        """A node that is itself too close decides both its segments."""
+        bound, clearance, states = self.obstacles.bound, search.clearance, search.states
+        if bound.shape[2] == 0:
+            return
+        node, body, part = nonzero(bound <= clearance)
+        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + 1e-4))
+        nearest = bound.reshape(len(bound), -1).min(axis=1)
+        bad = np.flatnonzero(nearest <= clearance)
+        if len(bad) == 0:
+            return
+        last = len(states) - 1
+        states[np.minimum(bad, last)] = SegmentState.COLLIDING
+        states[np.maximum(bad - 1, 0)] = SegmentState.COLLIDING
+        worst = int(bad[np.argmin(nearest[bad])])
+        pair = int(np.argmin(bound[worst]))
+        search.worst.append(search.pairs.broken(min(worst, last), pair, float(nearest[worst]), True))
+
+    def _open_obstacles(
+        self, kin: Kinematics, v: Array, travel: Array, clearance: float, states: npt.NDArray[np.int8]
+    ) -> OpenIntervals | None:
+        bound = self.obstacles.bound
+        slack = bound[:-1] + bound[1:]
+        slack -= (travel + 2.0 * clearance)[:, :, None]
+        approach = self.obstacles.moving.travel()
+        if approach is not None:
+            slack -= approach[:, None, :]
+        slack[states != 0] = np.inf
+        segment, body, part = nonzero(slack <= 0.0)
+        if len(segment) == 0:
+            return None
+        # second chance with the tight travel of these bodies, then with refreshed distances at the ends
+        key = segment * len(self.bodies) + body
+        unique, inverse = np.unique(key, return_inverse=True)
+        s, g = unique // len(self.bodies), unique % len(self.bodies)
+        tight = self.bounds.tight_travel(kin, s, g, v[s])[inverse]
+        if approach is not None:
+            tight = tight + approach[segment, part]
+        keep = bound[segment, body, part] + bound[segment + 1, body, part] <= tight + 2.0 * clearance
+        segment, body, part, tight = segment[keep], body[keep], part[keep], tight[keep]
+        if len(segment) == 0:
+            return None
+        # what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
+        for end in (0, 1):
+            other = bound[segment + 1 - end, body, part]
+            self.obstacles.refine_at(kin, segment + end, body, part, tight + 2.0 * clearance - other + 1e-4)
+        d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
+        todo = OpenIntervals.of_segments(body * bound.shape[2] + part, segment, d_low, d_high, tight)
+        return todo.take(todo.open(clearance))
+
+    def _open_self(self, kin: Kinematics, v: Array, clearance: float) -> OpenIntervals | None:
+        proximity, bound = self.self_pairs, self.self_pairs.bound
+        if bound.shape[1] == 0:
+            return None
+        travel = proximity.travel(v)
+        segment, pair = nonzero(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
+        if len(segment) == 0:
+            return None
+        travel = travel[segment, pair]
+        for end in (0, 1):
+            other = bound[segment + 1 - end, pair]
+            proximity.refine_at(kin, segment + end, pair, travel + 2.0 * clearance - other + 1e-4)
+        todo = OpenIntervals.of_segments(pair, segment, bound[segment, pair], bound[segment + 1, pair], travel)
+        return todo.take(todo.open(clearance))
+
+    def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
+        """Have the candidates hold all that long segments may come near; for short ones what is near the nodes will do.
+
+        A point of a long segment is no further from the nearest of some configurations on it than half the way from
+        one to the next.
+        """
+        if len(scene) == 0:
+            return 0
+        longest = travel.max(axis=1)
+        margin = self.obstacles.margin
+        long = np.flatnonzero(longest + 2.0 * clearance >= margin[:-1] + margin[1:])
+        if len(long) == 0:
+            return 0
+        counts = np.clip(np.ceil(longest[long] / self.obstacles.influence), 1, _MOST_SAMPLES).astype(int)
+        s = np.repeat(long, counts)
+        fraction = np.concatenate([(np.arange(c) + 0.5) / c for c in counts.tolist()])
+        space = self.bodies.tree.space
+        self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
+        reach = clearance + 0.5 * np.repeat(longest[long] / counts, counts) + 1e-6
+        self.obstacles.look_between(kin, self._between, reach)
+        return len(s)
+
+
+class _StripSearch:
+    """The first distance below the clearance decides a segment; the others are searched on."""
+
+    def __init__(
+        self, pairs: Pairs, clearance: float, states: npt.NDArray[np.int8], worst: list[BrokenSegment]
+    ) -> None:
+        self.pairs, self.clearance, self.exact_below = pairs, clearance, clearance
+        self.states, self.worst = states, worst
+
+    @property
+    def decided(self) -> Mask:
+        return self.states != 0
+
+    def found(self, place: Array, pair: Indices, d: Array) -> bool:
+        bad = d <= self.clearance
+        if bad.any():
+            self.report(place[bad], pair[bad], d[bad], certain=True)
+        return False
+
+    def report(self, place: Array, pair: Indices, d: Array, *, certain: bool) -> None:
+        """Give segments their state and note the nearest pair."""
+        segment = place.astype(np.intp)
+        state = SegmentState.COLLIDING if certain else SegmentState.UNKNOWN
+        self.states[segment] = np.maximum(self.states[segment], state)
+        k = int(np.argmin(d))
+        self.worst.append(self.pairs.broken(int(segment[k]), int(pair[k]), float(d[k]), certain))
+
+
+def chart_clearance(robot: RobotModel, chart: Array, scene: Scene, *, tolerance: float = 1e-4) -> float:
+    """Smallest distance [m] between robot and obstacles along interpolated nodes; negative in penetration.
+
+    See :func:`elastic_strips.strip.strip_clearance`.
+
+    Args:
+        robot: the robot.
+        chart: (N, nv) nodes.
+        scene: the obstacles.
+        tolerance: accuracy [m].
+    """
+    if len(scene) == 0:
+        return float("inf")
+    bodies, v = BodySet.links(robot), robot.space.difference(chart[:-1], chart[1:])
+    bounds = MotionBounds(bodies)
+    kin = Kinematics(bodies.tree, len(chart))
+    kin.update(chart)
+    travel = bounds.travel(v)
+    for reach in _REACHES:
+        proximity = ObstacleProximity(bodies, influence=reach)
+        proximity.update(kin, scene)
+        if proximity.bound.size == 0:
+            continue
+        lowest = float(proximity.bound.min(initial=reach))
+        if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _REACHES[-1]:
+            return _smallest(kin, v, bounds, proximity, tolerance)
+    return _REACHES[-1]
+
+
+def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: ObstacleProximity, tolerance: float) -> float:
+    bodies, bound, candidates = proximity.bodies, proximity.bound, proximity.candidates
+    assert candidates is not None
+    low = 0.5 * (bound[:-1] + bound[1:] - bounds.travel(v)[:, :, None])
+    undefined = bodies.tree.space.half_turn(v)
+    search = _ClearanceSearch(min(float(bound.min()), float(low[undefined].min(initial=np.inf))), tolerance)
+    low[undefined] = np.inf
+    segment, body, part = nonzero(low < search.clearance)
+    if len(segment):
+        tight = bounds.tight_travel(kin, segment, body, v[segment])
+        d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
+        todo = OpenIntervals.of_segments(body * len(candidates) + part, segment, d_low, d_high, tight)
+        bisection = Bisection(bodies)
+        bisection.begin(kin, v)
+        pairs = ObstaclePairs(bodies, proximity.narrow, candidates, proximity.moving)
+        bisection.run(pairs, todo.take(todo.open(search.clearance)), search, _UNLIMITED)
+    return search.clearance
+
+
+class _ClearanceSearch:
+    """Branch and bound: nothing is wanted of what cannot be nearer than the nearest so far, by a tolerance [m].
+
+    Lower bounds say nothing of how deep shapes penetrate, so what may be below 0 is measured exactly.
+    """
+
+    decided = None
+
+    def __init__(self, nearest: float, tolerance: float) -> None:
+        self.nearest, self.tolerance = nearest, tolerance
+
+    @property
+    def clearance(self) -> float:
+        return self.nearest - self.tolerance
+
+    @property
+    def exact_below(self) -> float:
+        return max(self.nearest, 0.0)
+
+    def found(self, place: Array, pair: Indices, d: Array) -> bool:
+        self.nearest = min(self.nearest, float(d.min()))
+        return False
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ProtectiveHulls(Summary):
+    """Protective hulls of a strip: spheres about its control points (Brock and Khatib's tunnel).
+
+    Attributes:
+        points: (N, C, 3) control points [m].
+        radius: (N, C) free distance of each, capped at the safe distance [m].
+        overlap: (N−1, C) how much neighbouring hulls overlap [m]; negative where there is a gap.
+    """
+
+    points: Array
+    radius: Array
+    overlap: Array
+
+    @property
+    def connected(self) -> npt.NDArray[np.bool_]:
+        """(N−1,) whether all hulls of a node overlap those of the next."""
+        return np.asarray(np.all(self.overlap > 0.0, axis=1), dtype=bool)
+
+
+def protective_hulls(points: Array, distance: Array, *, cap: float) -> ProtectiveHulls:
+    """Hulls of control points (N, C, 3) with free distances (N, C), capped at ``cap`` [m], the safe distance.
+
+    Two neighbours are connected where their spheres overlap: then a point can go from one to the other inside free
+    space.
+    """
+    radius = np.clip(distance, 0.0, cap)
+    spacing = np.linalg.norm(points[1:] - points[:-1], axis=2)
+    return ProtectiveHulls(points, radius, radius[1:] + radius[:-1] - spacing)

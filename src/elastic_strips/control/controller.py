@@ -1,0 +1,490 @@
+"""Controller: what runs on a robot; measurements and scenes in, commands out, one step after another.
+
+It knows no truth and no simulator: where the robot is it has from measurements, what is around from scenes.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, ParameterError, RobotError, SceneError
+from elastic_strips.planning import PlanReport
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory, stationary
+from elastic_strips.validation import check_able, check_count, check_number, check_type
+
+from .estimation import StateEstimator
+from .interfaces import Command, Event, Measurement, RunState
+from .local_planner import LocalPlanner
+from .params import DriveParams, Tolerance
+from .record import TickStatistics
+from .replanning import Replanner
+from .strip_timer import PlanOutcome, PlanResult
+from .supervisor import Supervisor
+from .tracking import TrackingController, TrackingGains
+
+_log = logging.getLogger(__name__)
+KEPT_EVENTS = 500
+"""So many events are kept unless all are asked for: a robot may run for days."""
+_RESTS = 0.05  # [m/s, rad/s] what is measured to be slower than this counts as standing
+_Planned = TypeVar("_Planned")
+PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
+"""Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tick:
+    """A planning tick, as it was when it ended.
+
+    Attributes:
+        time: [s].
+        seconds: how long it took by the wall clock.
+        result: what it came to; None where it came to nothing.
+        strip: (N, nv) chart rows of the strip; None where there is none.
+        horizon_end: time [s] at which the active trajectory comes to rest; NaN where nobody knows.
+        status: of the strip, or of what steers instead of one.
+        reason: why nothing better was found, or why the robot does what it does.
+    """
+
+    time: float
+    seconds: float
+    result: PlanResult | None
+    strip: Array | None
+    horizon_end: float
+    status: str
+    reason: str
+
+
+class ControlLoop:
+    """Workspace: what all controllers have: a robot and its limits, an estimate, planning ticks, and a stop.
+
+    Args:
+        robot: the robot.
+        start: configuration (nq,) in which it stands.
+        params: of the drive.
+        limits: of the motors; read off the robot where None.
+
+    Attributes:
+        time: of the last step [s].
+        estimate: (nv,) chart row where the robot believes to be.
+        tick: the last planning tick, or None.
+        statistics: durations of the planning ticks.
+        estimator: takes in the measurements.
+
+    Raises:
+        ConfigurationError: start is not sound.
+    """
+
+    def __init__(
+        self, robot: RobotModel, start: npt.ArrayLike, params: DriveParams | None, limits: MotionLimits | None
+    ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("params", params, DriveParams, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
+        self.robot, self.params = robot, params or DriveParams()
+        self.limits = limits or MotionLimits.for_robot(robot)
+        self.time = 0.0
+        self.estimate = robot.space.to_chart(robot.check_q(start, what="start"))
+        self.estimator = StateEstimator(robot, self.limits)
+        self.estimator.reset(self.estimate, 0.0)
+        self.tick: Tick | None = None
+        self.statistics = TickStatistics()
+        self._contact = self._stopping = ""
+        self._steps = 0
+
+    def stop(self, reason: str = "asked to stop") -> None:
+        """Come to rest, and stand until :meth:`resume`."""
+        self._stopping = self._stopping or reason
+
+    def resume(self) -> None:
+        """Go on after a stop."""
+        self._stopping = ""
+
+    def _take_in(self, measurement: Measurement) -> None:
+        self.estimate = self.estimator.update(measurement)
+        self._contact = self._contact or measurement.contact
+
+    def _finish_tick(self, tick: Tick) -> None:
+        self.tick = tick
+        self.statistics.add(tick.seconds, self.params.latency * self.params.control_dt)
+
+
+class Controller(ControlLoop):
+    """Workspace: drives a robot along an elastic strip to its goals.
+
+    At every control period :meth:`step` takes what was measured and what was sensed, and returns what the motors are
+    to do. At every ``plan_every``-th the strip gives way to the scene, and the motion ahead is certified to its stop.
+    Whatever fails, the active trajectory is driven to its end, and the reason is in :attr:`events`.
+
+    Args:
+        robot: the robot.
+        start: configuration (nq,) in which it stands.
+        goal: configuration (nq,), or several of them (G, nq), one after the other.
+        scene: what is known before the robot sets out; nothing where None.
+        params: of the drive.
+        limits: of the motors; read off the robot where None.
+        strip: the strip to begin with; planned where None.
+        path: waypoints (K, 2) [m] that the first plan tries before all else.
+        grid: whether plans may use a path over a grid.
+        replanner: decides when a strip is planned anew, and does it; one of its own where None.
+        executor: where strips are planned anew while the control loop goes on; a thread of its own where None.
+        seed: of the planner.
+        events: at least so many events and stops are kept, the newest; all where None.
+
+    Attributes:
+        first_plan: how the first strip was planned; None where it was given.
+        scene: the newest one that was planned with.
+        goals: those that come after the present one.
+        goal_q, goal: the present one as configuration (nq,) and as chart row (nv,).
+        result: what the last planning tick came to; None where it came to nothing.
+        plan_tick: what plans in a tick; something that wraps it may take its place.
+        planner, supervisor, replanner, tracker: the parts; the rest as of :class:`ControlLoop`.
+
+    Raises:
+        ConfigurationError: start or goal is not sound, or in collision.
+    """
+
+    method = "strip"
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        start: npt.ArrayLike,
+        goal: npt.ArrayLike,
+        scene: Scene | None = None,
+        *,
+        params: DriveParams | None = None,
+        limits: MotionLimits | None = None,
+        strip: Strip | None = None,
+        path: npt.ArrayLike | None = None,
+        grid: bool = True,
+        replanner: Replanner | None = None,
+        executor: Executor | None = None,
+        seed: int = 0,
+        events: int | None = KEPT_EVENTS,
+    ) -> None:
+        super().__init__(robot, start, params, limits)
+        check_type("scene", scene, Scene, SceneError, none=True)
+        check_type("strip", strip, Strip, none=True)
+        check_able("replanner", replanner, "plan")
+        check_able("executor", executor, "submit")
+        check_count("seed", seed)
+        goals = np.atleast_2d(robot.check_q(goal, what="goal"))
+        self.goals = list(goals[1:])
+        self.goal_q = goals[0]
+        self.goal = robot.space.to_chart(self.goal_q)
+        self.scene = Scene([]) if scene is None else scene
+        self.first_plan: PlanReport | None = None
+        self.replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
+        if strip is None:
+            self.first_plan = self.replanner.plan(self.scene, start, self.goal_q, path=path)
+            strip = self.first_plan.strip
+        self.planner = LocalPlanner(robot, self.limits, self.params, strip)
+        self.plan_tick: PlanTick = self.planner.tick
+        self.tracker = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
+        resting = stationary(robot, self.limits, self.estimate, 0.0, self.params.control_dt)
+        self.supervisor = Supervisor(resting, keep=events)
+        self._passed = 0
+        self._executor = executor
+        self._own: ThreadPoolExecutor | None = None
+        self._replan_task: Future[tuple[Strip | None, str]] | None = None  # a strip that is planned anew
+        self._next_plan: Future[PlanReport] | None = None  # the first one to another goal
+        self._ready: list[tuple[float, PlanResult]] = []
+        self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
+        self._no_path = ""
+        self.result: PlanResult | None = None
+        self._speed = 0.0
+
+    def __enter__(self) -> Controller:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread in which strips are planned; a plan that is under way is waited for."""
+        if self._own is not None:
+            self._own.shutdown()
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """How near counts as reached."""
+        return self.params.tolerance
+
+    @property
+    def state(self) -> RunState:
+        """What the robot is doing."""
+        return self.supervisor.state
+
+    @property
+    def reason(self) -> str:
+        """Why it does so."""
+        return self.supervisor.reason
+
+    @property
+    def events(self) -> list[Event]:
+        """What happened, in order of time."""
+        return self.supervisor.events
+
+    @property
+    def stops(self) -> list[tuple[float, str]]:
+        """(time [s], reason) of every stop short of the goal."""
+        return self.supervisor.stops
+
+    @property
+    def replans(self) -> int:
+        """How often a strip was planned anew."""
+        return self.replanner.count
+
+    @property
+    def reference(self) -> ReferenceState:
+        """What the robot is to follow at the time of the last step."""
+        return self.supervisor.reference(self.time)
+
+    @property
+    def strip(self) -> Strip:
+        """The one that is followed."""
+        return self.planner.strip
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot is measured to stand."""
+        return self._speed < _RESTS
+
+    @property
+    def reached(self) -> int:
+        """How many of the goals have been reached."""
+        return self._passed + (self.state is RunState.REACHED)
+
+    @property
+    def plans_next(self) -> bool:
+        """Whether the next step has a planning tick, and so makes use of a scene."""
+        return not self._stopping and self._steps % self.params.plan_every == 0
+
+    @property
+    def ended(self) -> bool:
+        """Whether the last goal is reached, or the robot was to stop, and the active trajectory is over."""
+        if self._stopping:
+            return self.supervisor.at_rest(self.time)
+        return self.state is RunState.REACHED and not self.goals and self._next_plan is None
+
+    def log(self, kind: str, reason: str) -> None:
+        """Write down an event of now, in one word and in words."""
+        self.supervisor.log(self.time, kind, reason)
+
+    def retarget(self, goal: npt.ArrayLike) -> None:
+        """At rest, take another goal (nq,), and have a strip planned to it.
+
+        Raises:
+            ConfigurationError: the robot moves, or the goal is no configuration of it.
+        """
+        if self.reference.v.any():
+            raise ConfigurationError("retarget: the robot moves; stop it, and give it another goal when it stands")
+        self.goal_q = self.robot.check_q(goal, what="goal")
+        self.goal = self.robot.space.to_chart(self.goal_q)
+        self._no_path = ""
+        self._replan_task, self.replanner.pending = None, False  # what is planned now leads to the goal before
+        self._ready.clear()
+        self.supervisor.restart("new goal", self.time)
+        q = self.robot.space.from_chart(self.reference.chart)
+        self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
+
+    def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
+        """One control period: what the motors are to do from now on.
+
+        Args:
+            t: time [s], later than at the last step by about ``params.control_dt``.
+            measurement: what has been measured since the last step; None at the first, when the robot stands.
+            scene: the newest one that was sensed, whose ``time`` says how old it is; None where nothing newer came.
+            trouble: why no scene came, where that is known; the robot does not drive on without.
+
+        Returns:
+            Speeds within ``limits``.
+
+        Raises:
+            ParameterError: a time that does not ascend.
+            SceneError: something else than a scene.
+        """
+        if self._steps and not check_number("t", t, unit="s") > self.time:
+            raise ParameterError(f"t={t!r} s must be later than the last step, at {self.time!r} s")
+        check_type("scene", scene, Scene, SceneError, none=True)
+        began, self.time = self.time, t
+        if measurement is not None:
+            before = self.estimate
+            self._take_in(measurement)
+            step = self.robot.space.difference(before, self.estimate)
+            self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
+            if measurement.odometry_lost:
+                self.log("fault", "odometry lost")
+        if scene is not None:
+            self._newest, self._trouble = scene, ""
+        if trouble:
+            self._trouble = trouble
+        if self.state is RunState.REACHED and self.goals and self.settled:
+            self._passed += 1
+            self.retarget(self.goals.pop(0))
+        if self._steps % self.params.plan_every == 0:
+            if not self._stopping:
+                self._planning_tick(t)
+            elif self.state in (RunState.MOVING, RunState.BRAKING):  # who stands, stands for another reason
+                self.supervisor.reject(self._stopping, t)
+        self._publish(t)
+        self.supervisor.update(t)
+        self._steps += 1
+        return self._track()
+
+    def _track(self) -> Command:
+        reference = self.reference
+        estimate, base = self.estimate, self.robot.space.base_nv
+        if self.estimator.lost_for > 0.0:  # to follow an estimate that stands still would be to run away
+            estimate = np.concatenate((reference.chart[:base], estimate[base:]))
+        return self.tracker.command(reference, estimate)
+
+    # the planning loop
+
+    def _planning_tick(self, t: float) -> None:
+        """Whatever fails in it: the active trajectory is driven to its end, and the reason is told."""
+        began = perf_counter()
+        supervisor = self.supervisor
+        self.result = None
+        try:
+            self._plan(t)
+        except ElasticStripsError as error:
+            supervisor.reject(f"{type(error).__name__}: {error}", t)
+            supervisor.log(t, "fault", str(error))
+        except Exception as error:
+            _log.exception("planning tick failed")
+            self.planner.reset()
+            supervisor.reject(f"planning failed: {type(error).__name__}: {error}", t)
+            supervisor.log(t, "fault", f"planning exception: {type(error).__name__}: {error}")
+        seconds = perf_counter() - began
+        result = self.result
+        reason = (result.reason if result else "") or supervisor.reason
+        status = result.report.status.value if result else ""
+        self._finish_tick(Tick(t, seconds, result, self.strip.chart, supervisor.active.end_time, status, reason))
+
+    def _plan(self, t: float) -> None:
+        params, supervisor = self.params, self.supervisor
+        if self._contact:
+            contact, self._contact = self._contact, ""
+            supervisor.log(t, "fault", contact)
+            self._ready.clear()
+            supervisor.brake(self.planner.timer.brake(supervisor.active, self._begin(t)), contact, t)
+            return
+        if self._trouble or self._newest is None:
+            supervisor.reject(self._trouble, t)
+            supervisor.log(t, "fault", self._trouble)
+            return
+        scene = self._newest
+        age = t - scene.time
+        if age > params.max_scene_age:
+            supervisor.reject(f"stale scene: {age:.2f} s old, at most {params.max_scene_age:g} s", t)
+            supervisor.log(t, "fault", "stale scene")
+            return
+        self.scene = scene
+        if self.estimator.lost_for > 0.1:
+            supervisor.reject("odometry lost", t)
+            return
+        if self._no_path:  # the strip leads to the goal before
+            supervisor.reject(self._no_path, t)
+            return
+        waiting = self._replan(t)
+        if (waiting and self.planner.evasion is None) or self._rest_of_goal(t, scene):
+            return
+        begin = self._begin(t)
+        at_rest = supervisor.at_rest(t)
+        if at_rest and t >= supervisor.active.end_time + params.settle_time:
+            supervisor.reset(stationary(self.robot, self.limits, np.array(self.estimate), begin, params.control_dt))
+        result = self.result = self.plan_tick(t, scene, supervisor.active, begin)
+        if result.late:
+            supervisor.log(t, "fault", f"late tick: it is ready only after {result.late:.2f} s")
+        due = "" if waiting else self.replanner.watch(t, result, scene, at_rest=at_rest)
+        if due:
+            supervisor.log(t, "replanning", due)
+        if not waiting or result.outcome is PlanOutcome.EVADE:
+            self._decide(t, result)
+
+    def _decide(self, t: float, result: PlanResult) -> None:
+        """What becomes of the active trajectory: it is replaced, braked, held, or goes on to its end."""
+        outcome = result.outcome
+        if self.replanner.halted and outcome not in (PlanOutcome.BRAKE, PlanOutcome.EVADE):
+            self.supervisor.reject(f"the strip is broken: {result.report.certificate.broken}", t)
+        elif outcome is PlanOutcome.BRAKE or result.accepted:
+            self._ready.append((t + result.late, result))
+        elif outcome is PlanOutcome.UNCHANGED:
+            self.supervisor.hold(t, result.reason)
+        else:
+            self.supervisor.reject(result.reason, t)
+
+    def _begin(self, t: float) -> float:
+        """When a motion begins that is planned now."""
+        return t + self.params.latency * self.params.control_dt
+
+    def _publish(self, t: float) -> None:
+        """Submit to the supervisor what has been planned and is ready by now."""
+        ready = [result for due, result in self._ready if due <= t + 1e-9]
+        self._ready = [(due, result) for due, result in self._ready if due > t + 1e-9]
+        for result in ready:
+            if result.motion is None or result.certificate is None:
+                continue
+            if result.motion.start_time < t - 1e-9:
+                self.supervisor.log(t, "fault", "late tick")
+            if result.outcome is PlanOutcome.BRAKE:
+                self.supervisor.brake(result.motion, result.reason, t)
+            else:
+                at_goal = result.outcome is PlanOutcome.ARRIVE
+                self.supervisor.submit(result.motion, result.certificate, t, at_goal=at_goal)
+
+    def _rest_of_goal(self, t: float, scene: Scene) -> bool:
+        """Whether the active trajectory ends at the goal and is still certified: then nothing better can be planned."""
+        supervisor = self.supervisor
+        if not supervisor.at_goal or supervisor.at_rest(t):
+            return supervisor.at_goal
+        certificate = self.planner.certify(supervisor.active.tail(self._begin(t)), scene)
+        if certificate.certified:
+            supervisor.hold(t, "the motion ends at the goal")
+        return certificate.certified
+
+    def _replan(self, t: float) -> bool:
+        """Have a strip planned where that is due, and take it when it is there; True while the robot stands for it."""
+        replanner, supervisor = self.replanner, self.supervisor
+        if self._next_plan is not None:
+            if not self._next_plan.done():
+                return True
+            found, self._next_plan = self._next_plan, None
+            try:
+                report = found.result()
+            except Exception as error:  # whatever it is, the strip that is there leads elsewhere
+                self._no_path = f"no way to the goal: {error}"
+                raise
+            supervisor.log(t, "goal", report.reason)
+            self.planner.take(report.strip)
+        if not replanner.pending and self._replan_task is None:
+            return False
+        if self._replan_task is None and t >= replanner.due:
+            q = self.robot.space.from_chart(self.reference.chart)
+            self._replan_task = self._submit(replanner.plan_anew, self.scene, q, self.goal_q)
+        if self._replan_task is not None and self._replan_task.done():
+            planned, self._replan_task = self._replan_task, None
+            replanner.pending = False
+            strip, reason = planned.result()
+            supervisor.log(t, "replanned", reason)
+            if strip is not None:
+                self.planner.take(strip)
+        return True
+
+    def _submit(self, plan: Callable[..., _Planned], *arguments: object) -> Future[_Planned]:
+        if self._executor is None:
+            self._executor = self._own = ThreadPoolExecutor(1, thread_name_prefix="planner")
+        return self._executor.submit(plan, *arguments)

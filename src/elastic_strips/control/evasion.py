@@ -1,0 +1,464 @@
+"""EvasivePlanner: which short motion of the base gets the robot out of the way of what comes.
+
+A few hundred manoeuvres are rolled out some seconds ahead and compared by what they risk and by how far they get
+towards the goal. That is a choice, no proof: the motion that begins the best one, and ends at rest, is driven only with
+a certificate, like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.collision import Forecast
+from elastic_strips.robot import PlanarFootprint, RobotModel
+from elastic_strips.robot.space import wrap_angle
+from elastic_strips.scene import Scene
+from elastic_strips.trajectory import MotionLimits
+from elastic_strips.trajectory.path import integrate_travel
+from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertifier
+
+from .lookahead import ObstacleLookahead
+from .params import EvasionParams
+from .prediction import ArrivalTimes
+from .strip_timer import PlanOutcome, PlanResult, fastest_drive
+
+_REACH = 0.95
+"""Part of the largest speeds that manoeuvres go to."""
+_DRIVES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # parts of the largest speed
+_TURNS = (-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0)  # [rad/s]
+_ONWARD = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.2), (1.0, -1.2))
+_CHANGES = (0.4, 1.0)  # times [s] at which the first target gives way to the second
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Targets:
+    """Two-stage manoeuvres: speeds to go to as fast as the motors allow, one after the other.
+
+    Attributes:
+        first, second: (N, k) speeds of the drive coordinates [m/s or rad/s].
+        change: (N,) time from the beginning [s] at which the second takes over.
+        kind: (N,) which of the different first targets each has.
+    """
+
+    first: Array
+    second: Array
+    change: Array
+    kind: Indices
+
+    def __len__(self) -> int:
+        return len(self.change)
+
+    def take(self, which: Mask) -> _Targets:
+        """Those of a mask (N,)."""
+        return _Targets(self.first[which], self.second[which], self.change[which], self.kind[which])
+
+    @property
+    def different(self) -> Array:
+        """(D, k) the different first targets, in the order of their kinds."""
+        return self.first[np.unique(self.kind, return_index=True)[1]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rollouts:
+    """Where the base gets in each of N manoeuvres at T times.
+
+    Attributes:
+        time: (T,) since the beginning [s], the first of them a step after it.
+        pose: (N, T, 3) x, y [m], yaw [rad].
+    """
+
+    time: Array
+    pose: Array
+
+
+def lattice(limits: MotionLimits) -> _Targets:
+    """Targets over all speeds that the base can reach, rest among them; each with several ways to go on."""
+    top = _REACH * limits.drive_speed
+    if limits.drive_dim == 2:
+        v, w = np.meshgrid(np.array(_DRIVES) * top.min(), np.array(_TURNS), indexing="ij")
+        first = _within(limits.to_drive(np.stack([v.ravel(), 0.0 * v.ravel(), w.ravel()], axis=1)), top)
+        onward = np.array([[v * top.min(), 0.0, w] for v, w in _ONWARD])
+        second = _within(limits.to_drive(onward), top)
+    else:
+        angle = 2.0 * np.pi * np.arange(16) / 16
+        around = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]) * top
+        first = np.vstack([around, 0.4 * around, np.zeros((1, 3))])
+        second = np.vstack([around[::4], np.zeros((1, 3))])
+    first = np.unique(first.round(9), axis=0)
+    kinds = np.arange(len(first))
+    n, m = len(first), len(second)
+    changes = np.concatenate([np.full(n, np.inf), np.repeat(_CHANGES, n * m)])
+    several = [np.repeat(first, m, axis=0), np.tile(second, (n, 1)), np.repeat(kinds, m)]
+    times = len(_CHANGES)
+    return _Targets(
+        np.vstack([first, *[several[0]] * times]),
+        np.vstack([first, *[several[1]] * times]),
+        changes,
+        np.concatenate([kinds, *[several[2]] * times]).astype(np.intp),
+    )
+
+
+def _roll_out(
+    limits: MotionLimits, start: ReferenceState, targets: _Targets, *, part: float, horizon: float, dt: float
+) -> _Rollouts:
+    """Follow all targets for a while; the base goes on arcs from time to time.
+
+    Args:
+        limits: of the motors.
+        start: where and how fast the robot is.
+        targets: N of them.
+        part: of the acceleration limits.
+        horizon: how long [s]; dt: step [s].
+    """
+    time = dt * np.arange(1.0, round(horizon / dt) + 1.0)
+    step = part * limits.drive_acceleration * dt
+    speed = np.empty((len(time) + 1, *targets.first.shape))
+    speed[0] = limits.to_drive(start.v[:3])
+    for i, t in enumerate(time):
+        goal = np.where((t - 0.5 * dt < targets.change)[:, None], targets.first, targets.second)
+        speed[i + 1] = speed[i] + np.clip(goal - speed[i], -step, step)
+    return _Rollouts(time, _poses(limits, start, speed, dt))
+
+
+def roll_to_rest(
+    limits: MotionLimits, start: ReferenceState, target: Array, hold: Array, *, part: float, dt: float
+) -> tuple[_Rollouts, Array]:
+    """Motions as :func:`motion_to` makes them, to targets (N, k), each held for a time (N,) [s] before it brakes.
+
+    Returns them and the times (N,) [s] at which they are at rest.
+    """
+    change = part * limits.drive_acceleration
+    longest = float(hold.max()) + float((limits.drive_speed / change).max()) + dt
+    time = dt * np.arange(1.0, round(longest / dt) + 1.0)
+    speed = np.empty((len(time) + 1, *target.shape))
+    speed[0] = limits.to_drive(start.v[:3])
+    fall = np.zeros_like(target)
+    braking = np.zeros(len(target), dtype=bool)
+    rest = np.zeros(len(target))
+    for i, t in enumerate(time):
+        now = speed[i]
+        begin = ~braking & (t > hold + 0.5 * dt)
+        if begin.any():
+            duration = np.maximum((np.abs(now[begin]) / change).max(axis=1), 1e-9)
+            fall[begin] = now[begin] / duration[:, None] * dt
+            rest[begin] = time[i] - dt + duration
+            braking |= begin
+        going = now + np.clip(target - now, -change * dt, change * dt)
+        slower = np.sign(now) * np.maximum(np.abs(now) - np.abs(fall), 0.0)
+        speed[i + 1] = np.where(braking[:, None], slower, going)
+    return _Rollouts(time, _poses(limits, start, speed, dt)), rest
+
+
+def _poses(limits: MotionLimits, start: ReferenceState, speed: Array, dt: float) -> Array:
+    """Poses (N, T, 3) for speeds (T + 1, N, k) of the drive coordinates."""
+    twist = limits.to_twist(0.5 * (speed[1:] + speed[:-1])) * dt
+    yaw = start.chart[2] + np.cumsum(twist[..., 2], axis=0)
+    middle = yaw - 0.5 * twist[..., 2]
+    cos, sin = np.cos(middle), np.sin(middle)
+    pose = np.empty((speed.shape[1], len(speed) - 1, 3))
+    pose[..., 0] = (start.chart[0] + np.cumsum(cos * twist[..., 0] - sin * twist[..., 1], axis=0)).T
+    pose[..., 1] = (start.chart[1] + np.cumsum(sin * twist[..., 0] + cos * twist[..., 1], axis=0)).T
+    pose[..., 2] = yaw.T
+    return pose
+
+
+def motion_to(
+    robot: RobotModel,
+    limits: MotionLimits,
+    start: ReferenceState,
+    target: Array,
+    *,
+    part: float,
+    duration: float,
+    dt: float,
+) -> Trajectory | None:
+    """A motion that goes to a target speed for a short while and then brakes to rest; the joints only brake.
+
+    Velocities are linear and travels quadratic between samples, so that no limit is exceeded anywhere. Braking keeps
+    the proportion of the speeds: the base stays on its arc. None where a joint would leave its range.
+
+    Args:
+        robot, limits: whose.
+        start: state that it goes on from; ``start.time`` is its first sample's.
+        target: (k,) speeds of the drive coordinates.
+        part: of the acceleration limits.
+        duration: until it begins to brake [s]; dt: distance of the samples [s].
+    """
+    k = limits.drive_dim
+    change = limits.acceleration.copy()
+    change[:k] *= part
+    goal = np.concatenate([target, np.zeros(len(change) - k)])
+    rows = [limits.to_coordinates(start.v)]
+    for _ in range(max(round(duration / dt), 1)):
+        rows.append(rows[-1] + np.clip(goal - rows[-1], -change * dt, change * dt))
+    steps = max(int(np.ceil(float((np.abs(rows[-1]) / change).max()) / dt - 1e-9)), 1)
+    rows += [rows[-1] * (1.0 - j / steps) for j in range(1, steps + 1)]
+    v = np.array(rows)
+    y = np.vstack([np.zeros(v.shape[1]), np.cumsum(0.5 * dt * (v[1:] + v[:-1]), axis=0)])
+    a = np.vstack([np.diff(v, axis=0) / dt, np.zeros(v.shape[1])])
+    chart = integrate_travel(robot, limits, start.chart, y)
+    space, base = robot.space, robot.space.base_nv
+    low, high = np.minimum(space.lower, start.chart) - 1e-6, np.maximum(space.upper, start.chart) + 1e-6
+    if ((chart < low) | (chart > high))[:, base:].any():
+        return None
+    return Trajectory(
+        robot,
+        limits,
+        start.time + dt * np.arange(len(v), dtype=float),
+        chart,
+        limits.to_tangent(v),
+        limits.to_tangent(a),
+    )
+
+
+def _within(drive: Array, top: Array) -> Array:
+    """Speeds (N, k) scaled back to their limits (k,), in proportion: the curvature stays."""
+    return np.asarray(drive / np.maximum((np.abs(drive) / top).max(axis=1), 1.0)[:, None], dtype=float)
+
+
+_TOUCHING = 40.0
+"""Cost per second of what would touch."""
+_DETOUR = 1.5
+"""Cost of a metre beside the strip, in metres along it."""
+_TURN = 0.3
+"""Cost of a heading that is off [s/rad]."""
+_LONGER = (0.0, 0.2, 0.5, 0.9)
+"""How much longer than necessary a manoeuvre may be followed [s], to end where nothing comes."""
+_GAIN = 0.1
+"""What another way has to gain [s] before a robot that is threatened, or moves, takes it."""
+_PACE = 0.75
+"""Part of the largest speed and acceleration that the strip is followed with, as it is foreseen."""
+_STEADY = 0.15
+"""What the manoeuvre that was chosen last is ahead of the others by [s]: it goes on unless another is better."""
+
+
+@dataclass(frozen=True, slots=True)
+class RolloutCost:
+    """What a motion is expected to cost.
+
+    Attributes:
+        risk: of touching something or coming near it; 0 where nothing comes near [s].
+        cost: risk, and the time that is left to the goal [s].
+    """
+
+    risk: float
+    cost: float
+
+
+class EvasivePlanner:
+    """Workspace: compares manoeuvres among the moving obstacles of a snapshot.
+
+    Args:
+        robot: whose base moves; a fixed one has no manoeuvres.
+        limits: of its motors.
+        params: of the comparison.
+        dt: distance of the samples of motions [s].
+        hold: how long [s] a motion follows its manoeuvre at least before it brakes.
+        clearance: distance [m] that certificates ask for.
+    """
+
+    def __init__(
+        self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float,
+        clearance: float,
+    ) -> None:  # fmt: skip
+        self.robot, self.limits, self.params = robot, limits, params
+        self.dt, self.clearance = dt, clearance
+        self._footprint = PlanarFootprint(robot)
+        self._holds = hold + np.array(_LONGER)
+        self._lattice: _Targets | None = lattice(limits) if limits.drive_dim else None
+        self._time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
+        self._last: Array | None = None
+        self._lookahead: ObstacleLookahead | None = None
+        self._way = np.zeros((0, 2))
+        self._rest = np.zeros(0)
+        self._delay = 0.0
+
+    def improved(
+        self,
+        result: PlanResult,
+        start: ReferenceState,
+        active: Trajectory,
+        scene: Scene,
+        possible: Forecast,
+        certifier: TrajectoryCertifier,
+        arrival: ArrivalTimes,
+    ) -> PlanResult:
+        """The result, or a certified motion off the strip where something comes or that is better than to wait.
+
+        Args:
+            result: along the strip.
+            start: where and when the next motion begins; active: the trajectory that is executed.
+            scene: sensed; possible: where its moving obstacles can be.
+            certifier: of motions.
+            arrival: times at the strip's nodes.
+        """
+        if not self.look(scene, possible, start, result.report.strip.chart):
+            return result
+        if result.accepted:
+            rows = self._followed(result, start, arrival)
+        else:
+            motion = result.motion if result.outcome is PlanOutcome.BRAKE and result.motion is not None else active
+            rows = np.array([motion.at(start.time + t).chart for t in self.time])
+        along = self.cost(rows)
+        threatened = along.risk > self.params.risk_threshold
+        broken = result.report.certificate.broken
+        by_standing = broken is not None and broken.obstacle in scene and scene.obstacle(broken.obstacle).motion is None
+        if not threatened and (result.accepted or by_standing):
+            self._last = None
+            return result
+        gain = _GAIN if threatened or start.v.any() else self.params.min_gain
+        for motion, _ in self.options(start, along.cost - gain):
+            certificate = certifier.certify(motion, scene, possible)
+            if certificate.certified:
+                return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate, reason="")
+        return result
+
+    def _followed(self, result: PlanResult, start: ReferenceState, arrival: ArrivalTimes) -> Array:
+        """(T, nv) about where the robot is at :attr:`time` after the start if it follows the strip while that holds.
+
+        Where the strip is broken the robot would have to stop: there it waits for what comes.
+        """
+        strip, speed, times = result.report.strip.chart, result.speed, self.time
+        top = _PACE * float(self.limits.drive_speed.max(initial=1.0))
+        change = _PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
+        now = min(fastest_drive(self.limits, start.v) / top, speed)
+        ramp = np.minimum(times, (speed - now) / change)
+        passed = now * times + change * ramp * (times - 0.5 * ramp)
+        reached = arrival(strip)
+        broken = np.flatnonzero(~result.report.certificate.segments)
+        if len(broken):
+            passed = np.minimum(passed, reached[min(int(broken[0]), len(reached) - 1)])
+        i = np.clip(np.searchsorted(reached, passed, side="right") - 1, 0, len(strip) - 2)
+        s = np.clip((passed - reached[i]) / np.maximum(reached[i + 1] - reached[i], 1e-9), 0.0, 1.0)
+        return self.robot.space.interpolate(strip[i], strip[i + 1], s)
+
+    def look(self, scene: Scene, possible: Forecast, start: ReferenceState, strip: Array) -> bool:
+        """Look around; whether anything that moves may come near within the horizon.
+
+        Args:
+            scene: sensed.
+            possible: its moving obstacles, with the bounds of the errors.
+            start: where the next motion begins, and when.
+            strip: (M, nv) the way to the goal from there.
+        """
+        self._lookahead = None
+        if self._lattice is None or not len(possible):
+            return False
+        self._footprint.update(start.chart)
+        horizon = self.params.horizon
+        reach = self._footprint.reach() + self.params.radius + float(self.limits.drive_speed[:2].max()) * horizon
+        lookahead = ObstacleLookahead(self._footprint, scene, possible, start.chart[:2], reach=reach, horizon=horizon)
+        if not lookahead.movers:
+            self._last = None
+            return False
+        self._lookahead, self._delay = lookahead, start.time - scene.time
+        self._way = strip[:, :2]
+        step = np.hypot(*np.diff(self._way, axis=0).T)
+        self._rest = np.append(np.cumsum(step[::-1])[::-1], 0.0)
+        return True
+
+    @property
+    def time(self) -> Array:
+        """(T,) times [s] after the start at which costs are taken."""
+        return self._time
+
+    def cost(self, rows: Array) -> RolloutCost:
+        """What chart rows (T, nv) at :attr:`time` after the start come to."""
+        pose = rows[None, :, :3]
+        risk = self._risk(pose)
+        return RolloutCost(float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0]))
+
+    def options(self, start: ReferenceState, better: float) -> Iterator[tuple[Trajectory, RolloutCost]]:
+        """Motions that begin manoeuvres whose cost is below ``better``, the best first.
+
+        Each follows its manoeuvre for a while, and then brakes to rest where nothing can be by then, as it seems.
+        """
+        assert self._lookahead is not None
+        assert self._lattice is not None
+        params, targets, last = self.params, self._lattice, self._last
+        part, step = params.acceleration, params.step
+        kinds = targets.different
+        room = self._room(start, kinds)
+        hold = room.argmax(axis=1)  # the shortest one that will do; the next tick plans anew
+        targets = targets.take(np.take(room.any(axis=1), targets.kind))
+        if not len(targets):
+            return
+        rollouts = _roll_out(self.limits, start, targets, part=part, horizon=params.horizon, dt=step)
+        risk = self._risk(rollouts.pose)
+        cost = risk + self._to_go(rollouts.pose[:, -1])
+        if last is not None:  # what was begun goes on unless another is better
+            same = (np.abs(targets.first - last) < 1e-9).all(axis=1)
+            cost[same] -= _STEADY
+        best = np.argsort(cost, kind="stable")[: params.shortlist]
+        best = best[cost[best] < better]
+        aside = self._standing_risk(rollouts.pose[best])
+        risk[best] += aside
+        cost[best] += aside
+        best = best[np.argsort(cost[best], kind="stable")]
+        tried: set[int] = set()
+        for i in best[cost[best] < better].tolist():
+            kind = int(targets.kind[i])
+            if kind in tried:
+                continue
+            if len(tried) >= params.tries:
+                break
+            tried.add(kind)
+            motion = motion_to(
+                self.robot,
+                self.limits,
+                start,
+                kinds[kind],
+                part=part,
+                duration=float(self._holds[hold[kind]]),
+                dt=self.dt,
+            )
+            if motion is not None:
+                self._last = kinds[kind]
+                yield motion, RolloutCost(float(risk[i]), float(cost[i]))
+        self._last = None
+
+    def _room(self, start: ReferenceState, kinds: Array) -> Mask:
+        """(D, H) whether motions to targets (D, k), held for the times to choose from, seem to end well."""
+        assert self._lookahead is not None
+        count = len(self._holds)
+        hold = np.tile(self._holds, len(kinds))
+        motions, rest = roll_to_rest(
+            self.limits, start, np.repeat(kinds, count, axis=0), hold, part=self.params.acceleration, dt=0.1
+        )
+        apart = self._lookahead.possible(motions.pose, self._delay + motions.time) - self.clearance
+        over = motions.time > rest[:, None] + 0.25
+        return ((apart > 0.0) | over).all(axis=1).reshape(-1, count)
+
+    def _risk(self, pose: Array) -> Array:
+        """(N,) cost [s] of coming near what moves: what is further off in time is less sure, and counts less."""
+        assert self._lookahead is not None
+        params, t = self.params, self._time
+        apart = self._lookahead.near(pose, self._delay + t, params.lookahead) - self.clearance
+        near = np.clip(1.0 - apart / (params.radius + params.radius_growth * t), 0.0, 1.5)
+        weight = params.step * np.exp(-t / params.discount_time)
+        return (params.proximity_weight * near * near + _TOUCHING * (apart < 0.0)) @ weight
+
+    def _standing_risk(self, pose: Array) -> Array:
+        """(N,) cost [s] of touching what stands."""
+        assert self._lookahead is not None
+        apart = self._lookahead.from_standing(pose[:, 1::2])
+        weight = 2.0 * self.params.step * np.exp(-self._time[1::2] / self.params.discount_time)
+        return (_TOUCHING * (apart < self.clearance)) @ weight
+
+    def _to_go(self, pose: Array) -> Array:
+        """(N,) time [s] to the goal along the strip, from poses (N, 3): back to it, along it, and turning."""
+        top = 0.8 * float(self.limits.drive_speed[:2].min())
+        offset = self._way[None] - pose[:, None, :2]
+        length = _DETOUR * np.sqrt(np.square(offset).sum(axis=2)) + self._rest
+        node = length.argmin(axis=1)
+        ahead = np.searchsorted(-self._rest, -np.maximum(self._rest[node] - 1.0, 0.0))
+        ahead = np.minimum(ahead, len(self._rest) - 1)
+        to = offset[np.arange(len(pose)), ahead]
+        turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
+        turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is a way too
+        turn = turn * np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is none left
+        return length[np.arange(len(pose)), node] / top + (_TURN * turn if self.limits.drive_dim == 2 else 0.0)

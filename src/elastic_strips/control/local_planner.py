@@ -1,0 +1,177 @@
+"""Local planner: one planning tick: the strip gives way, and what lies ahead becomes a certified motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from elastic_strips.collision import Certificate, Forecast
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.strip.deformer import Deformer
+from elastic_strips.strip.report import DeformReport
+from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
+
+from .evasion import EvasivePlanner
+from .params import DriveParams, ObstacleAssumptions
+from .prediction import ArrivalTimes, as_expected, predict, usual_pace
+from .progress import reconnect, trim_passed
+from .strip_timer import PlanOutcome, PlanResult, Stopwatch, StripTimer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Proof:
+    """A motion that was certified, and what against."""
+
+    motion: Trajectory
+    scene: Scene
+    forecast: Forecast
+
+    def covers(self, motion: Trajectory, scene: Scene, assumptions: ObstacleAssumptions) -> bool:
+        """Whether it is of this very motion, and a newer scene is what it allowed for."""
+        return self.motion is motion and as_expected(scene, self.scene, self.forecast, assumptions)
+
+
+class LocalPlanner:
+    """Workspace: the strip ahead of the robot, and motions along it.
+
+    Args:
+        robot: whose strip.
+        limits: of its motors.
+        params: of the drive.
+        strip: from the start to the goal.
+
+    Attributes:
+        strip: the one that is followed, from where the robot was in the last tick.
+        report: of the strip's last tick; None before the first.
+        evasion: compares manoeuvres off the strip; None where the robot only brakes and waits.
+    """
+
+    def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
+        self.robot, self.limits, self.params = robot, limits, params
+        deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
+        self.deformer = Deformer(robot, deform, constraint=params.constraint)
+        self.timer = StripTimer(robot, limits, params, self.deformer.spacing_weight, deform.self_clearance)
+        self.arrival = ArrivalTimes(robot, usual_pace(robot, limits))
+        self.evasion: EvasivePlanner | None = None
+        if params.evasion is not None:
+            hold = 2 * params.plan_every * params.control_dt
+            self.evasion = EvasivePlanner(
+                robot, limits, params.evasion, dt=params.sample_dt, hold=hold, clearance=params.clearance
+            )
+        self.strip = strip
+        self.report: DeformReport | None = None
+        self._last: PlanResult | None = None
+        self._proof: _Proof | None = None
+        self._names: tuple[str, ...] = ()
+        self._ticks = self._age = 0
+        self._off_strip = False
+
+    def take(self, strip: Strip) -> None:
+        """Go on with another strip."""
+        self.strip = strip
+        self._last = None
+
+    def reset(self) -> None:
+        """Forget all that is kept from tick to tick, the strip aside; for after an exception."""
+        self.deformer.reset()
+        self.timer.certifier.reset()
+        self._last = self._proof = None
+
+    def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
+        """Certify what is left of a motion once more, against a newer scene."""
+        return self.timer.certifier.certify(motion, scene, predict(scene, self.params.assumptions))
+
+    def tick(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
+        """Deform the strip, and plan a motion along it.
+
+        Args:
+            now: time [s].
+            scene: sensed at ``scene.time``.
+            active: the trajectory that is executed.
+            begin: time [s] at which the new one is to take over.
+        """
+        result = self._unchanged(scene, active, begin) or self._plan(now, scene, active, begin)
+        self._names, self._last = scene.names, result
+        return result
+
+    def _unchanged(self, scene: Scene, active: Trajectory, begin: float) -> PlanResult | None:
+        """The motion of the last tick, where its certificate still holds; or to go on waiting. None: plan anew.
+
+        A motion reaches further than to the tick after next: nothing is lost, and half the ticks are cheap.
+        """
+        last = self._last
+        if last is None or scene.names != self._names or self._off_strip:
+            return None
+        if last.outcome in (PlanOutcome.ARRIVE, PlanOutcome.EVADE):
+            return None
+        self._age += 1
+        if self._age >= self.params.motion_every:
+            return None
+        if not active.at(begin).v.any() and not last.accepted:
+            return PlanResult(PlanOutcome.NONE, None, None, last.reason, last.report, last.speed)
+        if active is not last.motion or self._surprised(active, scene):
+            return None
+        return PlanResult(PlanOutcome.UNCHANGED, active, last.certificate, "", last.report, last.speed)
+
+    def _plan(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
+        """Deform the strip, and plan a motion along it."""
+        start = active.at(begin)
+        watch = Stopwatch()
+        self._age = 0
+        possible = predict(scene, self.params.assumptions)
+        report = self._deform(now, scene, start, watch)
+        result = self.timer.motion(
+            start, active, scene, possible, report, watch,
+            off_strip=self._off_strip, surprised=partial(self._surprised, active, scene),
+        )  # fmt: skip
+        if self.evasion is not None:
+            result = self.evasion.improved(result, start, active, scene, possible, self.timer.certifier, self.arrival)
+            watch.lap("evasion")
+        self._off_strip = result.outcome is PlanOutcome.EVADE or (self._off_strip and not result.accepted)
+        if result.outcome is PlanOutcome.BRAKE:
+            self._proof = None
+        elif result.accepted and result.motion is not None:
+            self._proof = _Proof(result.motion, scene, possible)
+        return result
+
+    def _surprised(self, active: Trajectory, scene: Scene) -> bool:
+        """Whether a scene is not what the certificate of a motion allowed for, or nobody knows what that was."""
+        return self._proof is None or not self._proof.covers(active, scene, self.params.assumptions)
+
+    def _deform(self, now: float, scene: Scene, start: ReferenceState, watch: Stopwatch) -> DeformReport:
+        """One tick of the strip from where the robot will be; more of them where it has just lost its certificate."""
+        params = self.params
+        expected = predict(scene, params.assumptions, horizon=params.horizon + now - scene.time, sure=True)
+        moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
+        ahead = reconnect if self._off_strip else trim_passed
+        chart, source = ahead(
+            self.robot.space, self.strip.chart, start.chart, self.deformer.spacing_weight, moving=moving
+        )
+        strip = self.deformer.carry(self.strip, chart, source)
+        prediction = None
+        if len(expected):
+            prediction = partial(self.arrival.prediction, expected, start.time - scene.time)
+        watch.lap("strip")
+        self._ticks += 1
+        before, last = self.report, self._last
+        waits = (
+            last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE) and scene.names == self._names
+        )
+        if before is not None and waits and prediction is not None and self._ticks % 2:
+            report = replace(before, strip=strip)  # it waits or brakes: only the motion is tried again
+        else:
+            report = self.deformer.step(
+                strip, scene, prediction=prediction, nodes=self._ticks % params.maintain_every == 0
+            )
+        if before is not None and before.certified and not self._off_strip:
+            for _ in range(params.recover_iterations):
+                if report.certified:
+                    break
+                report = self.deformer.step(report.strip, scene, prediction=prediction)
+        self.strip, self.report = report.strip, report
+        watch.lap("deform")
+        return report

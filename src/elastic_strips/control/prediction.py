@@ -1,0 +1,110 @@
+"""Prediction: where sensed obstacles will be, and how wrong that can be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import Forecast, NodePrediction
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene, UnknownMotion
+from elastic_strips.trajectory import MotionLimits
+
+from .params import ObstacleAssumptions
+
+
+def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = np.inf, sure: bool = False) -> Forecast:
+    """Constant velocities of a scene's moving obstacles from its time on.
+
+    Args:
+        scene: a sensed snapshot; obstacles without a motion stand for ever.
+        assumptions: bounds of the errors.
+        horizon: longest time after the snapshot [s].
+        sure: leave the bounds out: the expected motion alone, for forces (a strip that gives way to all that is
+            possible has nowhere to go).
+    """
+    moving = [k for k, o in enumerate(scene) if o.motion is not None]
+    m = len(moving)
+    velocity, offset, speed, acceleration = np.zeros((m, 3)), np.zeros(m), np.zeros(m), np.zeros(m)
+    for i, k in enumerate(moving):
+        obstacle = scene.obstacles[k]
+        if isinstance(obstacle.motion, UnknownMotion):
+            speed[i] = obstacle.motion.max_speed
+        else:
+            linear, angular = obstacle.velocity()
+            velocity[i] = linear
+            speed[i] = assumptions.velocity_error + float(np.linalg.norm(angular)) * obstacle.reach
+            acceleration[i] = assumptions.acceleration
+        offset[i] = assumptions.position_error
+    if sure:
+        offset[:], speed[:], acceleration[:] = 0.0, 0.0, 0.0
+    return Forecast(np.array(moving, dtype=np.intp), velocity, offset, speed, acceleration, horizon)
+
+
+def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: ObstacleAssumptions) -> bool:
+    """Whether a scene is what the forecast of an earlier one allows, so that what was certified then holds still.
+
+    Args:
+        scene: sensed.
+        before: sensed earlier, of the same obstacles by name.
+        forecast: of ``before``.
+        assumptions: that the forecast was made with.
+    """
+    age = scene.time - before.time
+    if age < 0.0 or scene.names != before.names:
+        return False
+    moving = set(forecast.obstacles.tolist())
+    for k, (now, then) in enumerate(zip(scene, before, strict=True)):
+        if now.solid is not then.solid:
+            return False
+        if k not in moving and (now.motion is not None or not np.array_equal(now.pose, then.pose)):
+            return False
+    apart = np.zeros(len(forecast))
+    faster, known = np.zeros(len(forecast)), np.ones(len(forecast), dtype=bool)
+    for m, k in enumerate(forecast.obstacles):
+        now, then = scene.obstacles[k], before.obstacles[k]
+        apart[m] = float(np.linalg.norm(now.pose[:3, 3] - then.pose[:3, 3] - age * forecast.velocity[m]))
+        apart[m] += now.reach * float(np.linalg.norm(now.pose[:3, :3] - then.pose[:3, :3])) / np.sqrt(2.0)
+        known[m] = not isinstance(then.motion, UnknownMotion)
+        if known[m]:
+            if isinstance(now.motion, UnknownMotion):
+                return False
+            faster[m] = float(np.linalg.norm(now.velocity()[0] - forecast.velocity[m]))
+    growth = forecast.offset + forecast.speed * age + 0.5 * forecast.acceleration * age * age
+    # both snapshots are wrong by a little: what is sensed may differ by that more than what is true
+    slack = 2.0 * assumptions.velocity_error + forecast.acceleration * age
+    return bool((apart <= growth + assumptions.position_error).all() and (faster[known] <= slack[known]).all())
+
+
+class ArrivalTimes:
+    """When the nodes of a strip are reached at a usual pace.
+
+    Args:
+        robot: whose strip.
+        pace: (nv,) usual speed of each degree of freedom [m/s, rad/s].
+    """
+
+    def __init__(self, robot: RobotModel, pace: Array) -> None:
+        self.space, self.pace = robot.space, pace
+
+    def __call__(self, chart: Array) -> Array:
+        """(N,) times [s] from the first node of ``chart`` (N, nv) on."""
+        v = self.space.difference(chart[:-1], chart[1:])
+        return np.append(0.0, np.cumsum((np.abs(v) / self.pace).max(axis=1)))
+
+    def prediction(self, forecast: Forecast, delay: float, chart: Array) -> NodePrediction:
+        """The forecast at the nodes, the first of which is reached ``delay`` [s] after the snapshot."""
+        return forecast.predict(delay + self(chart))
+
+
+def usual_pace(robot: RobotModel, limits: MotionLimits) -> Array:
+    """(nv,) usual speeds: three quarters of what the motors can do."""
+    space = robot.space
+    pace = np.empty(space.nv)
+    pace[space.base_nv :] = limits.joint_speed
+    if limits.drive_dim == 2:
+        top = float(limits.drive_speed.min())
+        pace[:3] = top, top, 2.0 * top / limits.track
+    elif limits.drive_dim == 3:
+        pace[:3] = limits.drive_speed
+    return 0.75 * pace

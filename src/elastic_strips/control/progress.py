@@ -1,0 +1,116 @@
+"""Progress: what of a strip still lies ahead of where the robot is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.robot import ConfigurationSpace
+from elastic_strips.robot.space import wrap_angle
+
+_SEARCHED = 24
+_CROWDED = 0.05
+_DETOUR = 1.5
+_LEAST_JOIN, _MOST_JOIN = 0.8, 3.0  # how far ahead of the nearest node the robot is led back to the strip [m]
+_JOIN_STEP = 0.15
+_ALONG = 1.1  # [rad] headings that are off by less are joined in a bend
+_CORNER = np.cos(np.deg2rad(50.0))
+
+
+def trim_passed(
+    space: ConfigurationSpace, chart: Array, here: Array, weight: Array, *, moving: bool = True
+) -> tuple[Array, Indices]:
+    """The nodes of a strip that are still ahead, behind the present configuration as first node.
+
+    Args:
+        space: configuration space.
+        chart: (N, nv) nodes; the robot was at the first of them a little while ago.
+        here: (nv,) where it is now.
+        weight: (nv,) metric that makes angles comparable with metres.
+        moving: whether it moves: then it cannot leave out a corner at which it has to stop.
+
+    Returns:
+        (M, nv) nodes, ``here`` first, M ≥ 2, and (M,) which node of ``chart`` each was (−1 for ``here``). A node that
+        would crowd the first one is left out; the goal never is.
+    """
+    first = chart[: min(_SEARCHED, len(chart))]
+    scale = np.sqrt(weight)
+    onward = space.difference(first[:-1], first[1:]) * scale
+    corner = _first_corner(onward)
+    v = space.difference(np.broadcast_to(here, first.shape), first) * scale
+    distance = np.sqrt((v * v).sum(axis=1))
+    nearest = 0  # the first local minimum: a strip may come back to where it was
+    while nearest < corner and distance[nearest + 1] <= distance[nearest]:
+        nearest += 1
+    ahead = nearest
+    if nearest < corner and float(onward[nearest] @ -v[nearest]) >= 0.0:  # the nearest node is already behind
+        ahead = nearest + 1
+    last = min(corner, len(chart) - 1) if moving else len(chart) - 1
+    while ahead < last and ahead < len(first) and distance[ahead] < _CROWDED:
+        ahead += 1
+    ahead = max(ahead, 1)
+    source = np.concatenate(([-1], np.arange(ahead, len(chart)))).astype(np.intp)
+    return np.vstack([here[None], chart[ahead:]]), source
+
+
+def reconnect(
+    space: ConfigurationSpace, chart: Array, here: Array, weight: Array, *, moving: bool = True
+) -> tuple[Array, Indices]:
+    """The rest of a strip that the robot has left, joined to where it is now; as :func:`trim_passed` where it is near.
+
+    The robot is led back in a bend to a node further on; where it looks away from there, turning in place at both ends.
+
+    Args, returns: as those of :func:`trim_passed`.
+    """
+    if not space.planar:
+        return trim_passed(space, chart, here, weight, moving=moving)
+    apart = np.hypot(*(chart[:, :2] - here[:2]).T)
+    passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(chart[:, :2], axis=0).T)))
+    left = passed[-1] - passed
+    nearest = int((_DETOUR * apart + left).argmin())
+    ahead = min(max(2.0 * float(apart[nearest]), _LEAST_JOIN), _MOST_JOIN)
+    last = len(chart) - 1
+    node = min(max(int(np.searchsorted(passed, passed[nearest] + ahead)), 1), last)
+    target = chart[node]
+    way = target[:2] - here[:2]
+    length = float(np.hypot(*way))
+    if length < _CROWDED:
+        rows = here[None]
+    else:
+        rows = _bend(here, target, way, length)
+    source = np.concatenate((np.full(len(rows), -1), np.arange(node, len(chart)))).astype(np.intp)
+    return np.vstack([rows, chart[node:]]), source
+
+
+def _bend(here: Array, target: Array, way: Array, length: float) -> Array:
+    """Rows (R, nv) from ``here`` to before ``target``."""
+    heading = float(np.arctan2(way[1], way[0]))
+    off = [float(wrap_angle(np.array(yaw - heading))) for yaw in (here[2], target[2])]
+    count = max(int(np.ceil(length / _JOIN_STEP)), 2)
+    s = np.arange(count)[:, None] / count
+    rows = here + s * (target - here)
+    if max(abs(off[0]), abs(off[1])) < _ALONG:
+        reach = 0.35 * length
+        a = here[:2] + reach * np.array([np.cos(here[2]), np.sin(here[2])])
+        b = target[:2] - reach * np.array([np.cos(target[2]), np.sin(target[2])])
+        u = 1.0 - s
+        rows[:, :2] = u**3 * here[:2] + 3 * u * u * s * a + 3 * u * s * s * b + s**3 * target[:2]
+        slope = u * u * (a - here[:2]) + 2 * u * s * (b - a) + s * s * (target[:2] - b)
+        rows[:, 2] = np.unwrap(np.append(here[2], np.arctan2(slope[1:, 1], slope[1:, 0])))
+        return rows
+    turn = [int(np.ceil(abs(angle) / 0.35)) for angle in off]
+    rows[:, 2] = here[2] - off[0]
+    first = np.repeat(here[None], turn[0], axis=0)
+    first[:, 2] -= off[0] * np.arange(turn[0]) / max(turn[0], 1)
+    end = np.repeat(target[None], turn[1], axis=0)
+    end[:, 2] = rows[-1, 2] + off[1] * np.arange(turn[1]) / max(turn[1], 1)
+    return np.vstack([first, rows, end])
+
+
+def _first_corner(onward: Array) -> int:
+    """Index of the first node at which the direction turns sharply; the last of these nodes where none does."""
+    length = np.sqrt((onward * onward).sum(axis=1))
+    product = (onward[:-1] * onward[1:]).sum(axis=1)
+    sharp = (product < _CORNER * length[:-1] * length[1:]) & (length[:-1] > 1e-3) & (length[1:] > 1e-3)
+    found = np.flatnonzero(sharp)
+    return int(found[0]) + 1 if len(found) else len(onward)

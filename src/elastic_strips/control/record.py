@@ -1,0 +1,425 @@
+"""Record: what a run writes down, as frozen values, and the recorder that takes it down."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import InputError
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene, World
+from elastic_strips.summary import Summary
+
+from .interfaces import Event, RunState
+
+_Array = TypeVar("_Array", bound=np.ndarray)
+
+DRIVE_NAMES = {
+    BaseKind.DIFF_DRIVE: ("left", "right"),
+    BaseKind.OMNI: ("x", "y", "yaw"),
+    BaseKind.FIXED: (),
+}
+"""Names of the drive coordinates of each kind of base."""
+
+
+class RecordError(InputError):
+    """A record cannot be made, written or read; the message says what is wrong with it."""
+
+
+STATES = tuple(state.label for state in RunState)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class ControlRows(Summary):
+    """One row a control step (T of them), arrays read-only; NaN where something was not known.
+
+    Attributes:
+        time: (T,) strictly ascending [s].
+        chart, v: (T, nv) true chart rows and velocities (body twist, joint rates).
+        reference, reference_v: (T, nv) chart rows and velocities that the controller followed.
+        estimate: (T, nv) chart rows that the controller believed.
+        drive: (T, k) commanded drive speeds [m/s; rad/s for an omnidirectional base's yaw].
+        joints: (T, n) commanded joint rates [rad/s or m/s].
+        motors: (T, k) true speeds of the drive's motors, at the rim and without slip [m/s; rad/s for a yaw].
+        state: (T,) uint8 codes, see ``Record.states``.
+    """
+
+    time: Array
+    chart: Array
+    v: Array
+    reference: Array
+    reference_v: Array
+    estimate: Array
+    drive: Array
+    joints: Array
+    motors: Array
+    state: npt.NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class PlanningRows(Summary):
+    """One row a tick of the planner (P of them), arrays read-only; NaN where something was not known.
+
+    Attributes:
+        time: (P,) ascending [s].
+        tick_ms: (P,) duration of the tick by the wall clock [ms].
+        phase_ms: (P, F) of it by phase [ms]; phases: their names (F).
+        status: (P,) uint8 index into ``statuses``: the state of the strip.
+        certified: (P,) whether the strip (or its horizon) was certified.
+        clearance: (P,) [m].
+        horizon_end: (P,) time up to which motion was certified and at whose end the robot can stand [s].
+        node_offset: (P + 1,) rows of ``nodes`` from ``node_offset[i]`` to ``node_offset[i + 1]`` are tick i's strip.
+        nodes: (M, nv) chart rows of all strips that were kept.
+        reason: (P,) index into ``reasons``.
+    """
+
+    time: Array
+    tick_ms: Array
+    phase_ms: Array
+    phases: tuple[str, ...]
+    status: npt.NDArray[np.uint8]
+    statuses: tuple[str, ...]
+    certified: npt.NDArray[np.bool_]
+    clearance: Array
+    horizon_end: Array
+    node_offset: npt.NDArray[np.int64]
+    nodes: Array
+    reason: npt.NDArray[np.int32]
+    reasons: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def strip(self, row: int) -> Array:
+        """Chart rows (N, nv) of the strip of a tick; (0, nv) where it was not kept."""
+        return self.nodes[self.node_offset[row] : self.node_offset[row + 1]]
+
+    def row_at(self, time: float) -> int:
+        """The last tick at or before ``time`` [s]; −1 before the first."""
+        return int(np.searchsorted(self.time, time, side="right")) - 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Record(Summary):
+    """Everything that a run wrote down.
+
+    Attributes:
+        robot: name of the robot; base: how its base moves; joint_names: its planned joints.
+        locked: values of the joints that were held still [rad or m].
+        urdf: absolute path of the robot's URDF, or None.
+        control, planning: rows at the control rate and at the planning rate.
+        events: in the order of time.
+        world: the true obstacles over time; one that was read from a file follows the recorded poses.
+        goal: (nv,) chart row that the robot was to reach, or None.
+        states: names of the codes in ``control.state``.
+        metadata: whatever the run wants to keep besides: scenario, seed, …; plain JSON values.
+    """
+
+    robot: str
+    base: BaseKind
+    joint_names: tuple[str, ...]
+    locked: Mapping[str, float]
+    urdf: str | None
+    control: ControlRows
+    planning: PlanningRows
+    events: tuple[Event, ...]
+    world: World
+    goal: Array | None
+    states: tuple[str, ...] = STATES
+    metadata: Mapping[str, object] = field(default_factory=dict)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "robot": self.robot, "base": self.base.value, "rows": len(self.control.time),
+            "time": f"{self.duration:.2f} s", "obstacles": len(self.world.scene), "events": len(self.events),
+        }  # fmt: skip
+
+    @property
+    def drive_names(self) -> tuple[str, ...]:
+        """Names of the drive coordinates."""
+        return DRIVE_NAMES[self.base]
+
+    @property
+    def duration(self) -> float:
+        """Time between the first and the last control row [s]."""
+        return float(self.control.time[-1] - self.control.time[0])
+
+    def check_robot(self, robot: RobotModel) -> None:
+        """Refuse a robot that is not the recorded one.
+
+        Raises:
+            RecordError: its base or its planned joints are others.
+        """
+        if robot.base_kind is not self.base or robot.joint_names != self.joint_names:
+            raise RecordError(
+                f"the record is of {self.robot!r} ({self.base.value}: {', '.join(self.joint_names)}); "
+                f"{robot.name!r} is {robot.base_kind.value}: {', '.join(robot.joint_names)}"
+            )
+
+
+def frozen(array: _Array) -> _Array:
+    """The array, read-only."""
+    array.setflags(write=False)
+    return array
+
+
+class _Rows:
+    """Workspace: rows of numbers that grow by doubling."""
+
+    def __init__(self, width: int, capacity: int) -> None:
+        self.data = np.full((max(capacity, 1), width), np.nan)
+        self.n = 0
+
+    def next(self) -> Array:
+        """The next row, NaN all over, to be written into."""
+        if self.n == len(self.data):
+            self.data = np.concatenate((self.data, np.full_like(self.data, np.nan)))
+        self.n += 1
+        return self.data[self.n - 1]
+
+    def columns(self, begin: int, end: int) -> Array:
+        """A frozen copy of some columns."""
+        return frozen(self.data[: self.n, begin:end].copy())
+
+
+class Recorder:
+    """Workspace: takes rows while a run goes on; ``finish`` makes the record of them."""
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        world: World | Scene,
+        *,
+        goal: npt.ArrayLike | None = None,
+        states: Sequence[str] = STATES,
+        strip_every: int = 1,
+        capacity: int = 4096,
+        metadata: Mapping[str, object] | None = None,
+    ) -> None:
+        """Start with no rows.
+
+        Args:
+            robot: who drives.
+            world: the true obstacles.
+            goal: (nv,) chart row to be reached.
+            states: names of the state codes.
+            strip_every: keep the strip of every so many ticks; 0 keeps none.
+            capacity: control rows that are allocated at once.
+            metadata: plain JSON values to keep with the record.
+
+        Raises:
+            RecordError: a goal of the wrong size, ``strip_every`` or the number of states out of range.
+        """
+        if strip_every < 0:
+            raise RecordError(f"strip_every = {strip_every} must be at least 0 (0: keep no strips)")
+        if not 0 < len(states) <= 256:
+            raise RecordError(f"{len(states)} states given; 1 to 256 fit into a byte")
+        nv, k, n = robot.nv, len(DRIVE_NAMES[robot.base_kind]), len(robot.joint_names)
+        self._robot = robot
+        self._world = world if isinstance(world, World) else World(world)
+        self._goal = None if goal is None else frozen(np.array(goal, dtype=float))
+        if self._goal is not None and self._goal.shape != (nv,):
+            raise RecordError(f"the goal has shape {self._goal.shape}; a chart row of {robot.name!r} has ({nv},)")
+        self._states, self._every, self._metadata = tuple(states), strip_every, dict(metadata or {})
+        cuts = np.cumsum([0, 1, nv, nv, nv, nv, nv, k, n, k]).tolist()
+        self._slices = [slice(a, b) for a, b in pairwise(cuts)]
+        self._names = [f.name for f in fields(ControlRows)][:-1]
+        self._rows = _Rows(cuts[-1], capacity)
+        self._codes: list[int] = []
+        self._ticks: list[tuple[float, float, Mapping[str, float], str, bool, float, float, str]] = []
+        self._strips: list[Array] = []
+        self._events: list[Event] = []
+        self._last = -np.inf
+
+    def __len__(self) -> int:
+        return self._rows.n
+
+    @property
+    def drive_dim(self) -> int:
+        """Number k of drive coordinates."""
+        return len(DRIVE_NAMES[self._robot.base_kind])
+
+    def control(
+        self,
+        time: float,
+        *,
+        chart: Array,
+        v: Array,
+        reference: Array | None = None,
+        reference_v: Array | None = None,
+        estimate: Array | None = None,
+        drive: Array | None = None,
+        joints: Array | None = None,
+        motors: Array | None = None,
+        state: int = RunState.MOVING,
+    ) -> None:
+        """Add a control row; the arguments are those of `ControlRows`, None where there is nothing to write.
+
+        Raises:
+            RecordError: a time that is not later than the last one, an array of another size, an unknown state.
+        """
+        if not time > self._last:
+            raise RecordError(f"control rows ascend in time: {time!r} s after {self._last!r} s")
+        if not 0 <= state < len(self._states):
+            raise RecordError(f"state {state} has no name; there are {len(self._states)}: {', '.join(self._states)}")
+        given = (time, chart, v, reference, reference_v, estimate, drive, joints, motors)
+        for values, name, where in zip(given[1:], self._names[1:], self._slices[1:], strict=True):
+            if values is not None and np.shape(values) != (where.stop - where.start,):
+                raise RecordError(f"{name} has shape {np.shape(values)}; it must be ({where.stop - where.start},)")
+        self._last = float(time)
+        self._codes.append(int(state))
+        row = self._rows.next()
+        for values, where in zip(given, self._slices, strict=True):
+            if values is not None:
+                row[where] = values
+
+    def planning(
+        self,
+        time: float,
+        *,
+        tick_ms: float = np.nan,
+        phase_ms: Mapping[str, float] | None = None,
+        status: str = "",
+        certified: bool = False,
+        clearance: float = np.nan,
+        horizon_end: float = np.nan,
+        strip: Array | None = None,
+        reason: str = "",
+    ) -> None:
+        """Add a tick of the planner; ``strip`` are chart rows (N, nv), the rest is as in `PlanningRows`."""
+        keep = strip is not None and self._every > 0 and len(self._ticks) % self._every == 0
+        none = np.zeros((0, self._robot.nv))
+        self._strips.append(np.array(strip, dtype=float) if keep else none)
+        self._ticks.append(
+            (time, tick_ms, dict(phase_ms or {}), str(status), bool(certified), clearance, horizon_end, str(reason))
+        )
+
+    def event(self, time: float, kind: str, reason: str = "") -> None:
+        """Note something that happened once."""
+        self._events.append(Event(float(time), str(kind), str(reason)))
+
+    def finish(self, **metadata: object) -> Record:
+        """Freeze what was recorded, with more ``metadata``; recording may go on.
+
+        Raises:
+            RecordError: there is no control row, or a strip is not (N, nv).
+        """
+        if not self._rows.n:
+            raise RecordError("there is no control row; a record needs at least one")
+        robot = self._robot
+        columns = {n: self._rows.columns(s.start, s.stop) for n, s in zip(self._names, self._slices, strict=True)}
+        columns["time"] = frozen(columns["time"][:, 0].copy())
+        control = ControlRows(**columns, state=frozen(np.array(self._codes, dtype=np.uint8)))
+        return Record(
+            robot=robot.name,
+            base=robot.base_kind,
+            joint_names=tuple(robot.joint_names),
+            locked=dict(robot.locked),
+            urdf=robot.urdf_path,
+            control=control,
+            planning=self._planning(),
+            events=tuple(sorted(self._events, key=lambda e: e.time)),
+            world=self._world.copied(),  # what a later run makes of it is not part of this one
+            goal=self._goal,
+            states=self._states,
+            metadata={**self._metadata, **metadata},
+        )
+
+    def _planning(self) -> PlanningRows:
+        nv = self._robot.nv
+        for strip in self._strips:
+            if strip.ndim != 2 or strip.shape[1] != nv:
+                raise RecordError(f"a strip has shape {strip.shape}; chart rows of {self._robot.name!r} are (N, {nv})")
+        columns = list(zip(*self._ticks, strict=True)) or [()] * 8
+        phases = tuple(dict.fromkeys(name for tick in columns[2] for name in tick))
+        statuses, reasons = tuple(dict.fromkeys(columns[3])), tuple(dict.fromkeys(columns[7]))
+        if len(statuses) > 256:
+            raise RecordError(f"{len(statuses)} different statuses; at most 256 fit into a byte")
+        phase_ms = [[tick.get(name, np.nan) for name in phases] for tick in columns[2]]
+        return PlanningRows(
+            time=_column(columns[0]),
+            tick_ms=_column(columns[1]),
+            phase_ms=frozen(np.array(phase_ms, dtype=float).reshape(len(self._ticks), len(phases))),
+            phases=phases,
+            status=frozen(np.array([statuses.index(s) for s in columns[3]], dtype=np.uint8)),
+            statuses=statuses,
+            certified=frozen(np.array(columns[4], dtype=bool)),
+            clearance=_column(columns[5]),
+            horizon_end=_column(columns[6]),
+            node_offset=frozen(np.cumsum([0, *map(len, self._strips)], dtype=np.int64)),
+            nodes=frozen(np.concatenate([np.zeros((0, nv)), *self._strips])),
+            reason=frozen(np.array([reasons.index(r) for r in columns[7]], dtype=np.int32)),
+            reasons=reasons,
+        )
+
+
+def _column(values: Sequence[float]) -> Array:
+    return frozen(np.array(values, dtype=float))
+
+
+@dataclass(slots=True, repr=False)
+class TickStatistics(Summary):
+    """Durations of planning ticks by the wall clock.
+
+    Attributes:
+        seconds: of every tick [s].
+        misses: ticks that took longer than they had.
+    """
+
+    seconds: array[float] = field(default_factory=lambda: array("d"))
+    misses: int = 0
+
+    def add(self, seconds: float, budget: float) -> None:
+        """Count a tick."""
+        self.seconds.append(seconds)
+        self.misses += seconds > budget
+
+    def percentiles(self) -> dict[str, float]:
+        """p50, p95 and p99 [ms]; NaN without ticks."""
+        values = 1e3 * np.array(self.seconds if len(self.seconds) else [np.nan])
+        return {f"p{p}": float(np.percentile(values, p)) for p in (50, 95, 99)}
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriveResult(Summary):
+    """What a run came to.
+
+    Attributes:
+        record: everything that was written down.
+        state, reason: what the robot was doing at the end, and why.
+        stops: (time [s], reason) of every stop short of the goal.
+        events: in order of time.
+        replans: how often the way was planned anew.
+        statistics: durations of the planning ticks.
+        seconds: duration of the run by the wall clock [s].
+    """
+
+    record: Record
+    state: RunState
+    reason: str
+    stops: tuple[tuple[float, str], ...]
+    events: tuple[Event, ...]
+    replans: int
+    statistics: TickStatistics
+    seconds: float
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "state": self.state.label, "reason": self.reason, "time": f"{self.record.duration:.2f} s",
+            "stops": len(self.stops), "events": len(self.events), "replans": self.replans, "seconds": self.seconds,
+        }  # fmt: skip
+
+    @property
+    def reached(self) -> bool:
+        """Whether the robot stands at the goal by its own account."""
+        return self.state is RunState.REACHED

@@ -1,0 +1,223 @@
+"""Replanning: when a strip has to be planned anew, and how; other ways that are kept at hand."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.errors import ConfigurationError, ElasticStripsError
+from elastic_strips.planning import PlanReport, StripSet, StripSetParams, plan_report
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Box, Obstacle, Scene
+from elastic_strips.strip import Strip
+
+from .params import DriveParams
+from .strip_timer import PlanResult
+
+_STANDING = 0.05
+"""An obstacle that is slower than this [m/s] counts as standing for a planner."""
+_TIMEOUT = 4.0
+_BERTH, _MOST_BERTH = 0.2, 0.6
+"""What stands but can move is kept away from by so much more [m] with every further plan, and at most."""
+
+
+class Replanner:
+    """Workspace: watches the strip, decides when it is given up, and plans another one.
+
+    Args:
+        robot: whose strips.
+        params: of the drive.
+        seed: of the planner.
+        grid: whether a way over a grid may be used.
+
+    Attributes:
+        halted: whether the robot has to stop because what stands keeps the strip broken.
+        pending: whether planning anew has been decided on; who has it done takes that back. due: time [s] at which its
+            result is there.
+        count: how often it was done.
+    """
+
+    def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
+        self.robot, self.params, self.seed, self.grid = robot, params, seed, grid
+        self.deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
+        self.halted = self.pending = False
+        self.due = 0.0
+        self.count = 0
+        self._since: float | None = None
+
+    def plan(
+        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
+    ) -> PlanReport:
+        """A strip among what stands; moving obstacles are left to the strip.
+
+        Raises:
+            ConfigurationError: start or goal is not sound, or in collision.
+        """
+        return plan_report(
+            self.robot, standing(scene), start, goal, seed=self.seed, params=self.deform, path=path, grid=self.grid
+        )
+
+    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
+        """Look at a tick's strip; returns why it is to be planned anew, or "".
+
+        A strip that what stands keeps broken is given up after a while, and the robot stops for it; so is one that
+        leads nowhere while the robot stands. What moves on is waited for.
+        """
+        broken = result.report.certificate.broken
+        by_standing = broken is not None and not _moves(scene, broken.obstacle)
+        if not by_standing and (result.accepted or not at_rest):
+            self._since, self.halted = None, False
+            return ""
+        if self._since is None:
+            self._since = t
+        if t - self._since <= self.params.replan_after * (1 + self.count):
+            return ""
+        self.halted = by_standing
+        if not at_rest:
+            return ""
+        self._since, self.pending, self.due = None, True, t + self.params.replan_time
+        return f"the strip is broken: {broken}" if by_standing else result.reason
+
+    def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
+        """Another strip, or None, and what happened.
+
+        Somebody who stands may walk on: a strip close by has been of no use, and the next one leads past at a
+        distance, or on another side, where there is room for that.
+        """
+        berth = min(_BERTH * self.count, _MOST_BERTH)
+        self.count += 1
+        still, reason = standing(scene), ""
+        mobile = [o for o in still if scene.obstacle(o.name or "").motion is not None] if berth else []
+        widths = (berth, 0.5 * berth, 0.0) if mobile else (0.0,)
+        for width in widths:
+            around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
+            try:
+                report = plan_report(
+                    self.robot, around, start, goal, seed=self.seed + self.count, params=self.deform,
+                    timeout=_TIMEOUT / len(widths), line=False, grid=self.grid,
+                )  # fmt: skip
+            except ElasticStripsError as error:
+                reason = f"failed: {error}"
+                continue
+            if report.certified:
+                self.halted = False
+                return report.strip, report.reason
+            reason = report.reason
+        return None, reason
+
+
+def standing(scene: Scene) -> Scene:
+    """What a planner of still scenes gets: the obstacles that stand."""
+    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _STANDING]
+    return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
+
+
+def _around(obstacle: Obstacle, width: float) -> Obstacle:
+    """An upright box about an obstacle, wider than it by ``width`` [m] on every side."""
+    rotation, shift = obstacle.pose[:3, :3], obstacle.pose[:3, 3]
+    centre = np.array([rotation @ part.center + shift for part in obstacle.parts])
+    half = np.array([np.abs(rotation) @ part.half_extents for part in obstacle.parts])
+    low, high = (centre - half).min(axis=0), (centre + half).max(axis=0)
+    size = high - low + 2.0 * width * np.array([1.0, 1.0, 0.0])
+    return Box(size, at=0.5 * (low + high), name=f"about {obstacle.name}")
+
+
+def _moves(scene: Scene, name: str) -> bool:
+    return name in scene and scene.obstacle(name).motion is not None
+
+
+_log = logging.getLogger(__name__)
+_SLOW = 0.3
+"""What is slower than this [m/s] counts, where it is, as closing a way; what is faster has soon passed."""
+_FAMILY_TIMEOUT = 2.0
+_EVERY = 5  # planning ticks from one tick of the family to the next
+
+
+class SwitchingReplanner(Replanner):
+    """Workspace: a replanner that keeps strips on different sides of the obstacles and deforms them side by side.
+
+    The robot follows the cheapest. When its strip is given up and the robot stands, the cheapest of the others that is
+    certified from there is followed; only where there is none, a planner is asked.
+
+    Args:
+        robot, params, seed, grid: as of :class:`Replanner`.
+        family: of the strips that are kept.
+
+    Attributes:
+        family: the strips, or None before the first plan.
+    """
+
+    def __init__(
+        self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool, family: StripSetParams | None = None
+    ) -> None:
+        super().__init__(robot, params, seed=seed, grid=grid)
+        self.family: StripSet | None = None
+        # planners are called at rest only; who stands can turn on the spot, so that no other way is left behind
+        self._kept = replace(family or StripSetParams(), plan_every=0, divergence_angle=np.pi)
+        self._ticks, self._why = 0, ""
+
+    def plan(
+        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
+    ) -> PlanReport:
+        """The cheapest of several strips; one as of :meth:`Replanner.plan` where there are none.
+
+        Raises:
+            ConfigurationError: start or goal is not sound, or in collision.
+        """
+        first = super().plan(scene, start, goal, path=path)
+        self.family = StripSet(self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed)
+        try:
+            found = self.family.plan(slow(scene), start)
+        except ConfigurationError:  # something slow stands in start or goal, and may go away
+            return first
+        best = found.best
+        if best is None or not found.certified:
+            return first
+        reason = f"{found.events[0] if found.events else 'planned'}; {first.reason}"
+        return replace(
+            first, strip=best.strip, initial=best.strip, certified=True, method=best.method, reason=reason,
+            report=best.report,
+        )  # fmt: skip
+
+    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
+        """See :meth:`Replanner.watch`; in every fifth tick the family has one of its own."""
+        self._ticks += 1
+        if self.family is not None and self._ticks % _EVERY == 0 and not self.pending:
+            try:
+                self.family.step(slow(scene), result.report.strip.q[0], decide=False)
+            except ElasticStripsError as error:  # no reason to lose what was proposed
+                _log.warning("the other ways were not deformed: %s", error)
+        due = super().watch(t, result, scene, at_rest=at_rest)
+        if due:
+            self._why = due
+            if self.family is not None and len(self.family) > 1:
+                self.due = t  # another strip is there already
+        return due
+
+    def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
+        """One of the other strips, or else another plan."""
+        family, why = self.family, self._why
+        if family is not None:
+            try:
+                found = family.leave(slow(scene), start, why)
+            except ElasticStripsError as error:
+                return None, f"failed: {error}"
+            if found.best is not None:
+                self.halted = False
+                self.count += 1
+                return found.best.strip, found.events[-1]
+        strip, reason = super().plan_anew(scene, start, goal)
+        if strip is not None and family is not None:
+            with suppress(ElasticStripsError):  # for the next time; what is followed now is the planner's
+                family.plan(slow(scene), start, timeout=_FAMILY_TIMEOUT)
+        return strip, reason
+
+
+def slow(scene: Scene) -> Scene:
+    """What stands or moves slowly, as if it stood."""
+    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _SLOW]
+    return Scene([o.observed(o.pose, None) for o in still], time=scene.time)

@@ -1,0 +1,257 @@
+"""Strip timer: the fastest certified motion along a strip, from the state in which the robot will be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from time import perf_counter
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import Certificate, Forecast
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip.report import DeformReport
+from elastic_strips.trajectory import (
+    MotionLimits,
+    ReferenceState,
+    Retimer,
+    RetimingError,
+    Trajectory,
+    TrajectoryCertifier,
+)
+
+from .params import DriveParams
+from .progress import trim_passed
+
+_SPACING = 0.04
+"""Spacing [m] of nodes that are taken over from the active trajectory."""
+_SHARES = (0.5, 1.0)
+"""Parts of the active trajectory that are followed first, where the strip has turned away too sharply."""
+
+
+class PlanOutcome(Enum):
+    """What becomes of the active trajectory after a planning tick.
+
+    ``NONE``: no certified motion was found; the active trajectory goes on to its end. ``UNCHANGED``: it is still
+    certified, and the best there is. ``FOLLOW``: a certified motion along the strip takes its place. ``ARRIVE``: one
+    that ends at the goal. ``EVADE``: one that leaves the strip, to get out of the way of what moves. ``BRAKE``: it is
+    certified no longer, as the scene is not what its certificate allowed for; the robot brakes on its path.
+    """
+
+    NONE = "none"
+    UNCHANGED = "unchanged"
+    FOLLOW = "follow"
+    ARRIVE = "arrive"
+    EVADE = "evade"
+    BRAKE = "brake"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanResult:
+    """What a planning tick came to.
+
+    Attributes:
+        outcome: what becomes of the active trajectory.
+        motion, certificate: the certified motion (``UNCHANGED``: what is left of the active trajectory; ``BRAKE``: it,
+            braked, which needs no certificate), or the last one that was tried; None where there is none.
+        reason: why there is no certified motion, or "".
+        report: of the strip's tick.
+        speed: fraction of full speed that the motion was planned for.
+        timings: seconds by phase.
+        late: so much later [s] than its tick it is ready.
+    """
+
+    outcome: PlanOutcome
+    motion: Trajectory | None
+    certificate: Certificate | None
+    reason: str
+    report: DeformReport
+    speed: float
+    timings: dict[str, float] = field(default_factory=dict)
+    late: float = 0.0
+
+    @property
+    def accepted(self) -> bool:
+        """Whether there is a new certified motion."""
+        return self.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE, PlanOutcome.EVADE)
+
+
+class Stopwatch:
+    """Workspace: seconds by phase, in :attr:`timings`."""
+
+    def __init__(self) -> None:
+        self.timings: dict[str, float] = {}
+        self._mark = perf_counter()
+
+    def lap(self, phase: str) -> None:
+        """Add the time since the last call to a phase."""
+        now = perf_counter()
+        self.timings[phase] = self.timings.get(phase, 0.0) + now - self._mark
+        self._mark = now
+
+
+class StripTimer:
+    """Workspace: times strips, and certifies the motions.
+
+    Args:
+        robot: whose motions.
+        limits: of its motors.
+        params: of the drive.
+        spacing_weight: (nv,) metric of the strip's node spacing.
+        self_clearance: distance to keep between the robot's own links [m].
+    """
+
+    def __init__(
+        self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array, self_clearance: float
+    ) -> None:
+        self.robot, self.limits, self.params, self.spacing_weight = robot, limits, params, spacing_weight
+        # planned with less than the motors can do, so that there is something left when the path changes
+        easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
+        self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
+        self.certifier = TrajectoryCertifier(
+            robot, clearance=params.clearance, self_clearance=self_clearance, settle_time=params.settle_time
+        )
+        self._failures = 0
+
+    def motion(
+        self,
+        start: ReferenceState,
+        active: Trajectory,
+        scene: Scene,
+        possible: Forecast,
+        report: DeformReport,
+        watch: Stopwatch,
+        *,
+        off_strip: bool = False,
+        surprised: Callable[[], bool],
+    ) -> PlanResult:
+        """The fastest motion along the strip of a report that is certified, or why there is none.
+
+        Args:
+            start: where, when and how fast it begins: a state of ``active``.
+            active: the trajectory that is executed.
+            scene: sensed.
+            possible: where its moving obstacles can be.
+            report: of the strip's tick.
+            watch: takes the time of the phases.
+            off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
+            surprised: tells whether the scene is not what the certificate of the active trajectory allowed for.
+        """
+        chart = report.strip.chart
+        speed_now = fastest_drive(self.limits, start.v)
+        motion: Trajectory | None = None
+        certificate: Certificate | None = None
+        reason, speed, tried = "", 0.0, False
+        last = np.inf
+
+        def result(outcome: PlanOutcome) -> PlanResult:
+            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.timings)
+
+        speeds = self.params.speeds
+        if self._failures:  # while it waits or brakes there is time to try them in turn, the slowest first
+            speeds = (speeds[-1 - (self._failures - 1) % len(speeds)],)
+        self._failures += 1
+        for speed in speeds:
+            distance = self._distance(speed_now, speed)
+            if distance >= last:
+                break  # it would not be slower: the robot has not yet gathered speed
+            last = distance
+            motion, reason = self._timed(chart, start, active, distance, speed, off_strip)
+            watch.lap("retiming")
+            if motion is None:
+                continue
+            tried = True
+            certificate = self.certifier.certify(motion, scene, possible)
+            watch.lap("motion certificate")
+            if certificate.certified:
+                self._failures, reason = 0, ""
+                return result(PlanOutcome.ARRIVE if self._ends_at(motion, chart[-1]) else PlanOutcome.FOLLOW)
+            reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
+        moving = bool(start.v.any())
+        unforeseen = moving and surprised()
+        if not moving or (tried and not unforeseen):
+            return result(PlanOutcome.NONE)
+        rest = active.tail(start.time)
+        again = self.certifier.certify(rest, scene, possible)
+        watch.lap("motion certificate")
+        if again.certified:
+            if tried:
+                return result(PlanOutcome.NONE)
+            motion, certificate = rest, again
+            return result(PlanOutcome.UNCHANGED)  # the robot has to stop here, and is doing so
+        motion, certificate = rest, again
+        reason = f"the held motion is no longer certified: {again.broken}"
+        if not unforeseen:  # what it was certified with is still a proof
+            return result(PlanOutcome.NONE)
+        motion = self.brake(active, start.time)
+        return result(PlanOutcome.BRAKE)
+
+    def brake(self, active: Trajectory, t: float) -> Trajectory:
+        """The active trajectory, braked from time ``t`` [s] on as hard as the motors can."""
+        return self.hard.brake(active, t)
+
+    def _timed(
+        self, chart: Array, start: ReferenceState, active: Trajectory, distance: float, speed: float, off_strip: bool
+    ) -> tuple[Trajectory | None, str]:
+        """A motion along the nodes, with ease where that is possible; or why there is none.
+
+        Where the strip has turned away too sharply for the robot's speed, the motion first goes on as the active one.
+        """
+        reason = ""
+        attempts = [(0.0, self.easy), (0.0, self.hard)]
+        if not off_strip:
+            attempts += [(share, self.hard) for share in _SHARES]
+        for share, retimer in attempts:
+            nodes = chart if share == 0.0 else self._continued(chart, start, active, share)
+            try:
+                part = speed * self.params.speed_scale if retimer is self.easy else speed
+                motion = retimer.horizon(
+                    nodes, start.v, a_start=start.a, distance=distance, start_time=start.time, speed=part
+                )
+                return motion, ""
+            except RetimingError as error:
+                reason = reason or f"no motion along the strip: {error}"
+            if not start.v.any():
+                break
+        return None, reason
+
+    def _continued(self, chart: Array, start: ReferenceState, active: Trajectory, share: float) -> Array:
+        """Nodes that follow the active trajectory for a share of what is left of it, and then the strip."""
+        space, weight = self.robot.space, self.spacing_weight
+        ahead = active.chart[np.searchsorted(active.time, start.time, side="right") :]
+        rows = [start.chart]
+        for row in ahead[: int(np.ceil(share * len(ahead)))]:
+            v = space.difference(rows[-1], row)
+            if float((v * v) @ weight) > _SPACING**2:
+                rows.append(row)
+        rest, _ = trim_passed(space, chart, rows[-1], weight, moving=False)
+        return np.vstack([np.array(rows), rest[1:]])
+
+    def _distance(self, speed_now: float, speed: float) -> float:
+        """How far ahead a motion has to reach: until after the next one, at the speed it will have, and to stop."""
+        params, limits = self.params, self.limits
+        top = float(limits.drive_speed.max(initial=0.0)) or 1.0
+        change = float(limits.drive_acceleration.min(initial=np.inf)) if limits.drive_dim else 4.0
+        change *= params.acceleration_scale
+        period = ((params.motion_every + 1) * params.plan_every + params.latency) * params.control_dt
+        v = min(speed_now + change * period, max(speed * top, speed_now))
+        return v * period + v * v / (2.0 * change) + 0.02
+
+    def _ends_at(self, motion: Trajectory, goal: Array) -> bool:
+        v = self.robot.space.difference(motion.chart[-1], goal)
+        b = self.robot.space.base_nv
+        apart = float(np.hypot(*v[:2])) if b else 0.0
+        return apart <= 0.5 * self.params.goal_position and bool(
+            np.abs(v[2 if b else 0 :]).max(initial=0.0) <= 0.5 * self.params.goal_angle
+        )
+
+
+def fastest_drive(limits: MotionLimits, v: Array) -> float:
+    """Speed [m/s] of the fastest drive coordinate, or of the joints where those are faster by their own limits."""
+    base = len(v) - len(limits.joint_speed)
+    drive = np.abs(limits.to_drive(v[:base])).max(initial=0.0)
+    share = (np.abs(v[base:]) / limits.joint_speed).max(initial=0.0)
+    return float(max(drive, share * limits.drive_speed.max(initial=1.0)))

@@ -1,0 +1,180 @@
+"""Supervisor: holds a certified motion that ends at rest, and lets nothing else move the robot."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from elastic_strips.collision import Certificate
+from elastic_strips.trajectory import ReferenceState, Trajectory
+
+from .interfaces import Event, RunState
+
+_log = logging.getLogger(__name__)
+_NOTHING_NEWER = "no newer motion came"
+_SOONER = 0.01
+"""A motion that comes to rest less than this [s] earlier is not worth taking."""
+
+
+class Supervisor:
+    """Owner of the active trajectory, the one that is executed.
+
+    It always has one that ends at rest. A new one takes its place only with a certificate, in time, and where it
+    continues the active one; or where it is the active one, braked. Whatever else fails, the active one is driven to
+    its end.
+
+    Args:
+        resting: a motion at rest to begin with.
+        tolerance: largest jump of position [m or rad] and velocity from the active trajectory to a new one.
+        keep: at least so many events and stops are kept, the newest; all where None.
+
+    Attributes:
+        active: the trajectory that is executed.
+        state, reason: what the robot is doing, and why.
+        events: what happened, in order of time.
+        stops: (time [s], reason) of every stop short of the goal.
+        at_goal: whether the active trajectory ends at the goal.
+    """
+
+    def __init__(self, resting: Trajectory, *, tolerance: float = 2e-3, keep: int | None = None) -> None:
+        self.reset(resting)
+        self.tolerance = tolerance
+        self.state, self.reason = RunState.STOPPED, "not started"
+        self.events: list[Event] = []
+        self.stops: list[tuple[float, str]] = []
+        self._keep = keep
+        self._rejection = self._holding = ""
+        self.at_goal = False
+
+    def reset(self, resting: Trajectory) -> None:
+        """At rest, the active trajectory may be moved to where the robot believes to stand."""
+        self.active = resting
+        self._until = [resting]  # what is executed until the active one begins; the last of them is that one
+
+    def restart(self, reason: str, now: float) -> None:
+        """At rest at one goal, another one is taken."""
+        self.at_goal = False
+        self._enter(RunState.STOPPED, reason, now)
+
+    def log(self, time: float, kind: str, text: str) -> None:
+        """Write down an event, once where it only repeats itself."""
+        for event in reversed(self.events):
+            if event.kind == kind:
+                if event.reason == text:
+                    return
+                break
+        self.events.append(Event(time, kind, text))
+        if self._keep is not None:
+            for old in (self.events, self.stops):
+                if len(old) > 2 * self._keep:
+                    del old[: -self._keep]
+        _log.info("%.3f s: %s: %s", time, kind, text)
+
+    def submit(self, motion: Trajectory, certificate: Certificate, now: float, *, at_goal: bool = False) -> bool:
+        """Take a motion if it is certified, not late, and continues the active one.
+
+        Args:
+            motion: starts at a time after ``now``.
+            certificate: of that very motion.
+            now: [s].
+            at_goal: whether its end is the goal.
+        """
+        reason = self._fault(motion, now)
+        if not certificate.certified:
+            reason = f"the new motion is not certified: {certificate.broken}"
+        if reason:
+            self.reject(reason, now)
+            return False
+        self._take(motion, now)
+        self.at_goal = at_goal
+        self._rejection = self._holding = ""
+        self._enter(RunState.MOVING, "certified motion", now)
+        return True
+
+    def brake(self, motion: Trajectory, reason: str, now: float) -> bool:
+        """Take a motion that comes to rest earlier on the path of the active one, which is certified no longer.
+
+        It needs no certificate: whatever comes, to stand early on the path that is driven anyway is the safer thing.
+
+        Args:
+            motion: the active trajectory, braked from a time after ``now`` on.
+            reason: why.
+            now: [s].
+        """
+        if self._fault(motion, now) or motion.end_time > self.active.end_time - _SOONER:
+            self.reject(reason, now)
+            return False
+        self._take(motion, now)
+        self.at_goal, self._rejection = False, reason
+        self.log(now, "braked", reason)
+        self._enter(RunState.BRAKING, reason, now)
+        return True
+
+    def reject(self, reason: str, now: float) -> None:
+        """No new motion: the active trajectory goes on to its end, for this reason."""
+        self._rejection = reason
+        self.log(now, "refused", reason)
+        if self.state is RunState.STOPPED:
+            self.reason = reason
+            if self.stops and self.stops[-1][1] == _NOTHING_NEWER:  # it ended between two ticks
+                self.stops[-1] = (self.stops[-1][0], reason)
+
+    def hold(self, now: float, reason: str) -> None:
+        """The active trajectory is still certified, and nothing better is to be had: the robot stops at its end."""
+        self._rejection, self._holding = "", reason
+
+    def reference(self, t: float) -> ReferenceState:
+        """What to follow at time ``t`` [s]: the active trajectory once it has begun, until then the one before."""
+        return self._until[self._executed(t)].at(t)
+
+    def at_rest(self, t: float) -> bool:
+        """Whether the active trajectory has ended."""
+        return t >= self.active.end_time
+
+    def update(self, t: float) -> RunState:
+        """Bring the state up to date."""
+        if self.at_rest(t):
+            if self.at_goal:
+                self._enter(RunState.REACHED, "at rest at the goal", t)
+            elif self.state is not RunState.STOPPED:
+                reason = self._rejection or self._holding or _NOTHING_NEWER
+                self.stops.append((t, reason))
+                self._enter(RunState.STOPPED, reason, t)
+        elif self._rejection and self.state is RunState.MOVING:
+            self._enter(RunState.BRAKING, self._rejection, t)
+        return self.state
+
+    def _take(self, motion: Trajectory, now: float) -> None:
+        self.active = motion
+        self._until = [*self._until[self._executed(now) :], motion]
+
+    def _executed(self, t: float) -> int:
+        """Which motion is executed at a time [s]."""
+        begun = [k for k, motion in enumerate(self._until) if motion.start_time <= t + 1e-9]
+        return begun[-1] if begun else 0
+
+    def _fault(self, motion: Trajectory, now: float) -> str:
+        """Why nobody could drive a motion after the active one; empty where it can be driven."""
+        if not motion.at_rest_at_end:
+            return "the new motion does not end at rest"
+        if motion.start_time < now - 1e-9:
+            return f"late tick: the new motion was to begin {now - motion.start_time:.3f} s ago"
+        state = self.active.at(motion.start_time)
+        space = motion.robot.space
+        jump = np.abs(space.difference(state.chart, motion.chart[0])).max(initial=0.0)
+        if jump > self.tolerance:
+            return f"the new motion begins {jump:.4f} m or rad beside the held one"
+        drive = motion.limits.to_drive(np.stack([state.v, motion.v[0]])[:, : space.base_nv])
+        change = max(
+            float(np.abs(np.diff(drive, axis=0)).max(initial=0.0)),
+            float(np.abs(state.v - motion.v[0])[space.base_nv :].max(initial=0.0)),
+        )
+        if change > 10.0 * self.tolerance:
+            return f"the new motion begins with a jump in speed of {change:.3f} m/s or rad/s"
+        return ""
+
+    def _enter(self, state: RunState, reason: str, now: float) -> None:
+        if state is not self.state:
+            self.log(now, "state", f"{state.label}: {reason}")
+        self.state, self.reason = state, reason

@@ -1,0 +1,288 @@
+"""Hybrid control: the paper's three layers at work on one task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any
+
+import numpy.typing as npt
+
+from elastic_strips.control.controller import Controller
+from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.params import DriveParams
+from elastic_strips.control.replanning import Replanner, standing
+from elastic_strips.control.strip_timer import PlanOutcome, PlanResult
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
+from elastic_strips.planning import PlanReport
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.strip.constraint import ConstraintForce, OrientationConstraint
+from elastic_strips.strip.report import DeformReport
+from elastic_strips.validation import check_able, check_count, check_type, shown
+
+from .sequencing import Blackboard, Order, SequencingLayer
+from .tasks import DeliberativeLayer, DriveAndReach, DriveTo, ReachHand, Task, TaskPlan
+
+_LONGEST = 8
+"""Attempts to resume come at most so many times as rarely as the first."""
+
+
+class ConstraintState(str, Enum):
+    """``KEPT``: every node keeps to the task. ``TRYING``: it pushes, and is not kept yet. ``SUSPENDED``: it does not
+    push, so that the strip can do what the obstacles ask for."""
+
+    KEPT = "kept"
+    TRYING = "trying"
+    SUSPENDED = "suspended"
+
+
+@dataclass(frozen=True, slots=True)
+class ConstraintEvent:
+    """The state of a task from a time [s] on, and why."""
+
+    time: float
+    state: ConstraintState
+    reason: str
+
+
+class ConstraintMonitor:
+    """Workspace: switches a deformer's task off and on, tick by tick.
+
+    With its task a certified strip stays certified, since no step may lose that; so an attempt to resume it risks
+    nothing, and is simply made.
+
+    Args:
+        force: ``deformer.constraint``.
+        patience: so many ticks in a row a task may be missed, or the strip be broken, before it is suspended.
+        retry: so many ticks after that it is tried again, and twice as many after every attempt in vain.
+
+    Attributes:
+        state, reason: of the task.
+        events: how they changed.
+    """
+
+    def __init__(self, force: ConstraintForce, *, patience: int = 10, retry: int = 20) -> None:
+        if not (patience >= 1 and retry >= 1):
+            raise ParameterError(
+                f"ConstraintMonitor: patience={patience!r} and retry={retry!r} must be at least 1 tick"
+            )
+        self.force, self.patience, self.retry = force, patience, retry
+        self.state, self.reason = ConstraintState.TRYING, "the task begins"
+        self.events: list[ConstraintEvent] = []
+        self._missed = self._waited = 0
+        self._wait = retry
+
+    def update(self, t: float, report: DeformReport) -> ConstraintState:
+        """Look at a tick's report and set the switch for the next one.
+
+        Args:
+            t: time [s].
+            report: of the deformer that has the task.
+        """
+        errors = report.constraint_errors
+        if errors is None:
+            raise ParameterError("ConstraintMonitor.update: the report is of a deformer without a task")
+        if self.state is ConstraintState.SUSPENDED:
+            self._waited += 1
+            if self._waited >= self._wait and report.certified:
+                self._enter(t, ConstraintState.TRYING, "the strip is certified: it is tried again")
+            return self.state
+        worst = int(errors.argmax())
+        missed = bool(errors[worst] > self.force.constraint.tolerance)
+        if not missed and report.certified:
+            self._missed = 0
+            if self.state is not ConstraintState.KEPT:
+                self._wait = self.retry
+                self._enter(t, ConstraintState.KEPT, f"every node is within {self.force.constraint.tolerance:g} rad")
+            return self.state
+        self._missed += 1
+        if self._missed >= self.patience:
+            reason = (
+                f"node {worst} of {len(errors)} is {errors[worst]:.3f} rad off, "
+                f"{self.force.constraint.tolerance:g} allowed"
+                if missed
+                else f"the strip is broken: {report.certificate.broken}"
+            )
+            if self.state is ConstraintState.TRYING and any(e.state is ConstraintState.SUSPENDED for e in self.events):
+                self._wait = min(2 * self._wait, _LONGEST * self.retry)
+            self._enter(t, ConstraintState.SUSPENDED, reason)
+        return self.state
+
+    def _enter(self, t: float, state: ConstraintState, reason: str) -> None:
+        self.state, self.reason = state, reason
+        self.force.active = state is not ConstraintState.SUSPENDED
+        self._missed = self._waited = 0
+        self.events.append(ConstraintEvent(t, state, reason))
+
+
+class PathService(Replanner):
+    """Workspace: a replanner that finds out what is wrong with a strip, and waits until another is requested.
+
+    Attributes:
+        trouble: why the strip cannot be followed; empty where it can.
+        attempts: paths requested since the last goal.
+    """
+
+    def __init__(self, *args: object, **options: object) -> None:
+        super().__init__(*args, **options)  # type: ignore[arg-type]
+        self.trouble, self.attempts = "", 0
+        self._requested = False
+
+    def plan(
+        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
+    ) -> PlanReport:
+        """The first path of a step; see :meth:`Replanner.plan`."""
+        report = super().plan(scene, start, goal, path=path)
+        self.attempts, self._requested = 0, False
+        self.trouble = "" if report.certified else report.reason
+        return report
+
+    def request(self) -> None:
+        """Another path is wanted."""
+        self._requested = True
+
+    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
+        """Look at a tick's strip; returns why another one is planned, once that has been requested, or ""."""
+        found = super().watch(t, result, scene, at_rest=at_rest)
+        self.pending = False
+        if found:
+            self.trouble = found
+        elif result.accepted or result.outcome is PlanOutcome.UNCHANGED:
+            self.trouble = ""
+        if not self._requested:
+            return ""
+        self._requested, self.pending, self.due = False, True, t + self.params.replan_time
+        return self.trouble
+
+    def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
+        """Another path; see :meth:`Replanner.plan_anew`."""
+        strip, reason = super().plan_anew(scene, start, goal)
+        self.attempts += 1
+        self.trouble = "" if strip is not None else reason
+        return strip, reason
+
+
+def deliberate(
+    robot: RobotModel,
+    start: npt.ArrayLike,
+    task: Task,
+    scene: Scene,
+    *,
+    params: DriveParams | None = None,
+    seed: int = 0,
+) -> TaskPlan:
+    """Divide a task into steps; where it cannot be done there are none, and the reason says why.
+
+    Args:
+        robot: the robot.
+        start: configuration (nq,).
+        task: what to do.
+        scene: what is known of the obstacles.
+        params: of the drive: goals keep a little more than its clearance.
+        seed: of all that is sampled.
+    """
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("params", params, DriveParams, none=True)
+    check_count("seed", seed)
+    if not isinstance(task, (DriveTo, ReachHand, DriveAndReach)):
+        raise ParameterError(f"task must be a DriveTo, a ReachHand or a DriveAndReach, not {shown(task)}")
+    layer = DeliberativeLayer(robot, seed=seed, margin=(params or DriveParams()).clearance + 0.01)
+    return layer.decompose(task, start, standing(scene))
+
+
+class HybridControl(Controller):
+    """Workspace: sequencing and reactive layer for the steps of a task; it takes steps as every :class:`Controller`.
+
+    The deliberative layer divides the task (:func:`deliberate`); the sequencing layer has its steps done one after the
+    other; the reactive layer, the controller with its strip and its supervisor, moves the robot. Each knows the next by
+    a few calls only: steps and paths come down, the blackboard goes up.
+
+    Args:
+        robot: the robot.
+        start: configuration (nq,).
+        plan: what the deliberative layer made of the task; at least one step.
+        scene: what is known before the robot sets out; nothing where None.
+        keep: what the strip is to keep to meanwhile; suspended where that cannot be, and resumed.
+        params: of the drive.
+        seed: of the planner.
+        look: called after every planning tick, with this control.
+        **options: of the :class:`Controller`.
+
+    Attributes:
+        paths: plans paths when the sequencing layer requests them.
+        sequencing: the layer.
+        monitor: watches what is to be kept to, or None.
+        orders: (time [s], order, reason) of the sequencing layer, wherever they changed.
+
+    Raises:
+        MissingExtraError: py_trees (extra ``control``) is not installed.
+        ConfigurationError: there is no step, or start is not sound, or in collision.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        start: npt.ArrayLike,
+        plan: TaskPlan,
+        scene: Scene | None = None,
+        *,
+        keep: OrientationConstraint | None = None,
+        params: DriveParams | None = None,
+        seed: int = 0,
+        look: Callable[[HybridControl], object] | None = None,
+        **options: Any,
+    ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("keep", keep, OrientationConstraint, none=True)
+        check_type("params", params, DriveParams, none=True)
+        check_able("look", look)
+        if not plan.steps:
+            raise ConfigurationError(f"the task has no steps: {plan.reason}")
+        params = replace(params or DriveParams(), constraint=keep)
+        self.look = look
+        self.sequencing = SequencingLayer([str(s) for s in plan.steps], max_scene_age=params.max_scene_age)
+        self.paths = PathService(robot, params, seed=seed, grid=robot.space.planar)
+        goals = [s.q for s in plan.steps]
+        super().__init__(robot, start, goals, scene, params=params, replanner=self.paths, seed=seed, **options)
+        force = self.planner.deformer.constraint
+        self.monitor = None if force is None else ConstraintMonitor(force)
+        self.orders: list[tuple[float, Order, str]] = []
+        self._report: object = None
+
+    def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
+        """One control period, and after a planning tick the layers above have their turn: :meth:`Controller.step`."""
+        command = super().step(t, measurement, scene, trouble=trouble)
+        if self.tick is not None and self.tick.time == t:
+            self._watch()
+        return command
+
+    def decide(self) -> Order:
+        """What the sequencing layer makes of the blackboard."""
+        board = Blackboard(
+            scene_age=self.time - self.scene.time,
+            localized=self.estimator.lost_for <= 0.1,
+            trouble=self.paths.trouble,
+            planning=self.paths.pending,
+            attempts=self.paths.attempts,
+            reached=self.reached,
+        )
+        order = self.sequencing.tick(board)
+        if not self.orders or self.orders[-1][1:] != (order, self.sequencing.reason):
+            self.orders.append((self.time, order, self.sequencing.reason))
+        return order
+
+    def _watch(self) -> None:
+        report = None if self.result is None else self.result.report
+        if self.monitor is not None and report is not None and report is not self._report:
+            self._report = report
+            self.monitor.update(self.time, report)
+        order = self.decide()
+        if order is Order.REQUEST_PATH:
+            self.paths.request()
+        elif order is Order.GIVE_UP:
+            self.stop()
+        if self.look is not None:
+            self.look(self)

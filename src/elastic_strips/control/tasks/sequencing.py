@@ -1,0 +1,146 @@
+"""Sequencing layer: a behaviour tree orders the steps, watches how they go, and deals with failure.
+
+It decides nothing about motion: below it the reactive layer moves the robot, or does not, in every tick; above it the
+deliberative layer is asked for a path where there is none that can be followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from typing import TYPE_CHECKING
+
+from elastic_strips.errors import ParameterError, missing_extra
+
+if TYPE_CHECKING:
+    from .tree import Tree
+
+
+Answer = tuple["bool | None", str]
+
+
+class Order(str, Enum):
+    """What is to be done next: follow the strip, wait, ask for another path, or end."""
+
+    FOLLOW = "follow"
+    WAIT = "wait"
+    REQUEST_PATH = "ask for a path"
+    DONE = "done"
+    GIVE_UP = "give up"
+
+
+@dataclass(frozen=True, slots=True)
+class Blackboard:
+    """What the sequencing layer gets to know, tick by tick.
+
+    Attributes:
+        scene_age: of the newest scene [s].
+        localized: whether the robot knows where it is.
+        trouble: why the strip cannot be followed; empty where it can.
+        planning: whether a path has been asked for and is not there yet.
+        attempts: paths asked for in this step so far.
+        reached: how many steps have been reached.
+    """
+
+    scene_age: float = 0.0
+    localized: bool = True
+    trouble: str = ""
+    planning: bool = False
+    attempts: int = 0
+    reached: int = 0
+
+
+class SequencingLayer:
+    """Workspace: the behaviour tree of a task with these steps.
+
+    Args:
+        steps: what they are, for people; at least one.
+        max_scene_age: an older scene [s] is waited out.
+        max_attempts: so many paths are asked for in one step before the task is given up.
+
+    Attributes:
+        order, reason: of the last tick.
+
+    Raises:
+        ParameterError: no step, or no attempt.
+        MissingExtraError: py_trees (extra ``control``) is not installed.
+    """
+
+    def __init__(self, steps: Sequence[str], *, max_scene_age: float = 0.2, max_attempts: int = 8) -> None:
+        if not steps:
+            raise ParameterError("SequencingLayer: steps is empty; a task without steps cannot be done")
+        if max_attempts < 1:
+            raise ParameterError(f"SequencingLayer: max_attempts={max_attempts!r} must be at least 1")
+        self.order, self.reason = Order.WAIT, "not started"
+        self._steps = tuple(steps)
+        self._age, self._attempts = max_scene_age, max_attempts
+        self._board = Blackboard()
+        self._tree = self._build()
+
+    def tick(self, board: Blackboard) -> Order:
+        """Take in the blackboard, and decide."""
+        self._board = board
+        ended = self._tree.tick()
+        if ended:
+            self.order, self.reason = Order.DONE, "all steps are done"
+        elif ended is False:
+            self.order = Order.GIVE_UP
+        return self.order
+
+    def drawing(self, *, unicode: bool = True) -> str:
+        """The tree as text, with the state of every node in the last tick."""
+        return self._tree.text(unicode=unicode)
+
+    def dot(self) -> str:
+        """The tree in Graphviz' language; ``dot -Tsvg`` draws it."""
+        return self._tree.dot()
+
+    def _build(self) -> Tree:
+        try:
+            from .tree import Step, Tree
+        except ImportError as error:
+            raise missing_extra("the sequencing layer", "py_trees", "control") from error
+        return Tree(
+            [Step(name, partial(self._there, k)) for k, name in enumerate(self._steps)],
+            [("scene is fresh", self._fresh), ("robot knows where it is", self._localized)],
+            usable=self._usable,
+            ask=self._ask,
+            follow=self._follow,
+        )
+
+    # the leaves' questions
+
+    def _there(self, index: int) -> Answer:
+        done = self._board.reached > index
+        return done, "done" if done else ""
+
+    def _fresh(self) -> Answer:
+        age = self._board.scene_age
+        return (True, "") if age <= self._age else self._wait(f"the scene is {age:.2f} s old")
+
+    def _localized(self) -> Answer:
+        return (True, "") if self._board.localized else self._wait("odometry is lost")
+
+    def _usable(self) -> Answer:
+        board = self._board
+        return not board.trouble and not board.planning, board.trouble
+
+    def _ask(self) -> Answer:
+        board = self._board
+        if board.planning:
+            return self._wait("the deliberative layer is planning")
+        if board.attempts >= self._attempts:
+            self.reason = f"{board.attempts} paths were of no use: {board.trouble}"
+            return False, self.reason
+        self.order, self.reason = Order.REQUEST_PATH, board.trouble
+        return None, board.trouble
+
+    def _follow(self) -> Answer:
+        self.order, self.reason = Order.FOLLOW, "the strip is followed"
+        return None, self.reason
+
+    def _wait(self, reason: str) -> Answer:
+        self.order, self.reason = Order.WAIT, reason
+        return None, reason

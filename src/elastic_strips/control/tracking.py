@@ -1,0 +1,144 @@
+"""Tracking: commands that keep a robot on its reference."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.robot import RobotModel
+from elastic_strips.trajectory import MotionLimits, ReferenceState
+from elastic_strips.validation import check_number, check_numbers
+
+from .interfaces import Command
+
+_REST = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackingGains:
+    """Gains of the tracking law and what it knows about the motors.
+
+    Attributes:
+        along: of the error along the base's heading (in both directions for an omnidirectional base) [1/s].
+        across: of the error beside the heading, per metre driven: ω += across · v · e_y [1/m²].
+        heading: of the heading's error [1/s]; it does not vanish with the speed, so turns in place are tracked.
+        joint: of the joints' errors [1/s].
+        wheel_lag, joint_lag: time constants of the motors' speed loops [s]; accelerations are led by them.
+        hold: half of the control period, and the mean delay of commands: how old a command is on average when it acts
+            [s].
+        headroom: commands may exceed the limits, which references are planned with, by this factor; without it nothing
+            could be caught up at full speed.
+        most_base, most_turn, most_joint: bounds of the feedback [m/s, rad/s, rad/s or m/s], so that a jump of the
+            estimate is no jerk of the robot.
+    """
+
+    along: float = 4.0
+    across: float = 24.0
+    heading: float = 9.0
+    joint: float = 10.0
+    wheel_lag: float = 0.04
+    joint_lag: float = 0.03
+    hold: float = 0.006
+    headroom: float = 1.1
+    most_base: float = 0.25
+    most_turn: float = 1.0
+    most_joint: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            ParameterError: a value that is negative or not finite, or a headroom below 1.
+        """
+        check_numbers(self, zero=tuple(f.name for f in fields(self)))
+        check_number("TrackingGains.headroom", self.headroom, low=1.0)
+
+
+class TrackingController:
+    """Feed-forward of a reference's velocity and acceleration, plus feedback of the error in the base's own frame.
+
+    Differential drive, with the error (e_x, e_y, e_θ) from the estimate to the reference in the base's frame:
+    ``v = v_r cos e_θ + along·e_x``, ``ω = ω_r + heading·sin e_θ + across·v_r·e_y``. The gain of the heading is
+    constant: a reference that turns in place is followed. An omnidirectional base is fed back in all three
+    directions; a joint is by itself.
+
+    Where a rim would have to exceed its limit (times the headroom), all drive speeds are scaled alike: the base
+    slows down and keeps its curvature. Joints are limited one by one.
+
+    A reference that rests commands exactly zero, whatever the error: nothing that stands is made to move.
+
+    Args:
+        robot: the robot; any kind of base.
+        limits: what the references are planned with.
+        gains: gains and lags.
+    """
+
+    def __init__(self, robot: RobotModel, limits: MotionLimits, gains: TrackingGains | None = None) -> None:
+        self.robot, self.limits = robot, limits
+        self.gains = gains = TrackingGains() if gains is None else gains
+        self._k, self._first = len(limits.drive_speed), robot.space.base_nv
+        self._circular = robot.space.circular.copy() if robot.space.circular.any() else None
+        self._drive_top = (limits.drive_speed * gains.headroom).tolist()
+        self._joint_top = limits.joint_speed * gains.headroom
+        self._rest = Command.rest(limits)
+
+    def command(self, reference: ReferenceState, estimate: Array) -> Command:
+        """The command for the period that begins now.
+
+        Args:
+            reference: where the robot should be now.
+            estimate: (nv,) chart row where it seems to be now.
+        """
+        v, a = reference.v, reference.a
+        if max(v.max(), -v.min(), a.max(), -a.min()) <= _REST:
+            return self._rest
+        g, first = self.gains, self._first
+        error = reference.chart[first:] - estimate[first:]
+        if self._circular is not None:
+            error = np.where(self._circular, np.remainder(error + np.pi, 2.0 * np.pi) - np.pi, error)
+        feedback = np.minimum(np.maximum(g.joint * error, -g.most_joint), g.most_joint)
+        rates = v[first:] + (g.joint_lag + g.hold) * a[first:] + feedback
+        joints = np.minimum(np.maximum(rates, -self._joint_top), self._joint_top)
+        if not self._k:
+            return Command(self._rest.drive, joints)
+        return Command(self._drive(reference, estimate), joints)
+
+    def _drive(self, reference: ReferenceState, estimate: Array) -> Array:
+        g = self.gains
+        x, y, yaw = estimate[:3].tolist()
+        x_r, y_r, yaw_r = reference.chart[:3].tolist()
+        vx, vy, turn = reference.v[:3].tolist()
+        ax, ay, spin = reference.a[:3].tolist()
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        e_x, e_y = cos * (x_r - x) + sin * (y_r - y), cos * (y_r - y) - sin * (x_r - x)
+        sin_e, cos_e = math.sin(yaw_r - yaw), math.cos(yaw_r - yaw)
+        e_turn = math.atan2(sin_e, cos_e)
+        lead = g.wheel_lag + g.hold
+        if self._k == 2:
+            forward = (vx + lead * ax) * cos_e + _bounded(g.along * e_x, g.most_base)
+            # at e_theta beyond 90 degrees the sine would let go of the error that is largest
+            correction = g.heading * (sin_e if cos_e > 0.0 else math.copysign(1.0, e_turn)) + g.across * vx * e_y
+            omega = turn + lead * spin + _bounded(correction, g.most_turn)
+            half = 0.5 * self.limits.track * omega
+            drive = [forward - half, forward + half]
+        else:
+            wx, wy = vx + lead * ax, vy + lead * ay
+            push_x, push_y = g.along * e_x, g.along * e_y
+            size = math.hypot(push_x, push_y)
+            shrink = g.most_base / size if size > g.most_base else 1.0
+            drive = [
+                cos_e * wx - sin_e * wy + shrink * push_x,
+                sin_e * wx + cos_e * wy + shrink * push_y,
+                turn + lead * spin + _bounded(g.heading * e_turn, g.most_turn),
+            ]
+        over = max(abs(u) / top for u, top in zip(drive, self._drive_top, strict=True))
+        if over > 1.0:
+            drive = [u / over for u in drive]
+        return np.array(drive)
+
+
+def _bounded(value: float, most: float) -> float:
+    return max(-most, min(most, value))

@@ -1,0 +1,183 @@
+"""Files: every file that is read is opened here, and every file that is written is written here.
+
+A file that is read is a regular one (or a link to one), up to a size that its reader states, so that none can hang the
+process or fill its memory. A file that is written is there whole or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from elastic_strips.errors import InputError
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a FIFO"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+# without O_NONBLOCK a FIFO that takes the file's place between the two looks at it would hang the call
+_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+
+
+@contextmanager
+def open_input(
+    path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]
+) -> Iterator[tuple[BinaryIO, int]]:
+    """Open a regular file for reading.
+
+    Args:
+        path: the file, or a link to it.
+        what: what to call it in messages, such as ``"laser log"``.
+        limit: most bytes that it may have.
+        error: type of the error that is raised about it.
+
+    Yields:
+        The stream, and the file's size in bytes.
+
+    Raises:
+        InputError: (of the type ``error``) missing, not allowed, a folder, FIFO, socket or device, or too large.
+    """
+    try:
+        os.fspath(path)  # a number would be taken for a file that is open already
+        _check(os.stat(path), path, what, limit, error)
+        stream = os.fdopen(os.open(path, _FLAGS), "rb")
+    except InputError:
+        raise
+    except (OSError, ValueError, TypeError) as problem:  # ValueError: a zero byte in the name
+        raise error(f"{_name(path)}: cannot read the {what}: {_said(problem)}") from None
+    with stream:
+        size = _check(os.fstat(stream.fileno()), path, what, limit, error)
+        try:
+            yield stream, size
+        except OSError as problem:  # while it is read
+            raise error(f"{_name(path)}: cannot read the {what}: {_said(problem)}") from None
+
+
+def check_input(path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> int:
+    """The size [bytes] of a file that something else is going to open by its name.
+
+    Raises:
+        InputError: as of `open_input`.
+    """
+    with open_input(path, what, limit, error) as (_, size):
+        return size
+
+
+def read_input(path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> bytes:
+    """What a file holds.
+
+    Raises:
+        InputError: as of `open_input`.
+    """
+    with open_input(path, what, limit, error) as (stream, _):
+        data = stream.read(limit + 1)  # it may grow while it is read, and what /proc holds says that it is empty
+    if len(data) > limit:
+        raise error(f"{_name(path)}: the {what} has more than {limit} bytes, which is the most that is read")
+    return data
+
+
+def read_input_text(path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> str:
+    """What a UTF-8 text file holds, without a byte order mark.
+
+    Raises:
+        InputError: as of `open_input`, or what it holds is not UTF-8; the message names line and byte.
+    """
+    data = read_input(path, what, limit, error)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        line = data.count(b"\n", 0, problem.start) + 1
+        byte = f"byte 0x{data[problem.start]:02x} at offset {problem.start}"
+        raise error(f"{_name(path)}:{line}: the {what} is not UTF-8: {byte}") from None
+
+
+def check_writable(path: str | os.PathLike[str]) -> Path:
+    """The path, if a file can be made there.
+
+    Raises:
+        InputError: it is a folder, or its folder is missing or not writable.
+    """
+    try:
+        target = Path(path)
+        target.exists()  # a name that the system refuses fails here
+    except (OSError, TypeError, ValueError) as error:
+        raise InputError(f"{path!s:.80}: is no file name: {getattr(error, 'strerror', None) or error}") from None
+    if not target.name:
+        raise InputError(f"{str(path)!r}: is no file name")
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; give the name of a file")
+    if target.exists() and not target.is_file():  # it would be replaced by a file
+        raise InputError(f"{target}: is a device or a pipe; give the name of a file")
+    folder = target.parent
+    if not folder.is_dir():
+        raise InputError(f"{target}: there is no folder {folder}")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{target}: the folder {folder} is not writable")
+    return target
+
+
+def write_json(path: str | os.PathLike[str], document: object) -> Path:
+    """Write a document as JSON: the whole file or none (NaN and infinity are refused).
+
+    Raises:
+        InputError: the file cannot be written, or the document is no JSON.
+    """
+    target = check_writable(path)
+    try:
+        text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"{target}: what is to be written is no JSON: {error}") from None
+    return atomic_write(target, text.encode())
+
+
+def atomic_write(target: Path, data: bytes) -> Path:
+    """Write a file that `check_writable` has passed: all of it or nothing. One that is there keeps its mode.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    name = None
+    try:
+        mode = target.stat().st_mode & 0o777 if target.exists() else 0o644
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:100]}.", suffix=".part")
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())  # else a crash could leave the new name with nothing behind it
+        os.chmod(name, mode)
+        os.replace(name, target)
+        name = None
+    except OSError as error:
+        raise InputError(f"{target}: cannot write: {error.strerror or error}") from None
+    finally:
+        if name is not None:
+            Path(name).unlink(missing_ok=True)
+    return target
+
+
+def _check(status: os.stat_result, path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> int:
+    if not stat.S_ISREG(status.st_mode):
+        kind = next((name for test, name in _KINDS if test(status.st_mode)), "no regular file")
+        raise error(f"{_name(path)}: is {kind}, not a {what}")
+    if status.st_size > limit:
+        raise error(f"{_name(path)}: the {what} has {status.st_size} bytes; it may have at most {limit}")
+    return status.st_size
+
+
+def _said(problem: Exception) -> str:
+    return getattr(problem, "strerror", None) or str(problem)
+
+
+def _name(path: object) -> str:
+    """The path for messages; control characters are escaped, so that a message stays one line."""
+    name = str(Path(os.fsdecode(path))) if isinstance(path, (str, bytes, os.PathLike)) else repr(path)
+    return name if name.isprintable() else ascii(name)[1:-1]

@@ -1,0 +1,260 @@
+"""Alternatives: certified strips that pass the obstacles on different sides, and the search for them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+from elastic_strips.arrays import Array
+from elastic_strips.planning.initial_strip import (
+    LINE_TICKS,
+    STUCK_TICKS,
+    line_strip,
+    path_rows,
+    path_strip,
+    relax_line,
+    relax_path,
+)
+from elastic_strips.planning.ompl_planner import ompl_path
+from elastic_strips.planning.problem import PlanningProblem
+from elastic_strips.strip import Strip
+from elastic_strips.strip.params import DeformParams
+from elastic_strips.strip.report import DeformReport
+from elastic_strips.summary import Summary
+
+from .classes import ClusterMap, HomotopyClass, cluster_map, homotopy_class, homotopy_paths
+
+_log = logging.getLogger(__name__)
+_NO_CLEARANCE_COST = 1.0  # [m] of a strip without any clearance
+_FURTHER_TICKS = 12  # most ticks that a certified strip gets to become short and clear
+_MARGINS = (0.04, 0.02, 0.01, 0.005)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Alternative(Summary):
+    """One certified strip among others.
+
+    Attributes:
+        strip: the strip; report: the deformation report that certifies it.
+        homotopy_class: its class among the clusters of obstacles.
+        method: ``"path"``, ``"line"``, ``"grid"`` or ``"ompl"``.
+        length: of the base's path [m]; of the joints' path [rad] for a fixed base.
+        cost: see :func:`strip_cost`.
+    """
+
+    strip: Strip
+    report: DeformReport
+    homotopy_class: HomotopyClass
+    method: str
+    length: float
+    cost: float
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip: :attr:`DeformReport.clearance`."""
+        return self.report.clearance
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "homotopy_class": self.homotopy_class, "method": self.method, "length": f"{self.length:.3f} m",
+            "clearance": f"{self.clearance:.3f} m", "cost": self.cost, "nodes": len(self.strip),
+        }  # fmt: skip
+
+
+def strip_cost(report: DeformReport, params: DeformParams) -> float:
+    """What a strip costs [m]: its length, and up to 1 m more the less of the influence distance it keeps clear."""
+    return report.strip.length + _NO_CLEARANCE_COST * max(0.0, 1.0 - report.node_clearance / params.influence)
+
+
+def base_path(strip: Strip) -> Array:
+    """(K, 2) path of the base [m], as it is followed between the nodes."""
+    return strip.robot.space.to_chart(strip.sample(0.1))[:, :2]
+
+
+class AlternativesSearch:
+    """Workspace: looks for certified strips of different classes.
+
+    The straight line is relaxed, paths over a grid that differ in class, and paths of OMPL with other seeds where they
+    were not enough. What relaxes into a class that is there already replaces it where it is cheaper.
+
+    Args:
+        problem: what is asked.
+        count: so many strips at most.
+        without: classes among ``clusters`` that are not wanted, because they are there already.
+        clusters: of the scene, about start and goal; found where None.
+        ompl_attempts: most calls of OMPL.
+        line_ticks: most ticks that the straight line gets.
+        given: rows (N, nv) to relax first, or None.
+        grid: whether paths over a grid are looked for.
+        watch: called with every tick's report.
+
+    Attributes:
+        found: class → its cheapest strip; initial: class → what that was relaxed from.
+        clusters: of obstacles, among which the classes are.
+        best: the clearest report of what was not certified, and what it was relaxed from.
+        attempts: paths that were relaxed; ticks: that this took.
+        timings: seconds by phase: line, planner, relaxation.
+        reason: how many there are, and why not more, for people.
+    """
+
+    def __init__(
+        self, problem: PlanningProblem, count: int, *, without: Collection[HomotopyClass] = (),
+        clusters: ClusterMap | None = None, ompl_attempts: int = 3, line_ticks: int = LINE_TICKS,
+        given: Array | None = None, grid: bool = True, watch: Callable[[DeformReport], object] | None = None,
+    ) -> None:  # fmt: skip
+        self._problem, self._count, self._watch = problem, count, watch
+        self._without, self._ompl_attempts, self._given = frozenset(without), ompl_attempts, given
+        self._line_ticks, self._grid = line_ticks, grid
+        self.found: dict[HomotopyClass, Alternative] = {}
+        self.initial: dict[HomotopyClass, Strip] = {}
+        self.best: tuple[DeformReport, Strip] | None = None
+        self.reason, self.attempts, self.ticks = "", 0, 0
+        self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+        self._notes: list[str] = []
+        self._classes = 1  # that the grid knows
+        began = perf_counter()
+        if clusters is None and problem.region is not None:
+            region = problem.region
+            clusters = cluster_map(
+                problem.robot, problem.scene, region.endpoints, box=region.given, over=problem.deadline.over
+            )
+        self._map = clusters
+        self.clusters = clusters.clusters if clusters is not None else ()
+        self.timings["planner"] += perf_counter() - began
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """The strips, the cheapest first."""
+        return tuple(sorted(self.found.values(), key=lambda a: a.cost)[: self._count])
+
+    def run(self) -> None:
+        """Look for them, until there are enough or the time is over."""
+        if self._given is not None:
+            self._relax(self._given, "path", "given path")
+        self._relax_line()
+        if self._grid and self._map is not None and not self._over():
+            self._relax_grid(self._map)
+        self._relax_ompl()
+        self.reason = self._told()
+        if not self.found:
+            _log.warning("%s", self.reason)
+
+    def _over(self) -> bool:
+        return len(self.found) >= self._count or self._problem.deadline.over()
+
+    def _relax_line(self) -> None:
+        """The straight line, which is given up early, unless its class is there already."""
+        problem = self._problem
+        strip = line_strip(problem)
+        if self._class(strip) in self._without:
+            return
+        mark = perf_counter()
+        report = relax_line(
+            problem.deformer, strip, problem.scene, self._line_ticks, self._watch, over=problem.deadline.over
+        )
+        self.timings["line"] += perf_counter() - mark
+        self._add(strip, report, "line", "straight line")
+
+    def _relax_grid(self, clusters: ClusterMap) -> None:
+        problem, mark = self._problem, perf_counter()
+        paths = homotopy_paths(
+            problem.robot, problem.scene, problem.start, problem.goal,
+            count=2 * self._count + len(self._without) + 1, clusters=clusters,
+        )  # fmt: skip
+        self.timings["planner"] += perf_counter() - mark
+        self._classes = len(paths)
+        for path in paths:
+            if self._over():
+                return
+            if path.homotopy_class in self._without or path.homotopy_class in self.found:
+                continue
+            for rows, what in path_rows(problem, path.points):
+                if self._relax(rows, "grid", f"way of {path.cost:.1f} m{what}"):
+                    break
+
+    def _relax_ompl(self) -> None:
+        problem = self._problem
+        region, hopeless = problem.region, bool(self.found or self._without) and not self.clusters
+        for attempt in range(self._ompl_attempts):
+            if hopeless or self._over():
+                return
+            mark = perf_counter()
+            path = ompl_path(
+                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
+                margin=_MARGINS[min(attempt, len(_MARGINS) - 1)], timeout=1.0, spacing=problem.spacing,
+                box=region.box(2.0 * 1.6**attempt) if region else None, most=problem.params.max_nodes,
+                deadline=problem.deadline,
+            )  # fmt: skip
+            self.timings["planner"] += perf_counter() - mark
+            if path.rows is None:
+                self._notes.append(path.reason)
+            else:
+                self._relax(path.rows, "ompl", f"OMPL path {attempt + 1}")
+
+    def _class(self, strip: Strip) -> HomotopyClass:
+        return homotopy_class(base_path(strip), self.clusters) if self.clusters else ()
+
+    def _relax(self, rows: Array, method: str, what: str) -> bool:
+        """Relax rows (N, nv); whether that gave a certified strip."""
+        problem, mark = self._problem, perf_counter()
+        strip = path_strip(problem, rows)
+        report = relax_path(
+            problem.deformer, strip, problem.scene, stuck=STUCK_TICKS, over=problem.deadline.over, watch=self._watch
+        )
+        self.timings["relaxation"] += perf_counter() - mark
+        return self._add(strip, report, method, what)
+
+    def _add(self, strip: Strip, report: DeformReport, method: str, what: str) -> bool:
+        """Take in what a strip was relaxed to; whether that is certified."""
+        problem, mark = self._problem, perf_counter()
+        self.attempts += 1
+        if report.usable:
+            report = self._shortened(report)
+        self.timings["relaxation"] += perf_counter() - mark
+        self.ticks += report.ticks
+        failure = problem.failure(report)
+        if failure:
+            self._notes.append(f"{what}: {failure}")
+            if self.best is None or report.node_clearance > self.best[0].node_clearance:
+                self.best = report, strip
+            return False
+        word = self._class(report.strip)
+        cost = strip_cost(report, problem.params)
+        if word in self._without or (word in self.found and self.found[word].cost <= cost):
+            self._notes.append(f"{what}: relaxed into a class that is there already")
+        else:
+            self.found[word] = Alternative(report.strip, report, word, method, report.strip.length, cost)
+            self.initial[word] = strip
+        return True
+
+    def _shortened(self, report: DeformReport) -> DeformReport:
+        """A few ticks more, as long as they keep the strip usable and are of use."""
+        problem = self._problem
+        for _ in range(_FURTHER_TICKS):
+            further = problem.deformer.step(report.strip, problem.scene)
+            if not further.usable:
+                break
+            report = replace(further, ticks=report.ticks + 1)
+            if further.moved < problem.params.rest_step or problem.deadline.over():
+                break
+        return report
+
+    def _told(self) -> str:
+        """How many there are, and why not more."""
+        found, count = len(self.alternatives), self._count
+        more = " more" if self._without else ""
+        text = f"{found}{more} certified strip{'' if found == 1 else 's'} of different classes"
+        if found >= count:
+            return text
+        if not self._problem.robot.space.planar:
+            why = "the base is fixed: there is one class only"
+        elif self._problem.deadline.over():
+            why = "the time was over"
+        elif not self.clusters:
+            why = "nothing stands in the way that could be passed on another side"
+        else:
+            why = f"the grid knows {self._classes} class{'' if self._classes == 1 else 'es'} of ways"
+        notes = "; ".join(self._notes[-4:])
+        return f"{text}, not {count}: {why}{'; ' if notes else ''}{notes}"

@@ -1,0 +1,351 @@
+"""Initial strips: rows along a straight line or a path of the base, and how long their relaxation goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.robot.space import wrap_angle
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.strip.deformer import Deformer
+from elastic_strips.strip.report import DeformReport, DeformStatus, settled_report
+from elastic_strips.strip.solver import project_rolling
+
+from .grid_path import resample
+from .problem import PlanningProblem
+
+_TURN = 0.35  # largest turn in place between two nodes [rad]
+
+
+def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: float, most: int | None = None) -> Array:
+    """Rows (N, nv) of the straight line from ``start`` to ``goal`` (configurations (nq,)).
+
+    A differential drive turns in place towards the goal, drives straight (backwards where that turns less),
+    and turns in place at the goal; the joints move evenly along the drive. Every segment can be driven exactly.
+
+    Args:
+        robot: the robot.
+        start, goal: configurations (nq,).
+        spacing: largest distance between the base poses of neighbouring nodes [m].
+        most: rows at most, at least 4; with fewer than it takes, they are further apart.
+    """
+    space = robot.space
+    a, b = space.to_chart(start), space.to_chart(goal)
+    offset = space.difference(a[None], b[None])[0]
+    if robot.base_kind is BaseKind.DIFF_DRIVE and np.hypot(*(b[:2] - a[:2])) > 1e-9:
+        rows = _turn_drive_turn(robot, a, b, offset, spacing, most)
+    else:
+        reach = np.abs(offset) * np.where(np.arange(space.nv) < space.base_nv, 1.0, 0.4)
+        if space.planar:
+            reach[0] = np.hypot(*(b[:2] - a[:2]))
+        count = max(int(np.ceil(reach.max(initial=0.0) / spacing)), 4) + 1
+        count = count if most is None else min(count, most)
+        if space.planar:  # a straight base path, not the screw arc, for an omnidirectional base
+            offset[:2] = b[:2] - a[:2]
+            rows = a + np.linspace(0.0, 1.0, count)[:, None] * offset
+        else:
+            rows = space.interpolate(a[None], b[None], np.linspace(0.0, 1.0, count))
+    rows[0], rows[-1] = a, b
+    return rows
+
+
+def _turn_drive_turn(robot: RobotModel, a: Array, b: Array, offset: Array, spacing: float, most: int | None) -> Array:
+    drive = b[:2] - a[:2]
+    length = float(np.hypot(*drive))
+    heading = float(np.arctan2(drive[1], drive[0]))
+    forward = abs(float(wrap_angle(np.array(heading - a[2])))) + abs(float(wrap_angle(np.array(b[2] - heading))))
+    back = float(wrap_angle(np.array(heading + np.pi)))
+    backward = abs(float(wrap_angle(np.array(back - a[2])))) + abs(float(wrap_angle(np.array(b[2] - back))))
+    drive_yaw = heading if forward <= backward + 0.5 else back
+    turn_in = float(wrap_angle(np.array(drive_yaw - a[2])))
+    turn_out = float(wrap_angle(np.array(b[2] - drive_yaw)))
+    n_in = int(np.ceil(abs(turn_in) / _TURN - 1e-9))
+    n_out = int(np.ceil(abs(turn_out) / _TURN - 1e-9))
+    joints = np.abs(offset[3:]).max(initial=0.0)
+    n_drive = max(int(np.ceil(max(length / spacing, 0.4 * joints / spacing))), 4)
+    if most is not None:  # the drive needs one row, and so does a turn
+        n_drive = max(min(n_drive, most - 1 - n_in - n_out), 1)
+        n_in, n_out = (min(n, max((most - 1 - n_drive) // 2, 1)) for n in (n_in, n_out))
+    rows = [a]
+    rows += [_pose(a, a[0], a[1], a[2] + turn_in * k / n_in) for k in range(1, n_in + 1)]
+    for k in range(1, n_drive + 1):
+        s = k / n_drive
+        row = a + s * offset
+        row[:2] = a[:2] + s * drive
+        row[2] = a[2] + turn_in
+        rows.append(row)
+    rows += [_pose(b, b[0], b[1], a[2] + turn_in + turn_out * k / n_out) for k in range(1, n_out + 1)]
+    return np.array(rows)
+
+
+def _pose(row: Array, x: float, y: float, yaw: float) -> Array:
+    out = row.copy()
+    out[:3] = x, y, yaw
+    return out
+
+
+_BEND = 1.0  # [rad] a heading that differs by less from the path's is bent into it, without a turn in place
+_LEAD = 0.8  # [m] over which it is bent
+_FOLD = 0.3  # largest motion of a joint between two rows while the base stands [rad or m]
+
+
+def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLike, *, spacing: float) -> Array:
+    """Rows (N, nv) along waypoints of the base, from start to goal.
+
+    A differential drive follows them forwards. Near an end the path is bent into its heading, or, where that is quite
+    another one, the drive turns in place there. The joints move evenly along the path, and so does the heading of an
+    omnidirectional base.
+
+    Args:
+        robot: the robot; its base must move.
+        start, goal: configurations (nq,).
+        path: waypoints (K, 2) [m], from the start's to the goal's position; or rows (K, nv), which stay as they
+            are but for their ends.
+        spacing: distance between rows [m].
+
+    Raises:
+        ParameterError: neither (K, 2) nor (K, nv), not finite, fewer than two, or a fixed base.
+    """
+    space = robot.space
+    try:
+        points = np.asarray(path, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"path={path!r:.80} must be an array of numbers, (K, 2) or (K, {space.nv})") from None
+    if points.ndim != 2 or points.shape[1] not in (2, space.nv) or len(points) < 2:
+        raise ParameterError(f"path has shape {points.shape}; it must be (K, 2) or (K, {space.nv}) with K ≥ 2")
+    if not np.isfinite(points).all():
+        raise ParameterError("path has entries that are not finite")
+    if not space.planar:
+        raise ParameterError(f"path: the base of {robot.name!r} is fixed, so that it follows no waypoints")
+    endpoints = space.to_chart(np.stack((start, goal)))
+    if points.shape[1] == space.nv:
+        rows = points.copy()
+        rows[0], rows[-1] = endpoints
+        return rows
+    points = np.vstack((endpoints[0, :2], points[1:-1], endpoints[1, :2]))
+    if robot.base_kind is BaseKind.DIFF_DRIVE:
+        points = _bent(points, float(endpoints[0, 2]))
+        points = _bent(points[::-1], float(endpoints[1, 2]) + np.pi)[::-1]
+    points = resample(points, spacing)
+    share = np.linspace(0.0, 1.0, len(points))
+    rows = endpoints[0] + share[:, None] * space.difference(endpoints[:1], endpoints[1:])
+    rows[:, :2] = points
+    if robot.base_kind is not BaseKind.DIFF_DRIVE:
+        rows[0], rows[-1] = endpoints
+        return rows
+    steps = np.diff(points, axis=0)
+    heading = np.arctan2(steps[:, 1], steps[:, 0])
+    rows[:, 2] = np.unwrap(np.concatenate([heading[:1], _middles(heading), heading[-1:]]))
+    first = _turn(rows[0], float(endpoints[0, 2]))[::-1]
+    last = _turn(rows[-1], float(endpoints[1, 2]))
+    rows = np.vstack((first[:-1], rows, last[1:]))
+    rows[0], rows[-1] = endpoints
+    rows[:, 2] = np.unwrap(rows[:, 2])
+    return rows
+
+
+def tucked_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLike, *, spacing: float) -> Array:
+    """Rows (N, nv) along waypoints of the base, on which the robot drives in its home posture.
+
+    It folds into that posture at the start and unfolds from it at the goal, while the base stands.
+
+    Args:
+        robot, start, goal, path, spacing: as in :func:`waypoint_rows`; ``path`` (K, 2).
+
+    Raises:
+        ParameterError: as :func:`waypoint_rows`.
+    """
+    space = robot.space
+    endpoints = space.to_chart(np.stack((start, goal)))
+    folded = endpoints.copy()
+    folded[:, space.base_nv :] = space.to_chart(robot.home_q)[space.base_nv :]
+    first, last = space.from_chart(folded)
+    rows = waypoint_rows(robot, first, last, path, spacing=spacing)
+    folded = rows[[0, -1]]
+    moves = space.difference(endpoints, folded)
+    moves[:, : space.base_nv] = 0.0
+    stands = []
+    for move, row in zip(moves, folded, strict=True):
+        count = int(np.ceil(float(np.abs(move).max(initial=0.0)) / _FOLD - 1e-9))
+        stands.append(row + (np.arange(count)[:, None] / max(count, 1) - 1.0) * move)  # from the end's posture on
+    return np.vstack((stands[0], rows, stands[1][::-1]))
+
+
+def _bent(points: Array, yaw: float) -> Array:
+    """The path (K, 2), its beginning bent so that it starts with the heading ``yaw`` where they do not differ much."""
+    fine = resample(points, 0.02)
+    length = 0.02 * (len(fine) - 1)
+    count = int(min(_LEAD, 0.4 * length) / 0.02)
+    if count < 3:
+        return points
+    chord = fine[count] - fine[0]
+    if abs(float(wrap_angle(np.array(yaw - np.arctan2(chord[1], chord[0]))))) >= _BEND:
+        return points
+    reach = float(np.hypot(*chord))
+    after = fine[count + 1] - fine[count]
+    tangents = reach * np.array([np.cos(yaw), np.sin(yaw)]), reach * after / np.hypot(*after)
+    s = np.linspace(0.0, 1.0, count + 1)[:, None]
+    bow = (
+        (2 * s**3 - 3 * s**2 + 1) * fine[0]
+        + (s**3 - 2 * s**2 + s) * tangents[0]
+        + (3 * s**2 - 2 * s**3) * fine[count]
+        + (s**3 - s**2) * tangents[1]
+    )
+    return np.vstack((bow, fine[count + 1 :]))
+
+
+def _middles(heading: Array) -> Array:
+    """Heading half-way between each two pieces of the path."""
+    return heading[:-1] + 0.5 * wrap_angle(np.diff(heading))
+
+
+def _turn(row: Array, yaw: float) -> Array:
+    """Rows that turn in place from ``row`` to the heading ``yaw``; the row alone where that is a small bend."""
+    turn = float(wrap_angle(np.array(yaw - row[2])))
+    if abs(turn) < _BEND:
+        return row[None]
+    count = int(np.ceil(abs(turn) / _TURN)) + 1
+    rows = np.repeat(row[None], count, axis=0)
+    rows[:, 2] += np.linspace(0.0, turn, count)
+    return rows
+
+
+LINE_TICKS = 6
+"""Most ticks that a straight line gets."""
+_LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
+_TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it
+STUCK_TICKS = 6
+"""Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
+_GAIN = 1e-3  # [m] by which it must get clearer to count
+_EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
+
+
+def relax_line(
+    deformer: Deformer,
+    strip: Strip,
+    scene: Scene,
+    ticks: int,
+    watch: Callable[[DeformReport], object] | None,
+    *,
+    over: Callable[[], bool] = lambda: False,
+) -> DeformReport:
+    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle, or ``over()``."""
+    report = deformer.assess(strip, scene)
+    for tick in range(1, ticks + 1):
+        if report.usable or over():
+            break
+        step = deformer.step(report.strip, scene, nodes=tick > 3)
+        report = replace(step, ticks=tick)
+        if watch is not None:
+            watch(step)
+        if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
+            break  # nodes on both sides of an obstacle: more ticks would not bring them together
+    return report
+
+
+def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, str]]:
+    """Rows (N, nv) to relax along a path (K, 2) of the base, with what is particular about them.
+
+    The joints move in step with the base; and, where start or goal is in another posture than home, the robot folds
+    into that one for the drive. Where that took more rows than a strip may have, they are further apart.
+    """
+    robot, start, goal = problem.robot, problem.start, problem.goal
+
+    def rows(make: Callable[..., Array]) -> Array:
+        return at_most(
+            lambda spacing: make(robot, start, goal, path, spacing=spacing), problem.spacing, problem.params.max_nodes
+        )
+
+    yield rows(waypoint_rows), ""
+    joints = robot.space.to_chart(np.stack((robot.home_q, start, goal)))[:, robot.space.base_nv :]
+    if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED:
+        yield rows(tucked_rows), " with the arm tucked"
+
+
+def at_most(make: Callable[[float], Array], spacing: float, most: int | None) -> Array:
+    """``most`` of the rows that ``make(spacing)`` gives (all where None), further apart where there were more."""
+    rows = make(spacing)
+    for _ in range(6):
+        if most is None or len(rows) <= most:
+            return rows
+        spacing *= 1.02 * len(rows) / most
+        rows = make(spacing)
+    keep = np.linspace(0, len(rows) - 1, most or len(rows)).round().astype(int)  # turns and folds are too many
+    return rows if most is None or len(rows) <= most else rows[keep]
+
+
+def line_strip(problem: PlanningProblem) -> Strip:
+    """The straight line as a strip."""
+    rows = straight_line(
+        problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes
+    )
+    return Strip.from_chart(problem.robot, rows, ends=problem.endpoints)
+
+
+def path_strip(problem: PlanningProblem, rows: Array) -> Strip:
+    """A planner's rows (N, nv) as a strip between start and goal; drivable for a differential drive."""
+    if problem.robot.base_kind is BaseKind.DIFF_DRIVE:
+        rows, _ = project_rolling(problem.robot.space, rows)
+    return Strip.from_chart(problem.robot, rows, ends=problem.endpoints)
+
+
+def relax_path(
+    deformer: Deformer,
+    strip: Strip,
+    scene: Scene,
+    *,
+    max_ticks: int = 30,
+    stuck: int | None = None,
+    over: Callable[[], bool] = lambda: False,
+    watch: Callable[[DeformReport], object] | None = None,
+) -> DeformReport:
+    """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle.
+
+    It is given up at rest, after ``max_ticks``, after ``stuck`` ticks in a row in which it got no clearer (None: not
+    for that), or where ``over()`` says so.
+    """
+    clearest, since, ticks = -np.inf, 0, 0
+    timings: dict[str, float] = {}
+    seconds, queries = 0.0, 0
+    while True:
+        report = deformer.step(strip, scene)
+        ticks, strip = ticks + 1, report.strip
+        seconds, queries = seconds + report.seconds, queries + report.queries
+        for phase, value in report.timings.items():
+            timings[phase] = timings.get(phase, 0.0) + value
+        if watch is not None:
+            watch(report)
+        since = 0 if report.node_clearance > clearest + _GAIN else since + 1
+        clearest = max(clearest, report.node_clearance)
+        rest = report.status is not DeformStatus.DEFORMING
+        hopeless = rest or ticks >= max_ticks or (stuck is not None and since >= stuck) or over()
+        if report.usable or hopeless:
+            ended = settled_report(report, ticks, timings, seconds, queries)
+            return _cleared(deformer, ended, scene, over, watch) if report.usable else ended
+
+
+def _cleared(
+    deformer: Deformer,
+    report: DeformReport,
+    scene: Scene,
+    over: Callable[[], bool],
+    watch: Callable[[DeformReport], object] | None,
+) -> DeformReport:
+    """A few ticks more where a certified strip is still very near an obstacle."""
+    for _ in range(_EXTRA_TICKS):
+        if not report.usable or report.node_clearance >= deformer.params.near or over():
+            break
+        further = deformer.step(report.strip, scene)
+        if watch is not None:
+            watch(further)
+        if not further.usable or further.node_clearance <= report.node_clearance:
+            break
+        report = replace(further, ticks=report.ticks + 1, reason=report.reason)
+    return report

@@ -1,0 +1,303 @@
+"""The problem of a planner: robot, scene, start, goal, time and bounds; refused where something is unsound."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from functools import lru_cache
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, SceneError
+from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.strip.deformer import Deformer
+from elastic_strips.strip.params import DeformParams
+from elastic_strips.strip.report import DeformReport
+from elastic_strips.validation import check_count
+
+from .grid_path import FLOOR
+
+_log = logging.getLogger(__name__)
+_MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
+_FAR = 200.0  # [m] a goal farther away is told of
+_HUGE, _THICK = 200.0, 1.0  # [m] an obstacle of such a size is told of, unless it is a wall or a floor
+_ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
+_LEAST = 2.0  # [m] about start and goal, to turn and to back up
+_SPACING = 0.13  # [m] between the nodes of a first strip, at most
+
+_Box = tuple[Array, Array]
+"""Low and high corner (2,) of an upright box [m]."""
+
+
+class Deadline:
+    """A point in time, ``seconds`` from now.
+
+    Args:
+        seconds: how far ahead it is [s].
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._began = perf_counter()
+        self._end = self._began + seconds
+
+    @property
+    def spent(self) -> float:
+        """Time [s] since it was set."""
+        return perf_counter() - self._began
+
+    @property
+    def left(self) -> float:
+        """Time [s] that is left; negative where it is over."""
+        return self._end - perf_counter()
+
+    def over(self) -> bool:
+        """Whether the time is over."""
+        return perf_counter() >= self._end
+
+
+class PlanningProblem:
+    """What is to be planned, checked.
+
+    Args:
+        robot: the robot.
+        scene: the obstacles, as they stand.
+        start, goal: configurations (nq,).
+        params: of the relaxation; the default preset where None.
+        deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
+        bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave, or None.
+        seed: of random numbers.
+        timeout: longest time for everything [s].
+
+    Attributes:
+        endpoints: (2, nq) start and goal.
+        region: where the base is looked for; None for a fixed base.
+        deadline: when the time is over.
+        spacing: between the nodes of a first strip [m].
+
+    Raises:
+        RobotError, SceneError: not a robot, or not a scene.
+        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
+            pair, or the distance.
+        ParameterError: a seed, timeout or bounds outside its range, or something that is no deformer.
+    """
+
+    def __init__(
+        self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *,
+        params: DeformParams | None = None, deformer: Deformer | None = None, bounds: npt.ArrayLike | None = None,
+        seed: int = 0, timeout: float = 10.0,
+    ) -> None:  # fmt: skip
+        self.seed = check_count("seed", seed)
+        number = isinstance(timeout, (int, float, np.integer, np.floating)) and not isinstance(timeout, bool)
+        if not number or not timeout > 0:
+            raise ParameterError(f"timeout={timeout!r} must be a number > 0 of seconds")
+        self.deadline = Deadline(float(timeout))
+        _check_kinds(robot, scene)
+        if deformer is not None and not isinstance(deformer, Deformer):
+            raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
+        self.robot, self.scene = robot, scene
+        self.deformer = deformer or Deformer(robot, DeformParams() if params is None else params)
+        self.params = self.deformer.params
+        self.start, self.goal = check_endpoints(robot, scene, start, goal, self.params)
+        self.endpoints = np.stack((self.start, self.goal))
+        self.region = Region.of(robot, scene, self.start, self.goal, bounds)
+        self.spacing = min(_SPACING, self.params.max_spacing)
+
+    def failure(self, report: DeformReport) -> str:
+        """Why a relaxed strip is of no use; empty where it is certified and its base keeps to the bounds."""
+        if not report.usable:
+            return report.reason
+        aside = 0.0 if self.region is None else self.region.left_by(report.strip)
+        return f"the base leaves the bounds by {aside:.3f} m" if aside > 0.0 else ""
+
+
+def _check_kinds(robot: RobotModel, scene: Scene) -> None:
+    if not isinstance(robot, RobotModel):
+        raise RobotError(f"robot is a {type(robot).__name__}; it must be a RobotModel, as load_robot(...) gives it")
+    if not isinstance(scene, Scene):
+        raise SceneError(f"scene is a {type(scene).__name__}; it must be a Scene: Scene([...])")
+
+
+def check_endpoints(
+    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams
+) -> tuple[Array, Array]:
+    """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
+
+    What is suspiciously far away or large is told of in a warning: lengths are in metres.
+
+    Raises:
+        RobotError, SceneError: not a robot, or not a scene.
+        ConfigurationError: names what is wrong: the entry, the pair that is too close and its distance, or how far the
+            goal is away.
+    """
+    _check_kinds(robot, scene)
+    endpoints = []
+    for what, given in (("start", start), ("goal", goal)):
+        q = robot.check_q(given, what=what)
+        if q.ndim != 1:
+            raise ConfigurationError(f"{what} has shape {q.shape}; it must be one configuration ({robot.nq},)")
+        endpoints.append(q)
+    if robot.space.planar:
+        _check_distance(float(np.hypot(*(endpoints[1] - endpoints[0])[:2])), params)
+    _warn_of_size(scene)
+    bodies = BodySet.links(robot)
+    kin = Kinematics(robot.tree, 2)
+    kin.update(robot.space.to_chart(np.stack(endpoints)))
+    obstacles = ObstacleProximity(bodies, influence=2.0 * params.clearance + 0.01)
+    obstacles.update(kin, scene)
+    reach = 2.0 * params.self_clearance + 0.01
+    own = SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=reach)
+    own.update(kin)
+    for node, what in enumerate(("start", "goal")):
+        if obstacles.bound[node].size:
+            body, part = np.unravel_index(int(np.argmin(obstacles.bound[node])), obstacles.bound.shape[1:])
+            other = obstacles.obstacle_name(int(part))
+            _refuse(what, obstacles.bound[node, body, part], params, "clearance", bodies.names[body], other)
+        if own.bound[node].size:
+            pair = int(np.argmin(own.bound[node]))
+            one, two = (bodies.names[k] for k in own.pairs[pair])
+            _refuse(what, own.bound[node, pair], params, "self_clearance", one, two)
+    return endpoints[0], endpoints[1]
+
+
+def _check_distance(distance: float, params: DeformParams) -> None:
+    if distance > _MOST_DISTANCE:
+        raise ConfigurationError(
+            f"goal is {distance:.6g} m from start, more than the {_MOST_DISTANCE:g} m that are planned at once; "
+            "lengths are in metres (are these millimetres?), and a longer way takes goals in between"
+        )
+    if distance > _FAR:
+        _warn_once(
+            f"goal is {distance:.6g} m from start: lengths are in metres; a strip has at most {params.max_nodes} nodes "
+            "(max_nodes)"
+        )
+
+
+def _warn_of_size(scene: Scene) -> None:
+    table = scene.table
+    size = 2.0 * table.half_extents
+    huge = (size.max(axis=1, initial=0.0) > _HUGE) & (size.min(axis=1, initial=np.inf) > _THICK)
+    if huge.any():
+        k = int(np.argmax(np.where(huge, size.max(axis=1), 0.0)))
+        x, y, z = size[k]
+        name = scene.names[int(table.obstacle_index[k])]
+        _warn_once(f"obstacle {name!r} is {x:.6g} m × {y:.6g} m × {z:.6g} m large: lengths are in metres")
+
+
+@lru_cache(maxsize=64)
+def _warn_once(message: str) -> None:
+    """Who plans anew at every tick need not hear it at every tick."""
+    _log.warning("%s", message)
+
+
+def _refuse(what: str, distance: float, params: DeformParams, bound: str, one: str, two: str) -> None:
+    if distance < 0:
+        raise ConfigurationError(f"{what} is in collision: {one!r} is {-distance * 1000:.1f} mm deep in {two!r}")
+    clearance = float(getattr(params, bound))
+    if distance <= clearance:
+        raise ConfigurationError(
+            f"{what} is too close: {one!r} is {distance * 1000:.1f} mm from {two!r}; more than "
+            f"{clearance * 1000:.1f} mm ({bound}) are needed; "
+            f"params=DeformParams({bound}=…) asks for less, down to 0"
+        )
+
+
+class Region:
+    """Boxes of the plane in which the base is looked for.
+
+    Without bounds a box about start and goal is widened until it holds all obstacles and a path around them.
+
+    Args:
+        robot: the robot; its base must move.
+        scene: the obstacles.
+        start, goal: configurations (nq,).
+        bounds: low and high corner ((x, y), (x, y)) [m] of a box that the base does not leave.
+
+    Attributes:
+        given: the caller's bounds, or None.
+        cover: the box beyond which there is nothing to be passed; the bounds where they are given.
+
+    Raises:
+        ParameterError: bounds of another shape, not finite, or empty.
+        ConfigurationError: start or goal is outside of the bounds.
+    """
+
+    def __init__(
+        self, robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None = None
+    ) -> None:
+        self.endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
+        self.given = None if bounds is None else _checked_bounds(bounds, self.endpoints)
+        self.cover = self._cover(robot, scene, start, goal) if self.given is None else self.given
+
+    @staticmethod
+    def of(robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None) -> Region | None:
+        """The region of a robot whose base moves; None for a fixed base.
+
+        Raises:
+            ParameterError, ConfigurationError: bounds for a fixed base, or as :class:`Region`.
+        """
+        if robot.space.planar:
+            return Region(robot, scene, start, goal, bounds)
+        if bounds is not None:
+            raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
+        return None
+
+    def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> _Box:
+        footprints = [PlanarFootprint.of(robot, q) for q in (start, goal, robot.home_q)]
+        outer, height = max(f.outer for f in footprints), max(f.height for f in footprints)
+        table = scene.table
+        low, high = table.center - table.half_extents, table.center + table.half_extents
+        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR)
+        least, room = max(_LEAST, outer + _ROOM), outer + _ROOM
+        corners = np.vstack(
+            (self.endpoints - least, self.endpoints + least, low[counts, :2] - room, high[counts, :2] + room)
+        )
+        return np.min(corners, axis=0), np.max(corners, axis=0)
+
+    def box(self, widen: float) -> _Box:
+        """The box that reaches ``widen`` [m] beyond start and goal, no further than anything is; or the bounds."""
+        low, high = self.cover
+        if self.given is None:
+            low = np.maximum(low, self.endpoints.min(axis=0) - widen)
+            high = np.minimum(high, self.endpoints.max(axis=0) + widen)
+        return low, high
+
+    def boxes(self, widen: float) -> Iterator[_Box]:
+        """Boxes that reach ``widen`` [m] beyond start and goal, then twice as far, until one is all there is."""
+        while True:
+            low, high = self.box(widen)
+            yield low, high
+            if np.array_equal(low, self.cover[0]) and np.array_equal(high, self.cover[1]):
+                return
+            widen *= 2.0
+
+    def left_by(self, strip: Strip) -> float:
+        """How far [m] the base leaves the caller's bounds on a strip; 0 without bounds."""
+        if self.given is None:
+            return 0.0
+        low, high = self.given
+        path = strip.robot.space.to_chart(strip.sample(0.1))[:, :2]
+        return float(max((low - path).max(), (path - high).max(), 0.0))
+
+
+def _checked_bounds(bounds: npt.ArrayLike, endpoints: Array) -> _Box:
+    try:
+        corners = np.array(bounds, dtype=float)
+    except (TypeError, ValueError):
+        corners = np.zeros(0)
+    if corners.shape != (2, 2) or not np.isfinite(corners).all():
+        raise ParameterError(f"bounds={bounds!r} must be ((x, y), (x, y)): two corners of finite numbers [m]")
+    low, high = corners[0], corners[1]
+    if not (low < high).all():
+        raise ParameterError(f"bounds={bounds!r}: the first corner must lie below the second in x and y")
+    for what, at in zip(("start", "goal"), endpoints, strict=True):
+        if (at < low).any() or (at > high).any():
+            raise ConfigurationError(
+                f"{what}: the base at x={at[0]:.6g}, y={at[1]:.6g} m is outside of bounds={corners.tolist()}"
+            )
+    return low, high

@@ -1,0 +1,296 @@
+"""Coal's shapes: the one module that knows their kinds, and what follows from a kind.
+
+``BVHModel`` of Coal is hollow, so no mesh may reach the distance queries as such; :func:`convex_from_vertices` makes
+the convex hull that contains it.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import RobotError
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
+
+_CIRCLE = np.column_stack(
+    (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
+)
+_FARTHEST = 1e3  # [m]
+_THINNEST = 1e-6  # [m]
+_MOST_NEIGHBOURS = 255  # of a corner of a Coal shape
+_LARGE_FACE = 50  # triangles
+_TIP = 1e-5  # [m]
+_CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
+SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+"""(8, 3) signs of the corners of a box."""
+
+
+class ShapeKind(str, Enum):
+    """Kinds of shapes that the library tells apart."""
+
+    BOX = "box"
+    SPHERE = "sphere"
+    CYLINDER = "cylinder"
+    CAPSULE = "capsule"
+    CONE = "cone"
+    ELLIPSOID = "ellipsoid"
+    CONVEX = "convex"
+    MESH = "mesh"
+    OTHER = "other"
+
+
+_KINDS = (
+    (coal.Box, ShapeKind.BOX),
+    (coal.Sphere, ShapeKind.SPHERE),
+    (coal.Cylinder, ShapeKind.CYLINDER),
+    (coal.Capsule, ShapeKind.CAPSULE),
+    (coal.Cone, ShapeKind.CONE),
+    (coal.Ellipsoid, ShapeKind.ELLIPSOID),
+    (coal.ConvexBase, ShapeKind.CONVEX),
+    (coal.BVHModelBase, ShapeKind.MESH),
+)
+LONG_ROUND = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.CONE)
+"""Kinds of shapes that are round about their z axis and have a length."""
+
+
+def shape_of(geometry: coal.CollisionGeometry | None) -> tuple[ShapeKind, tuple[float, ...]]:
+    """Kind and half sizes [m] of a shape.
+
+    They are (x, y, z) of a box and of an ellipsoid, (radius,) of a sphere, (radius, half length) of cylinder, capsule
+    and cone; none for the other kinds. The kind of None, a block of boxes, is ``OTHER``.
+    """
+    if geometry is None:
+        return ShapeKind.OTHER, ()
+    kind = next((kind for form, kind in _KINDS if isinstance(geometry, form)), ShapeKind.OTHER)
+    if kind is ShapeKind.BOX:
+        return kind, tuple(np.asarray(geometry.halfSide).tolist())
+    if kind is ShapeKind.SPHERE:
+        return kind, (float(geometry.radius),)
+    if kind in LONG_ROUND:
+        return kind, (float(geometry.radius), float(geometry.halfLength))
+    if kind is ShapeKind.ELLIPSOID:
+        return kind, tuple(np.asarray(geometry.radii).tolist())
+    return kind, ()
+
+
+def vertices(geometry: coal.CollisionGeometry) -> Array:
+    """Corners (V, 3) [m] of a convex shape or a mesh."""
+    points = geometry.vertices() if isinstance(geometry, coal.BVHModelBase) else geometry.points()
+    return np.array(points, dtype=float).reshape(-1, 3)
+
+
+def faces(geometry: coal.CollisionGeometry) -> npt.NDArray[np.int64]:
+    """Triangles (T, 3) of a mesh: numbers of its corners."""
+    triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
+    return np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64).reshape(-1, 3)
+
+
+def rounded(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
+    """A sphere as a capsule of no length, which keeps out of Coal's closed forms for spheres; others as they are."""
+    return coal.Capsule(geometry.radius, 0.0) if isinstance(geometry, coal.Sphere) else geometry
+
+
+def for_penetration(
+    one: coal.CollisionGeometry, two: coal.CollisionGeometry
+) -> tuple[coal.CollisionGeometry, coal.CollisionGeometry]:
+    """Two shapes as Coal finds their depth of penetration.
+
+    Its closed form for a sphere and a cylinder forgets the cylinder's caps once the sphere's centre is inside.
+    """
+    if {type(one), type(two)} == {coal.Sphere, coal.Cylinder}:
+        return rounded(one), rounded(two)
+    return one, two
+
+
+def box_about(ellipsoid: coal.Ellipsoid) -> coal.Box:
+    """The box that holds an ellipsoid, with its swept-sphere radius."""
+    box = coal.Box(*(2 * np.asarray(ellipsoid.radii)))
+    box.setSweptSphereRadius(ellipsoid.getSweptSphereRadius())
+    return box
+
+
+def support(geometry: coal.CollisionGeometry, directions: Array) -> Array:
+    """Support (K,) [m] of a convex shape: how far it extends along each of ``directions`` (K, 3), in its frame."""
+    kind, size = shape_of(geometry)
+    flat, up = np.hypot(directions[:, 0], directions[:, 1]), np.abs(directions[:, 2])
+    if kind is ShapeKind.BOX:
+        return np.abs(directions) @ np.array(size)
+    if kind is ShapeKind.SPHERE:
+        return np.full(len(directions), size[0])
+    if kind is ShapeKind.CAPSULE:
+        return size[0] + size[1] * up
+    if kind is ShapeKind.CYLINDER:
+        return size[0] * flat + size[1] * up
+    if kind is ShapeKind.CONE:
+        tip = size[1] * directions[:, 2]
+        return np.maximum(size[0] * flat - tip, tip)
+    return (directions @ vertices(geometry).T).max(axis=1)
+
+
+def support_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
+    """Points (V, 3) and a radius [m] whose sphere-swept convex hull contains the shape, in the shape's frame.
+
+    Raises:
+        RobotError: the shape has no convex description here.
+    """
+    points, radius = _core_points(geometry)
+    if isinstance(geometry, coal.ShapeBase):
+        radius += float(geometry.getSweptSphereRadius())
+    return points, radius
+
+
+def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
+    """The same for a shape without its swept-sphere radius."""
+    kind, size = shape_of(geometry)
+    if kind is ShapeKind.SPHERE:
+        return np.zeros((1, 3)), size[0]
+    if kind is ShapeKind.CAPSULE:
+        return np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]), size[0]
+    if kind in (ShapeKind.BOX, ShapeKind.ELLIPSOID):
+        return SIGNS * np.array(size), 0.0
+    if kind in (ShapeKind.CYLINDER, ShapeKind.CONE):
+        ring = _CIRCLE * (size[0] * _CIRCUMSCRIBED)
+        low = np.column_stack((ring, np.full(len(ring), -size[1])))
+        if kind is ShapeKind.CONE:
+            return np.vstack((low, [[0, 0, size[1]]])), 0.0
+        return np.vstack((low, low + np.array([0, 0, 2 * size[1]]))), 0.0
+    if kind in (ShapeKind.CONVEX, ShapeKind.MESH):
+        return vertices(geometry), 0.0
+    raise RobotError(
+        f"collision shape {type(geometry).__name__} is not supported. "
+        "Valid: Box, Sphere, Cylinder, Capsule, Cone, Ellipsoid, Convex, mesh."
+    )
+
+
+def contains(geometry: coal.CollisionGeometry, points: Array) -> bool:
+    """Whether points (V, 3) in a shape's frame surely all lie inside it; asked of up to 400 points only."""
+    kind, size = shape_of(geometry)
+    if len(points) > 400:
+        return False
+    if kind is ShapeKind.BOX:
+        return bool(np.all(np.abs(points) <= np.array(size) + 1e-9))
+    if kind is ShapeKind.SPHERE:
+        return bool(np.all(np.linalg.norm(points, axis=1) <= size[0] + 1e-9))
+    if kind is ShapeKind.CYLINDER:
+        around = np.linalg.norm(points[:, :2], axis=1)
+        return bool(np.all(around <= size[0] + 1e-9) and np.all(np.abs(points[:, 2]) <= size[1] + 1e-9))
+    if kind is ShapeKind.CONVEX:
+        hull = convex_hull(vertices(geometry))
+        return bool(np.all(hull.equations[:, :3] @ points.T + hull.equations[:, 3:] <= 1e-9))
+    return False
+
+
+def convex_hull(points: Array) -> ConvexHull:
+    """Qhull's convex hull of points (V, 3)."""
+    from scipy.spatial import ConvexHull  # late: slow to import, and robots of primitives need none
+
+    return ConvexHull(points)
+
+
+def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
+    """Convex hull of points (V, 3) [m] as a Coal shape.
+
+    The triangles come from scipy: ``coal.Convex.convexHull`` ends the process on points that are nearly flat.
+
+    Raises:
+        RobotError: a point is not finite or further than 1 km away, or the points are fewer than four or flat.
+    """
+    points = np.asarray(vertices, dtype=float)
+    if not np.isfinite(points).all() or np.abs(points).max(initial=0.0) > _FARTHEST:
+        raise RobotError(f"{name}: a vertex is not finite or further than {_FARTHEST:g} m from the origin")
+    points = np.unique(points.round(12), axis=0)
+    flat = RobotError(f"{name}: {len(points)} distinct vertices without volume; a convex hull needs 4, not coplanar")
+    if len(points) < 4:
+        raise flat
+    middle = points.mean(axis=0)
+    thin = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
+    if float(np.ptp((points - middle) @ thin)) < _THINNEST:
+        raise flat
+    from scipy.spatial import QhullError
+
+    try:
+        corners, triangles = _hull_triangles(points)
+    except QhullError:
+        raise flat from None
+    shape = _coal_convex(corners, triangles)
+    shape.computeLocalAABB()
+    return shape
+
+
+def _coal_convex(corners: Array, triangles: npt.NDArray[np.intp]) -> coal.Convex:
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(corners))
+    faces.extend([coal.Triangle(*abc) for abc in triangles.tolist()])
+    return coal.Convex(points, faces)
+
+
+def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
+    """Corners (V, 3) and triangles (T, 3) of a convex hull in which no corner has more neighbours than Coal takes.
+
+    Where one has, as in a wheel's flat side that is cut into a fan, large flat faces are cut into strips: the same
+    hull. An apex that still has too many becomes the corners of a tiny polygon about it: the hull grows by ``_TIP``.
+    """
+    hull = convex_hull(points)
+    corners, triangles = _numbered(points, hull.vertices, hull.simplices)
+    if _neighbours(triangles, len(corners)).max() <= _MOST_NEIGHBOURS:
+        return corners, triangles
+    for _ in range(4):
+        corners, triangles = _numbered(points, hull.vertices, _strips(points, hull))
+        count = _neighbours(triangles, len(corners))
+        if count.max() <= _MOST_NEIGHBOURS:
+            return corners, triangles
+        grown = [corners[count <= _MOST_NEIGHBOURS]]
+        for worst in np.flatnonzero(count > _MOST_NEIGHBOURS):
+            sides = corners[triangles[(triangles == worst).any(axis=1)]]
+            normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+            outward = np.sum(
+                normals * np.sign(np.sum(normals * (sides[:, 0] - corners.mean(axis=0)), axis=1))[:, None], 0
+            )
+            across = np.linalg.svd(outward[None] / np.linalg.norm(outward))[2][1:]
+            angles = np.linspace(0.0, 2.0 * np.pi, 3 + count[worst] // 100, endpoint=False)
+            grown.append(corners[worst] + _TIP * np.column_stack((np.cos(angles), np.sin(angles))) @ across)
+        points = np.vstack(grown)
+        hull = convex_hull(points)
+    raise RobotError(f"a corner of a convex hull has {count.max()} neighbours; Coal takes {_MOST_NEIGHBOURS}")
+
+
+def _numbered(
+    points: Array, used: npt.NDArray[np.integer], triangles: npt.NDArray[np.integer]
+) -> tuple[Array, npt.NDArray[np.intp]]:
+    """The used points alone, and triangles of their new numbers."""
+    number = np.full(len(points), -1, dtype=np.intp)
+    number[used] = np.arange(len(used))
+    return points[used], number[triangles]
+
+
+def _neighbours(triangles: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:
+    """Number of neighbours (V,) of each corner: in a closed surface, that of its triangles."""
+    return np.bincount(triangles.ravel(), minlength=count)
+
+
+def _strips(points: Array, hull: ConvexHull) -> npt.NDArray[np.intp]:
+    """The hull's triangles (T, 3), those of each large flat face as one zigzag strip."""
+    _, face, size = np.unique(hull.equations, axis=0, return_inverse=True, return_counts=True)
+    face = face.ravel()  # triangles of one flat face share its plane exactly
+    triangles = list(hull.simplices[size[face] < _LARGE_FACE])
+    for large in np.flatnonzero(size >= _LARGE_FACE):
+        around = np.unique(hull.simplices[face == large])
+        local = points[around] - points[around].mean(axis=0)
+        normal = hull.equations[int(np.argmax(face == large)), :3]
+        first = local[0] / np.linalg.norm(local[0])
+        around = around[np.argsort(np.arctan2(local @ np.cross(normal, first), local @ first))]
+        low, high = 0, len(around) - 1
+        while high - low >= 2:
+            triangles.append(around[[low, low + 1, high]])
+            low += 1
+            if high - low >= 2:
+                triangles.append(around[[low, high - 1, high]])
+                high -= 1
+    return np.array(triangles, dtype=np.intp)

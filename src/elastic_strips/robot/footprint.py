@@ -1,0 +1,130 @@
+"""Planar footprint: a robot seen from above, as boxes and as discs about its base."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from elastic_strips.arrays import Array
+
+from .coal_shapes import support, support_points
+from .model import RobotModel
+
+DIRECTIONS = 32
+"""Number of half planes that bound an outline: it is at most 0.5 % of its radius too large."""
+
+
+class PlanarFootprint:
+    """Workspace: a robot seen from above in one posture of its joints, in the frame of its base.
+
+    There are two descriptions. The *boxes* hold each body, round ones as the polygons that hold them: they are for
+    separations from obstacles. The *discs* are of the bodies' exact outlines: a grid closes cells by them, and polygons
+    would close doors that the robot fits through.
+
+    Args:
+        robot: the robot.
+
+    Attributes:
+        middle, half: (K, 2) centres and half sizes of the boxes [m]; boxes within others are left out.
+        low, high: (K,) lowest and highest points of the boxes [m].
+    """
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot = robot
+        self._data, self._placed = robot.model.createData(), robot.collision_model.createData()
+        self._points = [support_points(piece.geometry) for piece in robot.geometries]
+        self._posture: Array | None = None
+        self.middle = self.half = np.zeros((0, 2))
+        self.low = self.high = np.zeros(0)
+
+    @staticmethod
+    def of(robot: RobotModel, q: Array) -> PlanarFootprint:
+        """The footprint in the posture of the configuration ``q`` (nq,)."""
+        footprint = PlanarFootprint(robot)
+        footprint._place(q.copy())
+        return footprint
+
+    def update(self, coordinates: Array) -> None:
+        """Take the posture of the joints from coordinates (nv,)."""
+        row = np.array(coordinates, dtype=float)
+        row[: self._robot.space.base_nv] = 0.0
+        if self._posture is None or not np.array_equal(row, self._posture):
+            self._place(self._robot.space.from_chart(row))
+            self._posture = row
+
+    def _place(self, q: Array) -> None:
+        robot = self._robot
+        if robot.space.planar:
+            q[:4] = 0.0, 0.0, 1.0, 0.0
+        pin.updateGeometryPlacements(robot.model, self._data, robot.collision_model, self._placed, q)
+        index = np.arange(len(self._points))
+        boxes = np.empty((len(index), 2, 3))
+        for k, ((points, radius), pose) in enumerate(zip(self._points, self._placed.oMg, strict=True)):
+            placed = points @ pose.rotation.T + pose.translation
+            boxes[k] = placed.min(axis=0) - radius, placed.max(axis=0) + radius
+        inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2) & (boxes[:, None, 1] <= boxes[None, :, 1]).all(2)
+        inside &= ~np.eye(len(index), dtype=bool)
+        boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
+        self.middle, self.half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
+        self.low, self.high = boxes[:, 0, 2], boxes[:, 1, 2]
+
+    @property
+    def inner(self) -> float:
+        """Radius [m] of the largest disc about the base's origin within one of the bodies."""
+        return self.inner_below(np.inf)
+
+    def inner_below(self, height: float) -> float:
+        """That of the bodies that reach below ``height`` [m]."""
+        at = self._lowest() < height
+        return float(self._outlines()[at].min(axis=1).max(initial=0.0))
+
+    @property
+    def outer(self) -> float:
+        """Radius [m] of a disc about the base's origin that holds the robot."""
+        return float(self._outlines().max(initial=0.0) / np.cos(np.pi / DIRECTIONS))
+
+    @property
+    def height(self) -> float:
+        """Height of the highest point [m]."""
+        return float(self._extents(1.0).max(initial=0.0))
+
+    def reach(self, low: float = -np.inf, high: float = np.inf) -> float:
+        """Radius [m] about the base's origin of a disc that holds the boxes between two heights [m]."""
+        at = (self.low <= high) & (self.high >= low)
+        return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
+
+    def _outlines(self) -> Array:
+        """(G, DIRECTIONS) how far [m] each body reaches from the base's origin along the outline directions."""
+        around = outline_directions()
+        return np.array(
+            [
+                support(piece.geometry, around @ pose.rotation) + around @ pose.translation
+                for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
+            ]
+        )
+
+    def _lowest(self) -> Array:
+        """(G,) lowest points of the bodies [m]."""
+        return -self._extents(-1.0)
+
+    def _extents(self, sense: float) -> Array:
+        """(G,) how far [m] each body reaches upwards (1) or downwards (−1)."""
+        return np.array(
+            [
+                support(piece.geometry, sense * pose.rotation[2:]).item() + sense * pose.translation[2]
+                for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
+            ]
+        )
+
+
+def outline_directions() -> Array:
+    """(DIRECTIONS, 3) horizontal unit vectors all around."""
+    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    return np.column_stack((np.cos(angle), np.sin(angle), np.zeros(DIRECTIONS)))
+
+
+def box_distance(x: Array, y: Array, a: Array | float, b: Array | float) -> Array:
+    """Signed distances [m] of points (x, y) from rectangles of half sizes a, b about the origin."""
+    x, y = np.abs(x) - a, np.abs(y) - b
+    outside = np.sqrt(np.square(np.maximum(x, 0.0)) + np.square(np.maximum(y, 0.0)))
+    return outside + np.minimum(np.maximum(x, y), 0.0)

@@ -1,0 +1,258 @@
+"""The base methods by name, a controller of a base by one of them, and its simulation, on readings alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from time import perf_counter
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.control.controller import ControlLoop, Tick
+from elastic_strips.control.estimation import PoseBuffer
+from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
+from elastic_strips.control.params import DriveParams, Tolerance
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
+from elastic_strips.perception import Reading
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene, World
+from elastic_strips.sim.closed_loop import Simulation, prepare
+from elastic_strips.sim.plant import Plant
+from elastic_strips.sim.sensed_perception import ContactSensor
+from elastic_strips.sim.sensors import SensorConfig, SensorSuite
+from elastic_strips.trajectory import MotionLimits
+from elastic_strips.validation import check_able, check_type
+
+from .base_method import BaseCommand, BaseLimits, BaseMethod
+from .elastic_band import ElasticBand, SensedPath
+from .force_fields import PotentialField, VirtualForceField
+from .histogram import VectorFieldHistogram
+
+
+def _band(limits: BaseLimits) -> BaseMethod:
+    return ElasticBand(limits, planner=SensedPath(limits.radius))
+
+
+BASE_METHODS: Mapping[str, Callable[[BaseLimits], BaseMethod]] = MappingProxyType(
+    {"apf": PotentialField, "vff": VirtualForceField, "vfh": VectorFieldHistogram, "band": _band}
+)
+"""Name → factory of the method with its default parameters; the band's planner knows what is sensed, and no more."""
+
+
+def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
+    """A base method by its name, with its default parameters.
+
+    Raises:
+        ParameterError: no such method.
+    """
+    if name not in BASE_METHODS:
+        raise ParameterError(f"base method {name!r} is unknown{nearest_name(name, BASE_METHODS)}")
+    return BASE_METHODS[name](limits)
+
+
+PATIENCE = 15.0
+"""A method that has been blocked for so long [s] is given up."""
+_TWIST_OVER = 5  # control steps over which the velocity is estimated
+
+
+class BaseController(ControlLoop):
+    """Workspace: the counterpart of :class:`~elastic_strips.control.Controller` for base methods.
+
+    The method gets readings, each with the pose that it was taken at; it knows no map. The arm stays as it is. It ends
+    at the goal, at a contact, or after the method has been blocked for long.
+
+    Args:
+        robot: with a differential drive.
+        start: configuration (nq,).
+        goal: configuration (nq,); only the base's pose counts.
+        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
+        params: periods of the drive.
+        limits: of the motors; read off the robot where None.
+        base: what the method knows of the base; read off the limits where None.
+        patience: a method that has been blocked for so long [s] is given up.
+
+    Raises:
+        ConfigurationError: the robot has no differential drive, or start or goal is not sound.
+        ParameterError: an unknown method.
+    """
+
+    tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
+    """How near counts as reached; of the base alone."""
+    plans_next = True
+    """Readings are wanted in every step."""
+    replans = 0
+    reference = None
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        start: ArrayLike,
+        goal: ArrayLike,
+        method: str,
+        *,
+        params: DriveParams | None = None,
+        limits: MotionLimits | None = None,
+        base: BaseLimits | None = None,
+        patience: float = PATIENCE,
+    ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        if robot.base_kind is not BaseKind.DIFF_DRIVE:
+            raise ConfigurationError(
+                f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"
+            )
+        super().__init__(robot, start, params, limits)
+        self.goal = robot.space.to_chart(robot.check_q(goal, what="goal"))
+        self.steering = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
+        self.patience = patience
+        self.command = BaseCommand(0.0, 0.0, "moving")
+        self.state, self.reason = RunState.STOPPED, "not started"
+        self.stops: list[tuple[float, str]] = []
+        self.events: list[Event] = []
+        self._past = PoseBuffer()
+        self._past.add(0.0, self.estimate)
+        self._blocked = 0.0
+
+    @property
+    def method(self) -> str:
+        """Its name."""
+        return self.steering.name
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has arrived, has touched something, or was to stop and has let go."""
+        if self._contact or self.state is RunState.REACHED:
+            return True
+        return bool(self._stopping) and not (self.command.v or self.command.omega)
+
+    def log(self, kind: str, reason: str) -> None:
+        """Write down an event of now."""
+        self.events.append(Event(self.time, kind, reason))
+
+    def step(
+        self, t: float, measurement: Measurement | None, readings: Sequence[Reading] | None, *, trouble: str = ""
+    ) -> Command:
+        """One control period; as :meth:`Controller.step`, on readings.
+
+        Args:
+            t: time [s].
+            measurement: what has been measured since the last step; None at the first.
+            readings: those that have come since the last step.
+            trouble: why none came.
+        """
+        self.time = t
+        if measurement is not None:
+            self._take_in(measurement)
+            self._past.add(t, self.estimate)
+        for reading in readings or ():
+            self.steering.update(reading, self._past.at(reading.time))
+        if self._steps % self.params.plan_every == 0:
+            self._steer(t)
+        self._steps += 1
+        if self._contact or self._stopping:
+            self.command = BaseCommand(0.0, 0.0, "moving", self._stopping)
+        command, blocked = self.command, self.command.status == "blocked"
+        self._blocked = self._blocked + self.params.control_dt if blocked else 0.0
+        if self._contact:
+            self._enter(RunState.STOPPED, f"touched {self._contact}")
+        elif command.status == "arrived":
+            self._enter(RunState.REACHED, "at rest at the goal")
+        elif self._stopping and self.ended:
+            self._enter(RunState.STOPPED, self._stopping)
+        else:
+            self._enter(RunState.BRAKING if blocked else RunState.MOVING, command.reason)
+        if self._blocked > self.patience:
+            self.stop(f"blocked: {command.reason}")
+        drive = self.limits.to_drive(np.array([command.v, 0.0, command.omega]))
+        drive /= max(1.0, float((np.abs(drive) / self.limits.drive_speed).max()))
+        return Command(drive, np.zeros(len(self.limits.joint_speed)))
+
+    def _steer(self, t: float) -> None:
+        began = perf_counter()
+        self.command = self.steering.command(t, self.estimate[:3], self._past.velocity(_TWIST_OVER), self.goal[:3])
+        seconds = perf_counter() - began
+        self._finish_tick(Tick(t, seconds, None, None, np.nan, self.command.status, self.command.reason))
+
+    def _enter(self, state: RunState, reason: str) -> None:
+        if state is not self.state:
+            if state is RunState.STOPPED or state is RunState.BRAKING:
+                self.stops.append((self.time, reason))
+            self.log(state.label, reason)
+        self.state, self.reason = state, reason
+
+
+class RawReadings:
+    """Workspace: what a robot's simulated sensors read, as it is; and whether the robot touches something.
+
+    Args:
+        robot: with the sensors' frames.
+        world: that the sensors see.
+        plant: where the robot truly is.
+        sensors: what they are like; the Silvermate's where None.
+        seed: of their noise.
+
+    Raises:
+        RobotError: the robot has not the frames that the sensors sit on.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        world: World,
+        plant: Plant,
+        sensors: SensorConfig | None = None,
+        *,
+        seed: int | np.random.Generator = 0,
+    ) -> None:
+        self.suite = SensorSuite(robot, world, sensors, seed=seed)
+        self._world, self._plant, self._contact_sensor = world, plant, ContactSensor(robot)
+
+    @property
+    def contact(self) -> str:
+        """The obstacle that is touched."""
+        return self._contact_sensor.touched(self._world.at(self._plant.time), self._plant.chart)
+
+    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+        """Nothing: what is read is handed over as soon as it comes."""
+
+    def sense(self, t: float) -> Sequence[Reading]:
+        """Readings that have come by the time ``t`` [s]."""
+        return self.suite.observe(t, self._plant.chart)
+
+
+def base_simulation(
+    robot: RobotModel,
+    world: World | Scene,
+    start: ArrayLike,
+    goal: ArrayLike,
+    method: str,
+    *,
+    limits: MotionLimits | None = None,
+    sensors: SensorConfig | None = None,
+    plant: Plant | None = None,
+    seed: int = 0,
+    watch: Callable[[Any], object] | None = None,
+    realtime: bool = False,
+    metadata: dict[str, object] | None = None,
+    **options: Any,
+) -> Simulation[BaseController]:
+    """A method for a base alone in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
+
+    Args:
+        robot, start, goal, method, limits, **options: of the :class:`BaseController`.
+        world: the true obstacles over time.
+        sensors: what the sensors are like.
+        plant: the machine; a :class:`KinematicPlant` where None.
+        seed: of the machine and the sensors.
+        watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
+    """
+    check_able("watch", watch)
+    controller = BaseController(robot, start, goal, method, limits=limits, **options)
+    world, machine, rng = prepare(robot, world, controller.limits, plant, seed)
+    machine.reset(controller.estimate)
+    senses = RawReadings(robot, world, machine, sensors, seed=rng)
+    return Simulation(
+        controller, world, machine, senses, watch=watch, realtime=realtime,
+        metadata={"method": method, **(metadata or {})},
+    )  # fmt: skip

@@ -1,0 +1,24 @@
+"""Benchmarks: planning, replanning, the tick and the closed loop, measured on this machine."""
+
+from .drive import bench_drive, bench_faults, bench_reaction, bench_soak
+from .plan import bench_plan, bench_replan
+from .problems import bench_bridge, bench_problems
+from .robots import RobotCase, bench_robots, robot_cases, robots_table, with_table
+from .tick import bench_tick
+
+__all__ = [
+    "RobotCase",
+    "bench_bridge",
+    "bench_drive",
+    "bench_faults",
+    "bench_plan",
+    "bench_problems",
+    "bench_reaction",
+    "bench_replan",
+    "bench_robots",
+    "bench_soak",
+    "bench_tick",
+    "robot_cases",
+    "robots_table",
+    "with_table",
+]

@@ -1,0 +1,385 @@
+"""Driving benchmarks: many seeded runs among moving obstacles; reaction times; an endurance run."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.control.controller import Controller
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.params import DriveParams
+from elastic_strips.errors import ElasticStripsError
+from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
+from elastic_strips.sim.closed_loop import Simulation, simulation
+from elastic_strips.sim.faults import FAULTS, Fault
+from elastic_strips.sim.perception import PerceptionParams
+from elastic_strips.sim.scenarios import STRIP, drive_scenario, get_scenario, make_simulation
+from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.strip.params import DeformParams
+
+from .measure import Figures, Note, cached, head, parallel_map, percentiles, silent
+
+_CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
+"""Classes of the movers' largest speed [m/s]."""
+_FAULT_SECONDS = {"lost_odometry": 0.5, "scene_frozen": 2.0, "slow_tick": 1.0}
+"""Durations of the faults; one second for the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class _DriveTask:
+    """One run: scenario, seed, robot, plant, perhaps a fault, whether it evades, its longest time [s], method, sensors
+    (the robot knows the scene where None)."""
+
+    scenario: str
+    seed: int
+    robot: str
+    plant: str = "kinematic"
+    fault: str = ""
+    evade: bool = False
+    time_limit: float = 90.0
+    method: str = STRIP
+    sensors: SensorConfig | None = None
+
+
+def _drive_once(task: _DriveTask) -> Figures:
+    """Drive and evaluate; a worker's task."""
+    robot = cached(task.robot, lambda: load_robot(task.robot))
+    faults = []
+    if task.fault:
+        start = float(np.random.default_rng(task.seed).uniform(1.0, 6.0))
+        faults = [Fault(task.fault, start, _FAULT_SECONDS.get(task.fault, 1.0))]
+    scenario = get_scenario(task.scenario, seed=task.seed)
+    options: Figures = {"sensors": task.sensors}
+    if task.method == STRIP:
+        options |= {"evade": task.evade, "faults": faults}
+    if task.fault == "viewer_killed":
+        options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
+    try:
+        outcome = drive_scenario(
+            scenario,
+            method=task.method,
+            robot=robot,
+            seed=task.seed,
+            plant=task.plant,
+            time_limit=task.time_limit,
+            **options,
+        )
+    except ElasticStripsError as error:
+        return {
+            "seed": task.seed,
+            "fault": task.fault,
+            "error": str(error),
+            "reached": False,
+            "collisions": 0,
+            "collisions_seen": 0,
+        }
+    result, evaluation = outcome.result, outcome.evaluation
+    rows = result.record.control
+    return {
+        "seed": task.seed,
+        "fault": task.fault,
+        "speed_class": scenario.speed_class,
+        "movers": len(scenario.world.names_moving),
+        "state": result.state.label,
+        "reached": outcome.reached,
+        "collisions": len(evaluation.collisions),
+        "collisions_seen": outcome.seen_collisions,
+        "unseen": list(outcome.unseen),
+        "contacts": evaluation.as_dict()["collisions"],
+        "contacts_at_rest": len(evaluation.rest_contacts),
+        "min_clearance_m": evaluation.min_clearance_m if evaluation.closest else None,
+        "time_s": evaluation.time_s,
+        "path_m": evaluation.path_m,
+        "stops": [[time, reason] for time, reason in result.stops],
+        "stops_without_reason": sum(not reason for _, reason in result.stops),
+        "at_rest_at_end": bool(np.abs(rows.v[-1]).max() < 0.01),
+        "replans": result.replans,
+        "limit_excess": dict(evaluation.excess),
+        "max_lateral_slip": evaluation.max_lateral_slip_m,
+        "tracking_m": outcome.tracking_error,
+        "physical_contacts": list(outcome.physical_contacts),
+        "tick_ms": result.statistics.percentiles(),
+        "faults": [[e.time, e.reason] for e in result.events if e.kind == "fault"],
+        "wall_s": result.seconds,
+    }
+
+
+def bench_drive(
+    robot: str,
+    seeds: Sequence[int],
+    step: Note = silent,
+    *,
+    scenario: str = "moving-corridor",
+    plant: str = "kinematic",
+    evade: bool = False,
+    method: str = STRIP,
+    sensors: SensorConfig | None = None,
+    processes: int | None = None,
+) -> Figures:
+    """Drive a scenario of many seeds.
+
+    Returns:
+        Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
+    """
+    tasks = [
+        _DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors) for seed in seeds
+    ]
+    runs = []
+    for run in parallel_map(_drive_once, tasks, processes):
+        runs.append(run)
+        step(f"seed {run['seed']}: {'reached' if run['reached'] else 'not reached'}")
+    runs.sort(key=lambda r: r["seed"])
+    classes = []
+    for low, high in _CLASSES:
+        mine = [r for r in runs if r.get("speed_class") and low <= r["speed_class"] < high + (high == 1.5) * 1e-6]
+        if mine:
+            classes.append({"from": low, "to": high, **_summary(mine)})
+    return {
+        **head("drive", robot=robot),
+        "scenario": scenario,
+        "plant": plant,
+        "evade": evade,
+        "method": method,
+        "sensors": [] if sensors is None else list(sensors.names),
+        **_summary(runs),
+        "classes": classes,
+        "runs": runs,
+    }
+
+
+def bench_faults(
+    robot: str,
+    seeds: Sequence[int],
+    step: Note = silent,
+    *,
+    scenario: str = "moving-corridor",
+    processes: int | None = None,
+) -> Figures:
+    """Each kind of fault in many seeded runs: at rest or at the goal in the end, no contact at speed, fault named."""
+    tasks = [_DriveTask(scenario, int(s), robot, fault=kind, time_limit=45.0) for kind in FAULTS for s in seeds]
+    runs = []
+    for run in parallel_map(_drive_once, tasks, processes):
+        runs.append(run)
+        step(f"{run['fault']}, seed {run['seed']}")
+    kinds = {}
+    for kind in FAULTS:
+        mine = [r for r in runs if r["fault"] == kind]
+        kinds[kind] = {
+            **_summary(mine),
+            "at_rest_or_goal": float(np.mean([r.get("at_rest_at_end", False) for r in mine])),
+            "named": float(np.mean([bool(r.get("faults")) for r in mine])),
+        }
+    return head("faults", robot=robot, kinds=kinds, runs=runs)
+
+
+def _summary(runs: list[Figures]) -> Figures:
+    """Figures of some runs."""
+    done = [r for r in runs if "error" not in r]
+    return {
+        "count": len(runs),
+        "reached": float(np.mean([r["reached"] for r in runs])),
+        "collisions": int(sum(r["collisions"] for r in runs)),
+        "collisions_seen": int(sum(r["collisions_seen"] for r in runs)),
+        "physical_contacts": int(sum(len(r["physical_contacts"]) for r in done)),
+        "largest_excess": max((max(r["limit_excess"].values(), default=0.0) for r in done), default=0.0),
+        "runs_with_contacts_at_rest": int(sum(r["contacts_at_rest"] > 0 for r in done)),
+        "stops": int(sum(len(r["stops"]) for r in done)),
+        "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),
+        "time_s": percentiles([r["time_s"] for r in done if r["reached"]]),
+        "tracking_m": percentiles([r["tracking_m"] for r in done if r["tracking_m"] is not None]),
+        "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
+        "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
+        "errors": [r["error"] for r in runs if "error" in r],
+    }
+
+
+def _doomed_viewer(time: float) -> Callable[[Any], None]:
+    """A watcher with a live viewer whose server is killed at a time [s]."""
+    from elastic_strips.viewer import Viewer
+
+    viewer = Viewer(server=True, open_browser=False)
+    state = {"killed": False}
+
+    def watch(driven: Simulation[Controller]) -> None:
+        if driven.time >= time and not state["killed"]:
+            state["killed"] = True
+            if viewer.server_pid is not None:
+                os.kill(viewer.server_pid, signal.SIGKILL)
+            driven.controller.log("fault", "viewer killed")
+        viewer.update(driven.controller.strip, driven.world.at(driven.time))
+        if driven.controller.state is RunState.REACHED:
+            viewer.close()
+
+    return watch
+
+
+_AHEAD = 1.8
+"""Time [s] ahead on the way, where the obstacle is put."""
+_RADIUS = 0.15
+_HALF_WIDTH = 0.27
+"""Of the base [m]: the obstacle reaches into the way of the base from its side."""
+
+
+def bench_reaction(
+    robot: RobotModel,
+    seeds: Sequence[int],
+    step: Note = silent,
+    *,
+    depth: float = 0.1,
+) -> Figures:
+    """Planning at 100 Hz: a post appears on the strip; ticks until a motion along a new certified strip is followed.
+
+    The post stands beside the way and reaches ``depth`` [m] into what the base sweeps, left or right by seed; every
+    other one is low (0.3 m), the rest as high as the robot.
+
+    The scene is sensed without delay, so that the time is the planner's own. In ticks: from the tick that first sees
+    the post to the one whose command follows the new motion. In milliseconds: those ticks, the last one up to the end
+    of the computation by the wall clock.
+    """
+    rows = []
+    for seed in seeds:
+        step(f"seed {seed}")
+        try:
+            row = _once(robot, int(seed), depth)
+        except ElasticStripsError as error:
+            row = {"seed": int(seed), "error": str(error)}
+        rows.append(row)
+    good = [r for r in rows if "ticks" in r]
+    return {
+        **head("reaction", robot=robot.name),
+        "depth_m": depth,
+        "count": len(rows),
+        "reacted": len(good),
+        "ticks": percentiles([r["ticks"] for r in good]),
+        "ms": percentiles([r["ms"] for r in good]),
+        "tick_ms": percentiles([r["tick_ms"] for r in good]),
+        "runs": rows,
+    }
+
+
+def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
+    params = replace(DriveParams(), plan_every=1, latency=1)
+    scenario = get_scenario("corridor", seed=seed)
+    options: Figures = {
+        "robot": robot,
+        "seed": seed,
+        "params": params,
+        "perception": PerceptionParams(delay=0.0),
+    }
+    free = make_simulation(scenario, **options)
+    track = free.run(time_limit=7.0).record.control
+    appears = float(np.random.default_rng(seed).uniform(2.0, 4.0))
+    k = min(int((appears + _AHEAD) / params.control_dt), len(track) - 1)
+    x, y, yaw = track.reference[k, :3]
+    side = (_HALF_WIDTH + _RADIUS - depth) * (1.0 if seed % 2 else -1.0)
+    height = 0.3 if seed % 4 < 2 else 1.6
+    at = (x - side * np.sin(yaw), y + side * np.cos(yaw), 0.5 * height)
+    post = Cylinder(_RADIUS, height, at=at, name="post")
+    world = World(Scene([*scenario.scene, post]), appears={"post": appears})
+    seen: Figures = {}
+
+    def watch(driven: Simulation[Controller]) -> None:
+        result = driven.controller.result
+        if driven.time < appears or "ticks" in seen:
+            return
+        seen.setdefault("at", driven.time)
+        if result is None or not result.accepted or not result.report.certified:
+            return
+        ticks = round((driven.time - seen["at"]) / params.control_dt) + params.latency
+        last = driven.controller.statistics.seconds[-1]
+        seen["ticks"] = ticks
+        seen["tick_ms"] = 1e3 * last
+        seen["ms"] = 1e3 * ((ticks - params.latency) * params.control_dt + last)
+        driven.stop()
+
+    driven = make_simulation(replace(scenario, scene=world.scene, timeline=world), **options, watch=watch)
+    driven.run(time_limit=appears + 3.0)
+    return {"seed": seed, "appears_s": appears, **{k: seen[k] for k in ("ticks", "ms", "tick_ms") if k in seen}}
+
+
+_WINDOW = 120.0
+"""Simulated time [s] that one row of figures stands for."""
+
+
+def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, seed: int = 0) -> Figures:
+    """Drive to and fro for ``hours`` of simulated time.
+
+    Returns:
+        Resident memory [MB] and percentiles of the ticks, window by window; ``growth`` is that of the memory from the
+        end of the first tenth to the end.
+    """
+    world = _world(seed)
+    ends = [robot.home(x=-3.5), robot.home(x=3.5)]
+    rows: list[Figures] = []
+    params = DriveParams(deform=DeformParams(max_nodes=200), time_limit=3600.0 * hours)
+    begin = {"tick": 0, "time": 0.0}
+    legs = 0
+
+    def watch(driven: Simulation[Controller]) -> None:
+        nonlocal legs
+        if driven.time - begin["time"] < _WINDOW:
+            return
+        seconds = driven.controller.statistics.seconds
+        mine = 1e3 * np.array(seconds[int(begin["tick"]) :])
+        begin.update(tick=len(seconds), time=driven.time)
+        gc.collect()
+        rows.append({"time_s": driven.time, "memory_mb": _resident(), "tick_ms": percentiles(mine)})
+        step(f"{driven.time / 60:.0f} min, {rows[-1]['memory_mb']:.0f} MB")
+
+    driven = simulation(robot, world, ends[0], ends[1], params=params, seed=seed, watch=watch, record=False)
+    controller = driven.controller
+    while driven.time < 3600.0 * hours:
+        driven.run(time_limit=3600.0 * hours)
+        legs += controller.supervisor.at_goal
+        if not controller.supervisor.at_goal:
+            break
+        controller.retarget(ends[legs % 2])
+    warm = rows[max(len(rows) // 10, 1) - 1] if rows else None
+    return {
+        **head("soak", robot=robot.name),
+        "hours": driven.time / 3600.0,
+        "legs": legs,
+        "stops": len(controller.stops),
+        "memory_mb": {"warm": warm and warm["memory_mb"], "end": rows[-1]["memory_mb"] if rows else None},
+        "growth": rows[-1]["memory_mb"] / warm["memory_mb"] - 1.0 if warm else None,
+        "tick_ms_first_half": percentiles([r["tick_ms"]["p99"] for r in rows[: len(rows) // 2]]),
+        "tick_ms_second_half": percentiles([r["tick_ms"]["p99"] for r in rows[len(rows) // 2 :]]),
+        "windows": rows,
+    }
+
+
+def _world(seed: int) -> World:
+    """A hall with pillars, and people who cross it on loops for ever."""
+    rng = np.random.default_rng(seed)
+    obstacles: list[Obstacle] = [
+        Box((0.4, 0.4, 1.2), at=(x, y, 0.6)) for x, y in ((-2.0, 1.1), (-0.7, -1.0), (0.8, 1.2), (2.2, -1.1))
+    ]
+    for k in range(5):
+        x, period = rng.uniform(-2.5, 2.5), rng.uniform(14.0, 22.0)
+        t = np.arange(0.0, period + 0.05, 0.1) * (period / (np.ceil(period / 0.1) * 0.1))
+        phase = 2.0 * np.pi * t / t[-1]
+        track = np.column_stack([x + 0.4 * np.cos(phase), 3.2 * np.sin(phase), np.full_like(t, 0.85)])
+        track[-1] = track[0]
+        obstacles.append(Cylinder(0.25, 1.7, name=f"person-{k}", motion=Keyframes(t, track, loop=True)))
+    return World(Scene(obstacles))
+
+
+def _resident() -> float:
+    """Resident memory of this process [MB]."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except OSError:
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    import os
+
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

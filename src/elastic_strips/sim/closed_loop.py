@@ -1,0 +1,372 @@
+"""A controller in a world that moves: what is true, what is sensed of it, the record."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from functools import partial
+from time import perf_counter, sleep
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast
+
+import numpy as np
+
+from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.control import DriveParams, Tolerance
+from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
+from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
+from elastic_strips.control.record import DriveResult, Recorder, TickStatistics
+from elastic_strips.errors import RobotError
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene, World
+from elastic_strips.trajectory import MotionLimits, ReferenceState
+from elastic_strips.validation import check_able, check_count, check_number, check_type
+
+from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
+from .pedestrians import Pedestrians
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
+from .plant import KinematicPlant, Plant, PlantParams
+
+_log = logging.getLogger(__name__)
+MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
+"""A machine that can do exactly what its limits say; motions are planned with less (``DriveParams.ease_*``)."""
+_PATIENCE = 30.0  # [s] a controller that does not come to rest is not simulated for ever
+_RESTS = 1e-3  # [m/s, rad/s] a machine that is slower than this stands
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+class _Senses(Protocol):
+    """What tells a controller about the world; see :class:`Perception`."""
+
+    @property
+    def contact(self) -> str: ...
+
+    def observe(self, t: float, chart: Array, estimate: Array) -> None: ...
+
+    def sense(self, t: float) -> object:
+        """What a controller takes: a scene, or readings."""
+        ...
+
+
+class _Controls(Protocol):
+    """What is simulated: a :class:`Controller`, or another one that takes steps as it does."""
+
+    robot: RobotModel
+    params: DriveParams
+    limits: MotionLimits
+    goal: Array
+    estimate: Array
+    tick: Tick | None
+    statistics: TickStatistics
+
+    @property
+    def method(self) -> str: ...
+
+    @property
+    def tolerance(self) -> Tolerance: ...
+
+    @property
+    def state(self) -> RunState: ...
+
+    @property
+    def reason(self) -> str: ...
+
+    @property
+    def events(self) -> list[Event]: ...
+
+    @property
+    def stops(self) -> list[tuple[float, str]]: ...
+
+    @property
+    def replans(self) -> int: ...
+
+    @property
+    def reference(self) -> ReferenceState | None: ...
+
+    @property
+    def plans_next(self) -> bool: ...
+
+    @property
+    def ended(self) -> bool: ...
+
+    def stop(self, reason: str = ...) -> None: ...
+
+    def resume(self) -> None: ...
+
+    def log(self, kind: str, reason: str) -> None: ...
+
+    def step(self, t: float, measurement: Measurement | None, sensed: Any, /, *, trouble: str = ...) -> Command: ...
+
+
+Driver = TypeVar("Driver", bound=_Controls)
+StripDriver = TypeVar("StripDriver", bound=Controller)
+
+
+class InlineExecutor(Executor):
+    """Runs what it is given at once: in simulated time, planning takes as long as the parameters say."""
+
+    def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
+        future: Future[_T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Simulation(Generic[Driver]):
+    """Workspace: advances truth, movers and sensors, hands the controller what it may know, and writes everything down.
+
+    Obstacles of the world that yield begin anew, and from then on this simulation sets their clocks.
+
+    Args:
+        controller: what drives.
+        world: the true obstacles over time.
+        plant: the machine, which stands at the controller's start.
+        perception: what the controller gets to know of the world.
+        goal: (nv,) chart row that is the last one to be reached.
+        watch: called after every planning tick, with this simulation; what it raises is logged and goes no further.
+        realtime: whether to wait for the wall clock.
+        record: whether to write down every step; without it a result has a record of the last step only.
+        metadata: plain JSON values to keep with the record.
+
+    Attributes:
+        time: of the step under way [s].
+    """
+
+    def __init__(
+        self,
+        controller: Driver,
+        world: World,
+        plant: Plant,
+        perception: _Senses,
+        *,
+        goal: Array | None = None,
+        watch: Callable[[Any], object] | None = None,
+        realtime: bool = False,
+        record: bool = True,
+        metadata: dict[str, object] | None = None,
+    ) -> None:
+        check_able("plant", plant, "reset", "step")
+        check_able("perception", perception, "observe", "sense")
+        check_able("watch", watch)
+        self.controller, self.world, self.plant, self.perception = controller, world, plant, perception
+        self.robot, self.limits, self.params = controller.robot, controller.limits, controller.params
+        self.pedestrians = Pedestrians(self.robot, world)
+        self.watch, self.realtime = watch, realtime
+        self.time = 0.0
+        last = controller.goal if goal is None else goal
+        self._new_recorder = lambda: Recorder(self.robot, world, goal=last, metadata=metadata or {})
+        self.recorder, self._recording, self._step = self._new_recorder(), record, 0
+        self._measurement: Measurement | None = None
+
+    def stop(self) -> None:
+        """Ask the loop to end: the robot comes to rest first."""
+        self.controller.stop()
+
+    def run(self, *, time_limit: float | None = None) -> DriveResult:
+        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called."""
+        params, controller = self.params, self.controller
+        limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
+        began, first, over = perf_counter(), self._step, False
+        while True:
+            t = self.time = self._step * params.control_dt
+            if t >= limit and not over:
+                over = True
+                controller.stop(f"time limit of {limit:g} s")
+            command = self._control(t)
+            self._advance(t, command)
+            self._step += 1
+            if (controller.ended and self._settled()) or t > limit + _PATIENCE:
+                break
+            if self.realtime:
+                ahead = began + (self._step - first) * params.control_dt - perf_counter()
+                if ahead > 0.0:
+                    sleep(ahead)
+        if over:
+            controller.resume()
+        return self._result(perf_counter() - began)
+
+    def _control(self, t: float) -> Command:
+        """One step of the controller, on what it may know."""
+        controller, measurement = self.controller, self._measurement
+        if measurement is None and self.perception.contact:  # it stands in something from the beginning
+            joints = self.plant.chart[self.robot.space.base_nv :]
+            still = np.zeros(len(self.limits.drive_speed))
+            measurement = Measurement(t, still, joints, contact=self.perception.contact)
+        sensed: object = None
+        trouble = ""
+        if controller.plans_next and not (measurement is not None and measurement.contact):
+            try:
+                sensed = self.perception.sense(t)
+            except PerceptionError as error:
+                trouble = str(error)
+        command = controller.step(t, measurement, sensed, trouble=trouble)
+        if controller.tick is not None and controller.tick.time == t:
+            self._after_tick(controller.tick)
+        return command
+
+    def _advance(self, t: float, command: Command) -> None:
+        """Write down what is true and what was meant, and let the world go on for a control period."""
+        controller, plant = self.controller, self.plant
+        if not self._recording and len(self.recorder) > 100:
+            self.recorder = self._new_recorder()
+        reference = controller.reference
+        self.recorder.control(
+            t, chart=plant.chart, v=plant.v,
+            reference=None if reference is None else reference.chart,
+            reference_v=None if reference is None else reference.v,
+            estimate=controller.estimate, drive=command.drive, joints=command.joints, motors=plant.motors,
+            state=int(controller.state),
+        )  # fmt: skip
+        self.perception.observe(t, plant.chart, controller.estimate)
+        self.pedestrians.step(t, plant.chart, plant.v)
+        measurement = plant.step(command, self.params.control_dt)
+        contact = self.perception.contact
+        self._measurement = replace(measurement, contact=contact) if contact else measurement
+
+    def _settled(self) -> bool:
+        """Whether the robot truly stands: only to know when to stop recording."""
+        return bool(np.abs(self.plant.v).max(initial=0.0) < _RESTS)
+
+    def _after_tick(self, tick: Tick) -> None:
+        result = tick.result
+        self.recorder.planning(
+            tick.time,
+            tick_ms=1e3 * tick.seconds,
+            phase_ms={k: 1e3 * s for k, s in result.timings.items()} if result else {},
+            status=tick.status,
+            certified=bool(result and result.report.certified),
+            clearance=result.report.node_clearance if result else np.nan,
+            horizon_end=tick.horizon_end,
+            strip=tick.strip,
+            reason=tick.reason,
+        )
+        if self.watch is not None:
+            try:
+                self.watch(self)
+            except Exception:  # a viewer that dies does not stop the robot
+                _log.exception("the watcher failed")
+                self.watch = None
+                self.controller.log("fault", "viewer lost")
+
+    def _result(self, seconds: float) -> DriveResult:
+        controller = self.controller
+        for event in controller.events:
+            self.recorder.event(event.time, event.kind, event.reason)
+        return DriveResult(
+            record=self.recorder.finish(),
+            state=controller.state,
+            reason=controller.reason,
+            stops=tuple(controller.stops),
+            events=tuple(controller.events),
+            replans=controller.replans,
+            statistics=controller.statistics,
+            seconds=seconds,
+        )
+
+
+def prepare(
+    robot: RobotModel,
+    world: World | Scene,
+    limits: MotionLimits,
+    plant: Plant | None,
+    seed: int,
+    *,
+    shared: bool = False,
+) -> tuple[World, Plant, np.random.Generator]:
+    """What each simulation begins with: its world, its machine, and the source of its perception's noise.
+
+    The world is the simulation's own: two simulations of one world do not touch each other. It is the one given where
+    somebody else, a machine with contact or a perception, was made for that one.
+
+    Args:
+        robot, limits: of the machine that is made where none is given.
+        world: the true obstacles.
+        plant: the machine, or None.
+        seed: of machine and perception.
+        shared: whether a perception was made for this very world.
+    """
+    check_able("plant", plant, "reset", "step")
+    check_count("seed", seed)
+    world = world if isinstance(world, World) else World(world)
+    if not shared and (plant is None or isinstance(plant, KinematicPlant)):
+        world = world.copied(history=False)
+    plant_seed, sense_seed = np.random.SeedSequence(seed).spawn(2)
+    machine = plant or KinematicPlant(robot, limits, MACHINE, seed=np.random.default_rng(plant_seed))
+    return world, machine, np.random.default_rng(sense_seed)
+
+
+def simulation(
+    robot: RobotModel,
+    world: World | Scene,
+    start: ArrayLike,
+    goal: ArrayLike,
+    *,
+    limits: MotionLimits | None = None,
+    params: DriveParams | None = None,
+    plant: Plant | None = None,
+    perception: PerceptionParams | Perception | None = None,
+    faults: Iterable[Fault] = (),
+    seed: int = 0,
+    watch: Callable[[Any], object] | None = None,
+    realtime: bool = False,
+    record: bool = True,
+    metadata: dict[str, object] | None = None,
+    make: Callable[..., StripDriver] | None = None,
+    **options: Any,
+) -> Simulation[StripDriver]:
+    """A controller of the elastic strip in a world, ready to run.
+
+    Args:
+        robot: the robot.
+        world: the true obstacles over time; a :class:`Scene` stands still or moves as its obstacles say. Obstacles that
+            yield do so in a copy of it, ``Simulation.world``, which is what the result has to be evaluated in.
+        start: configuration (nq,).
+        goal: configuration (nq,), or several of them (G, nq), one after the other.
+        limits, params, **options: of the :class:`Controller`.
+        plant: the machine; a :class:`KinematicPlant` where None.
+        perception: noise and delay of the sensed scene; or what senses it.
+        faults: what goes wrong on purpose.
+        seed: of the first plan, of the plant and of what is sensed.
+        watch, realtime, record, metadata: of the :class:`Simulation`.
+        make: makes the controller, from the scene that is known and its other arguments; a :class:`Controller` of
+            ``start`` and ``goal`` where None.
+
+    Raises:
+        ConfigurationError: start or goal is not sound, or in collision.
+    """
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("params", params, DriveParams, none=True)
+    check_type("limits", limits, MotionLimits, none=True)
+    check_able("watch", watch)
+    if not isinstance(perception, PerceptionParams):
+        check_able("perception", perception, "known", "sense")
+    params, limits = params or DriveParams(), limits or MotionLimits.for_robot(robot)
+    fault_plan = FaultPlan(faults)
+    noise = PerceptionParams() if perception is None else perception
+    world, machine, rng = prepare(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
+    senses: Perception
+    if isinstance(noise, PerceptionParams):
+        senses = NoisyGroundTruth(world, params.assumptions, noise, rng)
+    else:
+        senses = noise
+    if make is None:
+        make = partial(cast("type[StripDriver]", Controller), robot, start, goal)
+    controller = make(
+        senses.known(), params=params, limits=limits, seed=seed, executor=InlineExecutor(),
+        events=None if record else KEPT_EVENTS, **options,
+    )  # fmt: skip
+    if fault_plan.faults:
+        senses, machine = FaultyPerception(senses, fault_plan), FaultyPlant(machine, fault_plan)
+        slow = 10.0 * params.latency * params.control_dt
+        controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
+    machine.reset(robot.space.to_chart(robot.check_q(start, what="start")))
+    last = robot.space.to_chart(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
+    return Simulation(
+        controller, world, machine, senses, goal=last, watch=watch, realtime=realtime, record=record,
+        metadata=metadata,
+    )  # fmt: skip

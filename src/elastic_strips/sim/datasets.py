@@ -1,0 +1,260 @@
+"""Data sets: worlds, starts and goals of benchmark files of others: BARN, DynaBARN and the bridge.
+
+BARN (static worlds of cylinders) and DynaBARN (arenas of moving discs) were made for a Jackal
+(github.com/Daffan/the-barn-challenge). At the bridge, a base with an arm has to duck under an obstacle; its numbers are
+those of REMANI-Planner's first experiment.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ScenarioError, SceneError
+from elastic_strips.io.nodes import Node, load_json
+from elastic_strips.io.scenario_file import PoseSpec
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
+from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH
+from elastic_strips.summary import Summary
+from elastic_strips.validation import shown
+
+_BARN_FILE, _DYNABARN_FILE, _BRIDGE_FILE = "barn_worlds.json", "dynabarn_worlds.json", "bridge.json"
+_JOINTS = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)  # of the robot "bridge-arm" that the bridge's six arm angles belong to
+_BRIDGE_TOLERANCE = 0.1  # goal tolerance [m]; the source states none
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriveProblem(Summary):
+    """Drive from a start to one goal after another.
+
+    Attributes:
+        name: What it is called.
+        world: Obstacles, and how they move.
+        start: Where the robot starts.
+        goals: Where it has to go, in this order.
+        goal_tolerance: How far [m] from a goal's position the base may be when it counts as reached.
+        heading_free: Whether a goal is reached with any heading; its yaw is then a suggestion.
+        timeout: Longest time [s], or None.
+        robot: Name of the robot that the problem is about.
+        path: A path (K, 2) [m] from start to goal that comes with the problem, or None.
+        path_length: Length [m] by which the problem measures time, or None.
+        difficulty: The problem's own class, or None.
+        limits: What the problem states of the robot's limits and the robot's description cannot hold, by the names of
+            the arguments of ``MotionLimits.for_robot``.
+    """
+
+    name: str
+    world: World
+    start: PoseSpec
+    goals: tuple[PoseSpec, ...]
+    goal_tolerance: float
+    heading_free: bool
+    timeout: float | None
+    robot: str
+    path: Array | None = None
+    path_length: float | None = None
+    difficulty: str | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
+
+    def configurations(self, robot: RobotModel) -> tuple[Array, ...]:
+        """Start and goals as configurations (nq,) of a robot, the start first.
+
+        Raises:
+            ConfigurationError: A joint that the robot has not, or a value outside its limits.
+        """
+        return tuple(robot.home(p.x, p.y, p.yaw, p.joints) for p in (self.start, *self.goals))
+
+
+def barn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
+    """Ids of the worlds in a file, ascending; those of the official test set are divisible by 6.
+
+    Args:
+        path: The file, or the folder that holds ``barn_worlds.json``.
+
+    Raises:
+        ScenarioError: The file is missing or no JSON, or an entry does not fit; the message names file and place.
+    """
+    return _ids(path, _BARN_FILE)
+
+
+def load_barn(path: str | os.PathLike[str], id: int) -> DriveProblem:
+    """One of the static worlds. Every cylinder is an obstacle of its own, with its true shape.
+
+    The goal is reached with any heading; its yaw is that of the last piece of the world's own path, which goes with the
+    problem without the repeated points that the file has.
+
+    Args:
+        path: The file, or the folder that holds ``barn_worlds.json``.
+        id: The world's number.
+
+    Raises:
+        ScenarioError: As for `barn_ids`, or there is no world of that id.
+    """
+    root = load_json(path, _BARN_FILE)
+    world = _world_of_id(root["worlds"], id)
+    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
+    z = root["cylinder_center_z"].number()
+    centers = world["cylinders_xy"].rows(2, limit=MAX_LENGTH)
+    scene = Scene([Cylinder(radius, length, at=(x, y, z), name=f"cylinder-{k}") for k, (x, y) in enumerate(centers)])
+    start, goal = world["start"].vector(3, limit=MAX_LENGTH), world["goal"].vector(2, limit=MAX_LENGTH)
+    path_given = world["path"].rows(2, limit=MAX_LENGTH)
+    route = path_given[np.concatenate([[True], np.any(np.diff(path_given, axis=0) != 0.0, axis=1)])]
+    route.flags.writeable = False
+    last = route[-1] - route[-2] if len(route) > 1 else goal - start[:2]
+    return DriveProblem(
+        name=f"barn-{id}",
+        world=World(scene),
+        start=PoseSpec(*start.tolist()),
+        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(last[1], last[0])),),
+        goal_tolerance=root["goal_tolerance"].number(low=0.0),
+        heading_free=True,
+        timeout=root["timeout"].number(low=0.0, unit="s"),
+        robot="jackal-box",
+        path=route,
+        path_length=world["path_length"].number(low=0.0),
+    )
+
+
+def dynabarn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
+    """Ids of the worlds in a file, ascending.
+
+    Args:
+        path: The file, or the folder that holds ``dynabarn_worlds.json``.
+
+    Raises:
+        ScenarioError: The file is missing or no JSON, or an entry does not fit; the message names file and place.
+    """
+    return _ids(path, _DYNABARN_FILE)
+
+
+def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
+    """One of the arenas: walls are boxes, discs are cylinders with looped keyframes, straight from one to the next.
+
+    Nearly all loops jump: at the end of its period a disc is back at its first keyframe, often on the other side of
+    the arena. `World.speed_bound` is infinite for an interval of time with such a jump in it. (Gazebo, for which the
+    files were made, puts a spline through the keyframes; it leaves the straight pieces by up to 2.5 m and is up to
+    69 m/s fast where keyframes stand close, so that the discs' stated speeds hold for the straight pieces only.)
+
+    Args:
+        path: The file, or the folder that holds ``dynabarn_worlds.json``.
+        id: The world's number.
+
+    Raises:
+        ScenarioError: As for `dynabarn_ids`, or there is no world of that id.
+    """
+    root = load_json(path, _DYNABARN_FILE)
+    world = _world_of_id(root["worlds"], id)
+    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
+    z = root["cylinder_center_z"].number()
+    obstacles: list[Obstacle] = [_wall(wall) for wall in world["walls"]]
+    for disc in world["obstacles"]:
+        frames = disc["keyframes"].rows(3, limit=MAX_LENGTH)
+        if abs(frames[-1, 0] - frames[0, 0] - disc["period"].number(low=0.0, unit="s")) > 1e-6:
+            disc.fail(
+                f"the period is {disc['period'].value} s, but the keyframes last {frames[-1, 0] - frames[0, 0]:g} s"
+            )
+        positions = np.column_stack((frames[:, 1:], np.full(len(frames), z)))
+        motion = disc.checked(Keyframes, frames[:, 0], positions, loop=True)
+        obstacles.append(disc.checked(Cylinder, radius, length, name=disc["name"].text(), motion=motion))
+    start, goal = world["start"].vector(3, limit=MAX_LENGTH), world["goal"].vector(2, limit=MAX_LENGTH)
+    return DriveProblem(
+        name=f"dynabarn-{id}",
+        world=World(world.checked(Scene, obstacles)),
+        start=PoseSpec(*start.tolist()),
+        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(goal[1] - start[1], goal[0] - start[0])),),
+        goal_tolerance=root["goal_tolerance"].number(low=0.0),
+        heading_free=True,
+        timeout=root["timeout"].number(low=0.0, unit="s"),
+        robot="jackal-box",
+        difficulty=world["difficulty"].text(),
+    )
+
+
+def _wall(entry: Node) -> Box:
+    """A box from its size and its pose [x, y, z, roll, pitch, yaw]; walls stand upright."""
+    pose, size = entry["pose"].vector(6, limit=MAX_LENGTH), entry["size"].vector(3)
+    if pose[3] != 0.0 or pose[4] != 0.0:
+        entry["pose"].fail(f"a wall must stand upright, not with roll {pose[3]:g} and pitch {pose[4]:g} rad")
+    half = 0.5 * float(pose[5])
+    try:
+        return Box(size, at=pose[:3], quat=(0.0, 0.0, math.sin(half), math.cos(half)), name=entry["name"].text())
+    except SceneError as error:
+        entry.fail(f"{error} (a size is at least {MIN_LENGTH:g} m)")
+
+
+def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
+    """The bridge: from the start to the goals, one after the other; the arm is held at each as at the start.
+
+    Args:
+        path: The file, or the folder that holds ``bridge.json``.
+
+    Raises:
+        ScenarioError: The file is missing or no JSON, or an entry does not fit; the message names file and place.
+    """
+    root = load_json(path, _BRIDGE_FILE)
+    boxes = [
+        entry.checked(
+            Box,
+            entry["size"].vector(3),
+            at=entry["position"].vector(3, limit=MAX_LENGTH),
+            name=entry["name"].text(),
+        )
+        for entry in root["boxes"]
+    ]
+    scene = root["boxes"].checked(Scene, boxes)
+    angles = root["start"]["arm_deg"].vector(len(_JOINTS))
+    joints = {name: math.radians(angle) for name, angle in zip(_JOINTS, angles.tolist(), strict=True)}
+    goals = tuple(_pose(entry, joints) for entry in root["goals"])
+    if not goals:
+        root["goals"].fail("is empty; at least one goal is needed")
+    return DriveProblem(
+        name="bridge",
+        world=World(scene),
+        start=_pose(root["start"], joints),
+        goals=goals,
+        goal_tolerance=_BRIDGE_TOLERANCE,
+        heading_free=False,
+        timeout=None,
+        robot="bridge-arm",
+        limits={"joint_acceleration": root["robot"]["max_joint_acc"].number(low=1e-3, unit="rad/s²")},
+    )
+
+
+def _pose(entry: Node, joints: dict[str, float]) -> PoseSpec:
+    x, y = entry["xy"].vector(2, limit=MAX_LENGTH).tolist()
+    return PoseSpec(x, y, math.radians(entry["yaw_deg"].number(low=-720.0, high=720.0, unit="deg")), joints)
+
+
+def _ids(path: str | os.PathLike[str], file: str) -> tuple[int, ...]:
+    return tuple(sorted(world["id"].integer() for world in load_json(path, file)["worlds"]))
+
+
+def _world_of_id(worlds: Node, number: int) -> Node:
+    """The world of a list whose ``id`` is ``number``.
+
+    Raises:
+        ScenarioError: None has that id; the message says which there are.
+    """
+    if isinstance(number, bool) or not isinstance(number, (int, np.integer)):
+        raise ScenarioError(f"{worlds.source.path}: id={shown(number)} must be an integer")
+    known = {world["id"].integer(): world for world in worlds}
+    if number in known:
+        return known[number]
+    if not known:
+        worlds.fail("holds no world")
+    ids = sorted(known)
+    near = ", ".join(map(str, [i for i in ids if i < number][-2:] + [i for i in ids if i > number][:2]))
+    worlds.fail(f"there is no world {number}; {len(ids)} worlds have ids from {ids[0]} to {ids[-1]}, next to it {near}")

@@ -1,0 +1,16 @@
+"""Evaluation: what became of a run, from the true states; it shares no geometry with the certificate."""
+
+from __future__ import annotations
+
+from .drive_evaluation import Contact, Evaluation, evaluate, protective_separation
+from .visibility import Visibility, seen_obstacles, visible_to
+
+__all__ = [
+    "Contact",
+    "Evaluation",
+    "Visibility",
+    "evaluate",
+    "protective_separation",
+    "seen_obstacles",
+    "visible_to",
+]

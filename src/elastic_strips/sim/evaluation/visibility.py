@@ -1,0 +1,162 @@
+"""What a robot's lasers can see of the true world, and whether what it touched had been in their view.
+
+A planar laser sees one plane. What hangs over it (a table's top) or lies below it (a pallet, a kerb) is not in its
+readings, and nothing that is made of them knows about it; it has to come from elsewhere: a map, another sensor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastic_strips.arrays import Array, ArrayLike, Mask
+from elastic_strips.control.record import Record
+from elastic_strips.perception.readings import LaserScan, ScanRays, rays_of
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene, World
+from elastic_strips.sim.sensors import LaserParams, SensorConfig, SensorSuite
+
+from .drive_evaluation import Contact, Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class Visibility:
+    """What a laser can see of an obstacle.
+
+    Attributes:
+        name: of the obstacle.
+        low, high: what heights it takes up [m].
+        in_plane: whether the scan's plane cuts it.
+        in_view: share of its parts that the plane cuts of which the middle or a corner of the bounding box
+            lies within field of view and range, 0 to 1.
+        hit: whether a ray of the scan ended at it (within the tolerance of its parts' bounding boxes).
+    """
+
+    name: str
+    low: float
+    high: float
+    in_plane: bool
+    in_view: float
+    hit: bool
+
+
+def visible_to(points: Array, scan: LaserScan, base_pose: ArrayLike, *, thickness: float = 0.02) -> Mask:
+    """Which points a scan could have seen, were nothing else there.
+
+    Args:
+        points: (n, 3) in the world [m].
+        scan: whose sensor it is; its ranges do not matter.
+        base_pose: (x [m], y [m], yaw [rad]) of the base.
+        thickness: of the plane, to either side [m].
+
+    Returns:
+        (n,) true where a point is at the plane's height, in the field of view, and within range.
+    """
+    rays = rays_of(scan, base_pose)
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    _, _, inside = rays.locate(points[:, :2])
+    return inside & (np.abs(points[:, 2] - rays.height) <= thickness)
+
+
+def seen_obstacles(
+    scene: Scene, scan: LaserScan, base_pose: ArrayLike, *, tolerance: float = 0.05
+) -> tuple[Visibility, ...]:
+    """What of a true scene a scan can see, obstacle by obstacle, by the bounding boxes of their parts.
+
+    Args:
+        scene: the true one, at the scan's time.
+        scan: the scan.
+        base_pose: (x [m], y [m], yaw [rad]) of the base.
+        tolerance: a ray that ends within this distance [m] of a part's box has hit it.
+    """
+    rays, table = rays_of(scan, base_pose), scene.table
+    at = np.flatnonzero(rays.hits)
+    ends = rays.origin + rays.ranges[at, None] * rays.direction[at]
+    result = []
+    for k, name in enumerate(scene.names):
+        rows = slice(int(table.offsets[k]), int(table.offsets[k + 1]))
+        center, half = table.center[rows], table.half_extents[rows]
+        low, high = center[:, 2] - half[:, 2], center[:, 2] + half[:, 2]
+        cut = (low <= rays.height) & (rays.height <= high)
+        result.append(
+            Visibility(
+                name=name,
+                low=float(low.min()),
+                high=float(high.max()),
+                in_plane=bool(cut.any()),
+                in_view=_share(rays, center[cut], half[cut]),
+                hit=_hit(ends, center[cut], half[cut], tolerance),
+            )
+        )
+    return tuple(result)
+
+
+def _share(rays: ScanRays, center: Array, half: Array) -> float:
+    """Share of boxes with their middle or a corner in view."""
+    if not len(center):
+        return 0.0
+    corners = np.array([[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=np.float64)
+    spots = center[:, None, :2] + corners * half[:, None, :2]
+    _, _, inside = rays.locate(spots.reshape(-1, 2))
+    return float(inside.reshape(-1, 5).any(axis=1).mean())
+
+
+def _hit(ends: Array, center: Array, half: Array, tolerance: float) -> bool:
+    return any(
+        bool((np.abs(ends - c[:2]) <= h[:2] + tolerance).all(axis=1).any()) for c, h in zip(center, half, strict=True)
+    )
+
+
+_LOOK_BACK = 1.0  # [s] before a contact
+_STEP = 0.1  # [s]
+
+
+def unseen_contacts(
+    record: Record, evaluation: Evaluation, robot: RobotModel, world: World, sensors: SensorConfig
+) -> tuple[Contact, ...]:
+    """The contacts with what had not been in view, noise aside.
+
+    In view is what a ray of a laser met in at least half of the looks in the second before the contact; of what moves,
+    only the looks count in which its middle lay within the laser's field of view as well. What a planar scan cannot see
+    (what hangs over its plane, lies below it, or comes from behind) is no failure of what is made of the scan; it is to
+    be told apart.
+
+    Args:
+        record, evaluation: of the run.
+        robot: that drove.
+        world: the true obstacles.
+        sensors: the robot's; only its lasers count.
+    """
+    lasers = tuple(
+        replace(sensor, noise=0.0, noise_ratio=0.0, dropout=0.0, latency=0.0)
+        for sensor in sensors.sensors
+        if isinstance(sensor, LaserParams)
+    )
+    if not evaluation.contacts or not lasers:
+        return evaluation.contacts
+    suite = SensorSuite(robot, world, SensorConfig(sensors=lasers, self_padding=sensors.self_padding))
+    rows = record.control
+    unseen = []
+    for contact in evaluation.contacts:
+        name, first = contact.obstacle, contact.time
+        times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _STEP)
+        looks = []
+        for t in times.tolist():
+            chart = rows.chart[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]
+            suite.reset(t)
+            scans = [scan for scan in suite.observe(t, chart) if isinstance(scan, LaserScan)]
+            scene = world.at(t)
+            looks.append(name in scene and any(_in_view(scene, name, scan, chart[:3]) for scan in scans))
+        if sum(looks) < 0.5 * len(looks):
+            unseen.append(contact)
+    return tuple(unseen)
+
+
+def _in_view(scene: Scene, name: str, scan: LaserScan, base_pose: Array) -> bool:
+    obstacle = scene.obstacle(name)
+    if obstacle.motion is not None:
+        _, _, inside = rays_of(scan, base_pose).locate(obstacle.pose[None, :2, 3])
+        if not inside[0]:
+            return False
+    return any(v.hit for v in seen_obstacles(Scene([obstacle], time=scene.time), scan, base_pose))

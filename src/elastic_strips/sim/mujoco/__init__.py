@@ -1,0 +1,7 @@
+"""MuJoCo: a physical machine (extra ``sim``)."""
+
+from __future__ import annotations
+
+from .plant import MujocoPlant
+
+__all__ = ["MujocoPlant"]

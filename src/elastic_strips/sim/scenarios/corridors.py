@@ -1,0 +1,425 @@
+"""Seeded corridors: 8 m of clutter whose straight whole-body sweep is blocked; without movers, and with them.
+
+In the moving corridor obstacles appear, cross, come head-on and wander. Nobody in it gives way: movers go their ways
+through the robot's, through each other's and through standing clutter. A robot that waits can pass in the end, for
+every mover leaves the corridor, by `DURATION` at the latest.
+
+In the *courteous* corridor the same movers stop for a robot that stands in their way, as people do, and go on when it
+is gone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.catalogue import SCENARIOS
+from elastic_strips.errors import ScenarioError
+from elastic_strips.io import PoseSpec
+from elastic_strips.scene import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Keyframes,
+    Motion,
+    Obstacle,
+    PedestrianMotion,
+    Scene,
+    Sphere,
+    World,
+)
+from elastic_strips.validation import check_array
+
+from .scenario import Scenario
+
+LENGTH = 8.0
+"""Distance [m] from start to goal, along x."""
+HALF_WIDTH = 2.0
+"""Half the distance [m] between the two walls."""
+_OBSTACLES = 32
+_BLOCKERS = 4
+_PASSAGE = 0.56
+"""Half width [m] kept free about the guide curve: base radius, arm and room to turn."""
+_ENDS = 0.95  # radius [m] about start and goal kept free: robot and influence distance
+_STEPS = 400
+
+
+def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
+    """Two walls and boxes, cylinders, capsules, cones, hulls and spheres, standing and hanging, from x = 0 to x = 8 m.
+
+    A smooth random guide curve from start to goal is kept free, so that a way exists; some obstacles stand on the
+    straight line beside it. Start (0, 0) and goal (8, 0) keep a free disc.
+
+    Args:
+        seed: of the generator.
+        obstacles: number of obstacles, walls included.
+
+    Raises:
+        ScenarioError: fewer obstacles than walls and blockers.
+    """
+    if obstacles < 2 + _BLOCKERS:
+        raise ScenarioError(
+            f"corridor: obstacles={obstacles} must be at least {2 + _BLOCKERS}: two walls, {_BLOCKERS} blockers"
+        )
+    rng = np.random.default_rng(seed)
+    guide = _guide(rng)
+    items: list[Obstacle] = [
+        Box((LENGTH + 3.0, 0.1, 1.2), at=(LENGTH / 2, side * (HALF_WIDTH + 0.05), 0.6), name=name)
+        for side, name in ((1.0, "wall-left"), (-1.0, "wall-right"))
+    ]
+    blockers = 0
+    kinds = ("box", "cylinder", "capsule", "cone", "convex", "sphere", "hanging-box", "hanging-sphere")
+    for _attempt in range(20_000):
+        if len(items) == obstacles:
+            return Scene(items)
+        block = blockers < _BLOCKERS
+        kind = kinds[int(rng.integers(6 if block else len(kinds)))]
+        radius = float(rng.uniform(0.1, 0.28))
+        x = float(rng.uniform(0.0, LENGTH)) if not block else float(rng.uniform(1.2, LENGTH - 1.2))
+        y = float(rng.uniform(-0.12, 0.12)) if block else float(rng.uniform(-HALF_WIDTH, HALF_WIDTH))
+        free = np.min(np.hypot(guide[:, 0] - x, guide[:, 1] - y))
+        if free < radius + _PASSAGE or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _ENDS:
+            continue
+        items.append(_obstacle(kind, radius, x, y, rng, f"{kind}-{len(items)}"))
+        blockers += block
+    raise ScenarioError(f"corridor: seed {seed} found no room for {obstacles} obstacles; ask for fewer")
+
+
+def corridor_guide(seed: int) -> Array:
+    """The curve (K, 2) [m] from start to goal about which the corridor of that seed is free."""
+    return _guide(np.random.default_rng(seed))
+
+
+def _guide(rng: np.random.Generator) -> Array:
+    """A smooth curve from start to goal that swings to both sides: (K, 2)."""
+    x = np.linspace(0.0, LENGTH, _STEPS)
+    envelope = np.sin(np.pi * x / LENGTH) ** 0.5
+    waves = rng.integers(1, 3)
+    y = envelope * float(rng.uniform(0.95, 1.25)) * np.sin(np.pi * waves * x / LENGTH + rng.uniform(-0.3, 0.3))
+    if rng.random() < 0.5:
+        y = -y
+    return np.column_stack((x, np.clip(y, -HALF_WIDTH + 0.62, HALF_WIDTH - 0.62)))
+
+
+def _obstacle(kind: str, radius: float, x: float, y: float, rng: np.random.Generator, name: str) -> Obstacle:
+    height = float(rng.uniform(0.35, 1.5))
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    quat = (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    side = radius * np.sqrt(2.0)
+    if kind == "box":
+        return Box((side, side, height), at=(x, y, height / 2), quat=quat, name=name)
+    if kind == "cylinder":
+        return Cylinder(radius, height, at=(x, y, height / 2), name=name)
+    if kind == "capsule":
+        return Capsule(radius, height, at=(x, y, radius + height / 2), name=name)
+    if kind == "cone":
+        return Cone(radius, height, at=(x, y, height / 2), name=name)
+    if kind == "convex":
+        angle = np.sort(rng.uniform(0, 2 * np.pi, 5)) + np.arange(5) * 1e-3
+        ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
+        ring = np.vstack((ring, radius * np.array([[1, 0], [-0.5, 0.8], [-0.5, -0.8]])))
+        low = np.column_stack((ring, np.full(len(ring), -height / 2)))
+        high = np.column_stack((0.6 * ring, np.full(len(ring), height / 2)))
+        return ConvexHull(np.vstack((low, high)), at=(x, y, height / 2), name=name)
+    if kind == "sphere":
+        return Sphere(radius, at=(x, y, radius), name=name)
+    if kind == "hanging-box":
+        return Box((side, side, 0.4), at=(x, y, float(rng.uniform(0.9, 1.5))), quat=quat, name=name)
+    return Sphere(radius, at=(x, y, float(rng.uniform(0.8, 1.4))), name=name)
+
+
+_FINE = 10
+"""Pieces between two keyframes of such a track."""
+
+
+def _smooth_stop(places: Array, frame: float, acceleration: float) -> Array:
+    """A track (K, 2) with a stop at its end, and smooth: `_FINE` places a frame, each the mean over one frame.
+
+    So the velocity changes in steps that are small beside what braking adds to them; no place moves by half a
+    millimetre.
+    """
+    velocity = (places[-1] - places[-2]) / frame
+    speed = float(np.hypot(*velocity))
+    slower = speed - acceleration * frame * np.arange(1, math.ceil(speed / (acceleration * frame)))
+    stop = places[-1] + frame * np.cumsum(np.outer(slower, velocity / speed), axis=0)
+    first, last = 2.0 * places[0] - places[1], stop[-1] if len(stop) else places[-1]
+    p = np.vstack((first, places, stop, last, last))
+    i = np.arange(_FINE * (len(p) - 3) + 1)
+    k = (i + _FINE // 2) // _FINE
+    u = (i / _FINE - k)[:, None]
+    bend = p[k + 2] - 2.0 * p[k + 1] + p[k]
+    return p[k + 1] + 0.5 * u * (p[k + 2] - p[k]) + (0.5 * u * u + 0.125) * bend
+
+
+MOVING = "moving-corridor"
+COURTEOUS = "courteous-corridor"
+"""The name of the corridor in which movers yield."""
+ACCELERATION = 0.4
+"""Largest change of a mover's velocity [m/s²], in any direction."""
+FRAME = 0.1
+"""Time between two keyframes of a mover [s]."""
+COURTEOUS_SPEEDS = (0.2, 0.6)
+"""Range of the speed class in that corridor [m/s]: people among machines. Who is faster can often not stop in time."""
+YIELDING = 0.46
+"""Largest acceleration of a mover that yields, its turns included [m/s²].
+
+More than `ACCELERATION`, so that it can brake in a turn, and a little less than the 0.5 m/s² that a robot reckons with.
+"""
+DURATION = 60.0
+"""All movers are gone at that time [s]."""
+_COUNTS = (1, 8)
+"""Least and most movers."""
+SPEEDS = (0.2, 1.5)
+"""Range that the speed class is drawn from by default [m/s]."""
+APPEAR_DISTANCE = 2.0
+"""A mover appears no nearer than this [m], and what it travels in `REACTION`, to where the robot can be.
+
+What appears out of nothing within a robot's stopping distance cannot be answered. 2 m hold the reach of the robot
+(0.8 m), its braking distance from 1 m/s at 1.2 m/s² (0.42 m) and its way while it notices (0.2 s), and leave 0.58 m.
+Until it stands, 0.83 s later, the mover has come nearer by less than its way in `REACTION`.
+"""
+REACTION = 1.0
+"""See `APPEAR_DISTANCE` [s]."""
+
+_PACE = 0.6  # [m/s] along x: where the robot is assumed to be by those that aim at it
+_GOAL_FREE = 1.0  # [m] between the goal and a mover that is there from the beginning
+_BEYOND = 1.5  # [m] that the walls reach beyond start and goal
+_OUT = 0.6  # [m] between the corridor and a mover when it is gone
+_ATTEMPTS = 2000
+
+_Point = tuple[float, float]
+_Target = Callable[[float, _Point], _Point]  # wanted velocity [m/s] at a time [s] and place [m]
+
+
+@dataclass(frozen=True, slots=True)
+class _Body:
+    """What moves: its kind, its radius seen from above [m], and its shape, made when its track is known."""
+
+    kind: str
+    radius: float
+    height: float  # of its origin [m]
+    make: Callable[[str, Motion, tuple[float, float, float, float]], Obstacle]
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """Where a mover appears, how fast it is then, and where it wants to go."""
+
+    begin: float
+    start: _Point
+    velocity: _Point
+    target: _Target
+
+
+def moving_corridor(
+    seed: int = 0, count: int | None = None, speed: tuple[float, float] = SPEEDS, *, yielding: bool = False
+) -> Scenario:
+    """The corridor of that seed with movers; `Scenario.world` holds them, `Scenario.scene` what is there at time 0.
+
+    A third of the movers aim at where the robot will be, if it advances at 0.6 m/s: they cross its way or come
+    head-on and turn aside afterwards. The others wander. They are persons, carts, balls and hanging loads, of which
+    the last concern only what is above a base. Each is there from the beginning or appears later; see
+    `APPEAR_DISTANCE` for where: from the beginning, away from the start; later, outside the corridor.
+
+    Args:
+        seed: Of everything.
+        count: Number of movers, 1 to 8; drawn where None.
+        speed: Range [m/s] from which the scenario's speed class is drawn: the bound of its movers' speeds, which
+            `Scenario.speed_class` tells.
+        yielding: Whether the movers stop for a robot that stands. Then none vanishes, as nobody knows when it will have
+            left: it comes to rest outside.
+
+    Raises:
+        ScenarioError: A seed, count or speed outside its range.
+    """
+    _check(seed, count, speed)
+    rng = np.random.default_rng([seed, 60])
+    low, high = float(speed[0]), float(speed[1])
+    fastest = float(rng.uniform(low, high))
+    number = int(rng.integers(_COUNTS[0], _COUNTS[1] + 1))
+    count = number if count is None else int(count)
+    aimed = max(1, round(count / 3))
+    guide = corridor_guide(seed)
+    static = corridor_scene(seed)
+    obstacles: list[Obstacle] = list(static)
+    appears, vanishes = {}, {}
+    for k in range(count):
+        course = (("crossing", _crossing), ("head-on", _head_on))[int(rng.integers(2))] if k < aimed else ("", _wander)
+        obstacle, begin, end = _mover(k, course, max(low, 0.5 * fastest), fastest, guide, rng, yielding)
+        obstacles.append(obstacle)
+        assert obstacle.name is not None
+        if begin > 0.0:
+            appears[obstacle.name] = begin
+        if not yielding:
+            vanishes[obstacle.name] = end
+    world = World(Scene(obstacles), appears, vanishes)
+    return Scenario(
+        name=COURTEOUS if yielding else MOVING,
+        summary=SCENARIOS[COURTEOUS if yielding else MOVING],
+        scene=world.at(0.0),
+        start=PoseSpec(0.0, 0.0, 0.0),
+        goal=PoseSpec(LENGTH, 0.0, 0.0),
+        seed=seed,
+        timeline=world,
+        speed_class=fastest,
+    )
+
+
+def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ScenarioError(f"{MOVING}: seed={seed!r} must be an integer ≥ 0")
+    whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+    if count is not None and not (whole and _COUNTS[0] <= count <= _COUNTS[1]):
+        raise ScenarioError(f"{MOVING}: count={count!r} must be an integer from {_COUNTS[0]} to {_COUNTS[1]}")
+    try:
+        low, high = check_array("speed", speed, (2,)).tolist()
+    except ValueError as error:
+        raise ScenarioError(f"{MOVING}: {error}") from None
+    if not SPEEDS[0] <= low <= high <= SPEEDS[1]:
+        raise ScenarioError(f"{MOVING}: speed={speed!r} must be a range [low, high] within {SPEEDS} m/s")
+
+
+def _mover(
+    k: int,
+    course: tuple[str, Callable[[float, _Body, Array, np.random.Generator], _Course | None]],
+    low: float,
+    high: float,
+    guide: Array,
+    rng: np.random.Generator,
+    yielding: bool,
+) -> tuple[Obstacle, float, float]:
+    """An obstacle, when it appears and when it is gone [s]; courses are drawn until one keeps the rules."""
+    role, draw = course
+    for _attempt in range(_ATTEMPTS):
+        body, top = _body(rng), float(rng.uniform(low, high))
+        plan = draw(top, body, guide, rng)
+        track = None if plan is None or not _far(plan, body.radius, top, guide) else _track(plan, body.radius)
+        if plan is None or track is None:
+            continue
+        frame = FRAME
+        if yielding:
+            track, frame = _smooth_stop(track, FRAME, ACCELERATION), FRAME / _FINE
+        times = plan.begin + frame * np.arange(len(track))
+        half = 0.5 * math.atan2(plan.velocity[1], plan.velocity[0])
+        motion = Keyframes(times, np.column_stack((track, np.full(len(track), body.height))))
+        motion = PedestrianMotion(motion, YIELDING) if yielding else motion
+        name = f"{role}-{body.kind}-{k}" if role else f"{body.kind}-{k}"
+        return body.make(name, motion, (0.0, 0.0, math.sin(half), math.cos(half))), plan.begin, float(times[-1])
+    raise ScenarioError(f"{MOVING}: found no course for mover {k} of at most {high:g} m/s; try another seed")
+
+
+def _body(rng: np.random.Generator) -> _Body:
+    kind = ("person", "cart", "ball", "load")[int(rng.choice(4, p=(0.4, 0.25, 0.1, 0.25)))]
+    a, b, c = rng.random(3)
+    if kind == "person":
+        radius, tall = 0.2 + 0.1 * a, 1.5 + 0.35 * b
+        return _Body(kind, radius, tall / 2, lambda n, m, q: Cylinder(radius, tall, name=n, motion=m))
+    if kind == "ball":
+        radius = 0.2 + 0.15 * a
+        return _Body(kind, radius, radius, lambda n, m, q: Sphere(radius, name=n, motion=m))
+    size = (0.6 + 0.4 * a, 0.4 + 0.2 * b, 0.8 + 0.3 * c) if kind == "cart" else (0.3 + 0.2 * a, 0.3 + 0.2 * b, 0.3)
+    height = size[2] / 2 if kind == "cart" else 1.0 + 0.35 * c
+    return _Body(kind, 0.5 * math.hypot(*size[:2]), height, lambda n, m, q: Box(size, quat=q, name=n, motion=m))
+
+
+def _far(course: _Course, radius: float, top: float, guide: Array) -> bool:
+    """Whether a mover appears far enough from where the robot can be then; from the beginning, off the way too."""
+    x, y = course.start
+    apart = APPEAR_DISTANCE + REACTION * top + radius
+    if course.begin > 0.0:  # the robot may be anywhere in the corridor
+        return math.hypot(max(-_BEYOND - x, x - LENGTH - _BEYOND, 0.0), max(abs(y) - HALF_WIDTH, 0.0)) >= apart
+    free = math.hypot(x - LENGTH, y) >= _GOAL_FREE + radius
+    aside = float(np.hypot(guide[:, 0] - x, guide[:, 1] - y).min()) >= _PASSAGE + radius
+    return math.hypot(x, y) >= apart and free and aside
+
+
+def _track(course: _Course, radius: float) -> Array | None:
+    """Places (K, 2) [m] at the keyframes, until it has left the corridor; None where it does not enter or not leave."""
+    (x, y), (vx, vy) = course.start, course.velocity
+    places, entered = [(x, y)], False
+    step = ACCELERATION * FRAME
+    for k in range(round((DURATION - course.begin) / FRAME)):
+        wx, wy = course.target(course.begin + FRAME * k, (x, y))
+        change = math.hypot(wx - vx, wy - vy)
+        share = min(1.0, step / change) if change > 0.0 else 0.0
+        vx, vy = vx + share * (wx - vx), vy + share * (wy - vy)
+        x, y = x + FRAME * vx, y + FRAME * vy
+        places.append((x, y))
+        gap = max(abs(y) - HALF_WIDTH, -_BEYOND - x, x - LENGTH - _BEYOND)
+        entered = entered or gap < 0.0
+        if entered and gap > radius + _OUT:
+            return np.array(places)
+    return None
+
+
+def _crossing(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course:
+    """Straight to where the robot will be, across its way; then a little aside and out."""
+    meet = float(rng.uniform(3.0, 12.0))
+    begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 0.7 * meet)), 1)
+    aim = _on_way(_PACE * meet + float(rng.uniform(-0.4, 0.4)), guide, float(rng.uniform(-0.3, 0.3)))
+    angle = (0.5 if rng.random() < 0.5 else -0.5) * math.pi + float(rng.uniform(-0.6, 0.6))
+    velocity = (top * math.cos(angle), top * math.sin(angle))
+    start = (aim[0] - velocity[0] * (meet - begin), aim[1] - velocity[1] * (meet - begin))
+    later = _polar(float(rng.uniform(0.6, 1.0)) * top, angle + float(rng.uniform(-0.5, 0.5)))
+    return _Course(begin, start, velocity, lambda t, at: velocity if t < meet else later)
+
+
+def _head_on(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course | None:
+    """From beyond the goal towards the robot; some time after they have met it turns aside and leaves.
+
+    None where the robot would be at its goal before.
+    """
+    begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 5.0)), 1)
+    near = _GOAL_FREE + 0.2 if begin == 0.0 else _BEYOND + APPEAR_DISTANCE + REACTION * top
+    x = LENGTH + near + body.radius + float(rng.uniform(0.0, 2.0))
+    start = (x, float(rng.uniform(-0.6, 0.6)))
+    meet = (x + top * begin) / (top + _PACE)
+    if _PACE * meet > LENGTH - 0.5:
+        return None
+    aim = _on_way(_PACE * meet, guide, 0.0)
+    way = math.hypot(aim[0] - start[0], aim[1] - start[1])
+    velocity = (top * (aim[0] - start[0]) / way, top * (aim[1] - start[1]) / way)
+    turn = meet + float(rng.uniform(0.5, 2.0))
+    aside = _polar(top, (0.5 if rng.random() < 0.5 else -0.5) * math.pi)
+    return _Course(begin, start, velocity, lambda t, at: velocity if t < turn else aside)
+
+
+def _wander(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course:
+    """Here and there at changing speed, with rests of a few seconds; after a while it leaves by the nearer side."""
+    begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 8.0)), 1)
+    start = (float(rng.uniform(-1.0, LENGTH + 1.0)), float(rng.uniform(-HALF_WIDTH, HALF_WIDTH)))
+    if begin > 0.0:
+        outside = HALF_WIDTH + APPEAR_DISTANCE + REACTION * top + body.radius + float(rng.uniform(0.0, 1.0))
+        start = (start[0], math.copysign(outside, start[1]))
+    leave = begin + float(rng.uniform(12.0, 28.0))
+    changes = np.cumsum(rng.uniform(2.0, 5.0, 12)) + begin
+    places = np.column_stack((rng.uniform(0.5, LENGTH - 0.5, 13), rng.uniform(-1.5, 1.5, 13)))
+    paces = top * np.where(rng.random(13) < 0.2, 0.0, rng.uniform(0.4, 1.0, 13))
+    paces[0] = max(paces[0], 0.4 * top)
+
+    def target(t: float, at: _Point) -> _Point:
+        if t >= leave:
+            return 0.0, math.copysign(top, at[1])
+        k = int(np.searchsorted(changes, t, side="right"))
+        dx, dy = places[k, 0] - at[0], places[k, 1] - at[1]
+        way = math.hypot(dx, dy)
+        pace = min(float(paces[k]), way)  # slower at the place
+        return (pace * dx / way, pace * dy / way) if way > 1e-6 else (0.0, 0.0)
+
+    return _Course(begin, start, target(begin, start), target)
+
+
+def _on_way(x: float, guide: Array, aside: float) -> _Point:
+    """A point of the way that is kept free of clutter, at ``x`` or the nearest that start and goal leave."""
+    x = min(max(x, 1.0), LENGTH - 1.0)
+    return x, float(np.interp(x, guide[:, 0], guide[:, 1])) + aside
+
+
+def _polar(length: float, angle: float) -> _Point:
+    return length * math.cos(angle), length * math.sin(angle)

@@ -1,0 +1,312 @@
+"""Driving a scenario in the closed loop, evaluated from the true states; its document (docs/drive-format.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from elastic_strips._version import __version__
+from elastic_strips.arrays import Array, Document
+from elastic_strips.control import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control.replanning import SwitchingReplanner
+from elastic_strips.errors import RobotError, ScenarioError
+from elastic_strips.planning import StripSetParams
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import World
+from elastic_strips.sim import Perception, SensorPerception
+from elastic_strips.sim.baselines import BASE_METHODS, BaseController, base_simulation
+from elastic_strips.sim.closed_loop import MACHINE, Simulation, simulation
+from elastic_strips.sim.evaluation import Contact, Evaluation, evaluate, protective_separation
+from elastic_strips.sim.evaluation.visibility import unseen_contacts
+from elastic_strips.sim.faults import Fault
+from elastic_strips.sim.plant import KinematicPlant, Plant
+from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
+from elastic_strips.sim.sensors import SensorConfig, SensorSuite
+from elastic_strips.sim.tracking_bound import Displacement
+from elastic_strips.strip import DeformParams
+from elastic_strips.summary import Summary
+from elastic_strips.trajectory import MotionLimits
+from elastic_strips.validation import check_choice, check_count, check_type
+
+from .scenario import Scenario
+
+PLANTS = ("kinematic", "mujoco")
+STRIP = "strip"
+DRIVE_METHODS = (STRIP, *BASE_METHODS)
+"""What steers: the elastic strip, or one of the methods for a base alone that the paper names."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DriveOutcome(Summary):
+    """What driving a scenario came to.
+
+    Attributes:
+        scenario, robot, plant, seed: what was driven.
+        result: of the loop, with its record.
+        evaluation: from the true states.
+        separation: protective separation distance [m] at the robot's largest speed; None of a method that promises no
+            stop.
+        method: what steered, of `DRIVE_METHODS`.
+        sensors: names of the simulated sensors that the robot drove by; empty where it knew the scene.
+        physical_contacts: what a physical plant saw the robot touch, wheels and casters on the floor aside.
+        unseen: obstacles of contacts before which they were not in a laser's view.
+        seen_collisions: contacts at speed with what was in view, or known; see `unseen_contacts`.
+    """
+
+    scenario: Scenario
+    robot: RobotModel
+    plant: str
+    seed: int
+    result: DriveResult
+    evaluation: Evaluation
+    separation: float | None
+    method: str = STRIP
+    sensors: tuple[str, ...] = ()
+    physical_contacts: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    seen_collisions: int = 0
+
+    def _summary(self) -> dict[str, object]:
+        clearance = f"{self.evaluation.min_clearance_m:.3f} m"
+        return {
+            "scenario": self.scenario.name, "robot": self.robot.name, "plant": self.plant, "method": self.method,
+            "reached": self.reached, "collisions": len(self.evaluation.collisions), "least_clearance": clearance,
+            "time": f"{self.evaluation.time_s:.1f} s", "stops": len(self.result.stops), "reason": self.result.reason,
+        }  # fmt: skip
+
+    @property
+    def tracking_error(self) -> float | None:
+        """Bound on the largest distance [m] of any point of the robot from where the reference has it; None without
+        one."""
+        rows = self.result.record.control
+        error = float(Displacement(self.robot)(rows.chart, rows.reference).max())
+        return error if np.isfinite(error) else None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the robot stands at the goal, by its own account and in truth."""
+        return self.result.reached and bool(self.evaluation.reached)
+
+
+def make_simulation(
+    scenario: Scenario,
+    *,
+    robot: RobotModel | None = None,
+    seed: int | None = None,
+    plant: str = "kinematic",
+    evade: bool = False,
+    sensors: SensorConfig | None = None,
+    alternatives: int = 1,
+    params: DriveParams | None = None,
+    faults: Iterable[Fault] = (),
+    **options: Any,
+) -> Simulation[Controller]:
+    """A closed loop of the elastic strip for a scenario, ready to run.
+
+    Args:
+        scenario: the problem.
+        robot: another robot than the scenario's.
+        seed: of plan, plant and noise; the scenario's where None.
+        plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
+        evade: whether to leave the strip where something comes, rather than only to brake and wait.
+        sensors: the robot sees what these read, and nothing else of the scene; where None, it knows the scene.
+        alternatives: so many strips on different sides of the obstacles are kept and deformed side by side; a robot
+            that has to give one up follows another.
+        params: of the drive; the scenario's parameters of the strip are put into the default ones where None.
+        faults: what goes wrong on purpose.
+        **options: of :func:`~elastic_strips.sim.simulation`.
+
+    Raises:
+        InputError: start or goal in collision, an unknown plant, …
+    """
+    check_type("params", params, DriveParams, none=True)
+    check_type("sensors", sensors, SensorConfig, none=True)
+    check_count("alternatives", alternatives, low=1)
+    problem = _Problem.of(scenario, robot, seed, plant)
+    if params is None:
+        values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
+        deform = DeformParams().replaced(**values)
+        params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
+        if sensors is not None:
+            params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE)
+    if sensors is not None:
+        options["perception"] = SensorPerception(
+            problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed
+        )
+    if alternatives > 1:
+        options["replanner"] = SwitchingReplanner(
+            problem.robot, params, seed=problem.seed, grid=options.get("grid", True),
+            family=StripSetParams(count=alternatives),
+        )  # fmt: skip
+    return simulation(
+        problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
+        plant=problem.machine, faults=faults, seed=problem.seed, metadata=problem.metadata, **options,
+    )  # fmt: skip
+
+
+def make_base_simulation(
+    scenario: Scenario,
+    method: str,
+    *,
+    robot: RobotModel | None = None,
+    seed: int | None = None,
+    plant: str = "kinematic",
+    sensors: SensorConfig | None = None,
+    **options: Any,
+) -> Simulation[BaseController]:
+    """A closed loop of a method for a base alone; other arguments as in :func:`make_simulation`.
+
+    Args:
+        scenario: the problem.
+        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
+        robot: another robot than the scenario's.
+        seed: of plant and sensors; the scenario's where None.
+        plant: ``"kinematic"``, or ``"mujoco"``.
+        sensors: what the method drives by; the Silvermate's where None.
+        **options: of :func:`~elastic_strips.sim.base_simulation`.
+    """
+    problem = _Problem.of(scenario, robot, seed, plant)
+    return base_simulation(
+        problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
+        plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, **options,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """A scenario with everything that a loop needs."""
+
+    robot: RobotModel
+    world: World
+    start: Array
+    goal: Array
+    limits: MotionLimits
+    machine: Plant
+    seed: int
+    metadata: dict[str, object]
+
+    @classmethod
+    def of(cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str) -> _Problem:
+        check_type("scenario", scenario, Scenario, ScenarioError)
+        check_type("robot", robot, RobotModel, RobotError, none=True)
+        check_choice("plant", plant, PLANTS)
+        if seed is not None:
+            check_count("seed", seed)
+        robot = scenario.load_robot(preset="default") if robot is None else robot
+        seed = scenario.seed if seed is None else seed
+        limits, world = MotionLimits.for_robot(robot), scenario.world
+        machine: Plant
+        if plant == "mujoco":
+            from elastic_strips.sim.mujoco.plant import MujocoPlant
+
+            machine = MujocoPlant(robot, limits, world, seed=seed)
+        else:
+            machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
+        metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": plant}
+        return cls(robot, world, *scenario.ends(robot), limits, machine, seed, metadata)
+
+
+def conclude(
+    scenario: Scenario, driven: Simulation[Any], result: DriveResult, *, plant: str, seed: int
+) -> DriveOutcome:
+    """Evaluate a run."""
+    controller, perception = driven.controller, driven.perception
+    evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
+    suite: SensorSuite | None = getattr(perception, "suite", None)
+    separation = None
+    if controller.method == STRIP:
+        separation = protective_separation(driven.limits, driven.params, cast("Perception", perception).params)
+    touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
+    unseen: tuple[Contact, ...] = ()
+    if suite is not None:
+        unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
+    return DriveOutcome(
+        scenario, driven.robot, plant, seed, result, evaluation, separation, method=controller.method,
+        physical_contacts=touched, sensors=() if suite is None else suite.names,
+        unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
+        seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
+    )  # fmt: skip
+
+
+def drive_scenario(
+    scenario: Scenario,
+    *,
+    method: str = STRIP,
+    robot: RobotModel | None = None,
+    seed: int | None = None,
+    plant: str = "kinematic",
+    time_limit: float | None = None,
+    **options: Any,
+) -> DriveOutcome:
+    """Drive a scenario from start to goal, and evaluate it.
+
+    Args:
+        scenario: the problem.
+        method: ``"strip"``, or one for a base alone.
+        robot, seed, plant, **options: as in :func:`make_simulation` or :func:`make_base_simulation`.
+        time_limit: longest run [s of simulated time].
+    """
+    check_type("scenario", scenario, Scenario, ScenarioError)
+    check_choice("method", method, DRIVE_METHODS)
+    seed = scenario.seed if seed is None else seed
+    driven: Simulation[Any]
+    if method == STRIP:
+        driven = make_simulation(scenario, robot=robot, seed=seed, plant=plant, **options)
+    else:
+        driven = make_base_simulation(scenario, method, robot=robot, seed=seed, plant=plant, **options)
+    try:
+        result = driven.run(time_limit=time_limit)
+    finally:
+        driven.plant.close()
+    return conclude(scenario, driven, result, plant=plant, seed=seed)
+
+
+DRIVE_FORMAT = "elastic-strips-drive"
+DRIVE_FORMAT_VERSION = 1
+
+
+def drive_document(outcome: DriveOutcome) -> Document:
+    """A drive as plain values, ready for JSON. Lengths in metres, angles in radians, times in seconds."""
+    check_type("outcome", outcome, DriveOutcome)
+    result, evaluation = outcome.result, outcome.evaluation
+    figures = evaluation.as_dict()
+    return {
+        "format": DRIVE_FORMAT,
+        "version": DRIVE_FORMAT_VERSION,
+        "elastic_strips": __version__,
+        "scenario": outcome.scenario.name,
+        "robot": outcome.robot.name,
+        "plant": outcome.plant,
+        "method": outcome.method,
+        "sensors": list(outcome.sensors),
+        "seed": outcome.seed,
+        "state": result.state.label,
+        "reason": result.reason,
+        "reached": outcome.reached,
+        "collisions": len(evaluation.collisions),
+        "contacts": figures["collisions"],
+        "unseen_contacts": list(outcome.unseen),
+        "contacts_at_rest": figures["rest_contacts"],
+        "physical_contacts": list(outcome.physical_contacts),
+        "min_clearance_m": figures["min_clearance_m"],
+        "time_s": evaluation.time_s,
+        "path_m": evaluation.path_m,
+        "stops": [{"time_s": time, "reason": reason} for time, reason in result.stops],
+        "replans": result.replans,
+        "tick_ms": {k: _number(v) for k, v in result.statistics.percentiles().items()},
+        "ticks": len(result.statistics.seconds),
+        "deadline_misses": result.statistics.misses,
+        "max_lateral_slip": evaluation.max_lateral_slip_m,
+        "limit_excess": figures["excess"],
+        "max_tracking_error_m": outcome.tracking_error,
+        "protective_separation_m": outcome.separation,
+        "events": [{"time_s": e.time, "kind": e.kind, "reason": e.reason} for e in result.events],
+        "wall_s": result.seconds,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,326 @@
+"""Running a scenario: plan, deform, certify, and measure the result; its document (docs/result-format.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeVar
+
+import numpy as np
+
+from elastic_strips._version import __version__
+from elastic_strips.arrays import Array, Document
+from elastic_strips.catalogue import PRESETS
+from elastic_strips.collision import BrokenSegment
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
+from elastic_strips.io import obstacle_documents
+from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
+from elastic_strips.strip.paper import PaperDeformer, PaperParams, PaperReport
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
+
+from .scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RunResult(Summary):
+    """What came of a scenario.
+
+    Attributes:
+        scenario, robot, params: what was run.
+        initial: the strip that the relaxation started from.
+        report: last report; its strip is the result.
+        method: where the initial strip came from: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
+        reason: what happened, for people.
+        passing_side: see :func:`passing_side`.
+        seed: of the planner.
+        ticks: all ticks; tick_seconds: the duration of each.
+        time_to_certified: from nothing to the first certified strip [s], or None.
+        frames: strips along the deformation, for animation (first and last included).
+    """
+
+    scenario: Scenario
+    robot: RobotModel
+    params: DeformParams | PaperParams
+    initial: Strip
+    report: DeformReport
+    method: str
+    reason: str
+    passing_side: str | None
+    seed: int
+    ticks: int
+    tick_seconds: Array
+    time_to_certified: float | None
+    frames: tuple[Strip, ...] = field(default_factory=tuple)
+
+    def _summary(self) -> dict[str, object]:
+        return {
+            "scenario": self.scenario.name, "robot": self.robot.name, "preset": self.params.preset,
+            "status": self.report.status.value, "certified": self.certified, "reason": self.reason,
+            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passing_side,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        return {"clearance": f"{self.clearance:.3f} m", "length": f"{self.report.strip.length:.3f} m"}
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip: the report's."""
+        return self.report.clearance
+
+    @property
+    def certified(self) -> bool:
+        """Whether the strip is certified and its tunnel connected."""
+        return self.report.certified and self.report.status is DeformStatus.SETTLED
+
+
+def run_scenario(
+    scenario: Scenario,
+    *,
+    robot: RobotModel | None = None,
+    preset: str | None = None,
+    seed: int | None = None,
+    overrides: dict[str, Any] | None = None,
+    watch: Callable[[DeformReport], object] | None = None,
+    timeout: float = 20.0,
+) -> RunResult:
+    """Plan an initial strip, deform it to rest and measure it.
+
+    Args:
+        scenario: the problem.
+        robot: another robot than the scenario's.
+        preset: ``"default"`` or ``"paper"``; the scenario's where None.
+        seed: of the planner; the scenario's where None.
+        overrides: further parameter overrides.
+        watch: called with every tick's report.
+        timeout: longest planning [s].
+
+    Raises:
+        InputError: start or goal in collision, unknown parameters, …
+    """
+    check_type("scenario", scenario, Scenario, ScenarioError)
+    check_type("robot", robot, RobotModel, RobotError, none=True)
+    check_type("overrides", overrides, dict, none=True)
+    check_able("watch", watch)
+    if preset is not None:
+        check_choice("preset", preset, tuple(PRESETS))
+    if seed is not None:
+        check_count("seed", seed)
+    check_number("timeout", timeout, above=0.0, unit="s")
+    preset = preset or scenario.preset
+    robot = scenario.load_robot(preset=preset) if robot is None else robot
+    values = {**scenario.params.get(preset, {}), **(overrides or {})}
+    params = _parameters(scenario, PaperParams() if preset == "paper" else DeformParams(), values)
+    seed = scenario.seed if seed is None else seed
+    ticks: list[float] = []
+    frames: list[Strip] = []
+
+    def note(report: DeformReport) -> None:
+        ticks.append(report.seconds)
+        if len(frames) < 400:
+            frames.append(report.strip)
+        if watch is not None:
+            watch(report)
+
+    try:
+        if isinstance(params, PaperParams):
+            initial, report, method, reason, first = _run_paper(scenario, robot, params, seed, note, timeout)
+        else:
+            initial, report, method, reason, first = _run_default(scenario, robot, params, seed, note, timeout)
+    except ConfigurationError as error:
+        if scenario.name in str(error):
+            raise
+        raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
+    return RunResult(
+        scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
+        passing_side=passing_side(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
+        tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
+    )  # fmt: skip
+
+
+_P = TypeVar("_P", bound="DeformParams | PaperParams")
+
+
+def _parameters(scenario: Scenario, params: _P, values: dict[str, Any]) -> _P:
+    whole = {f.name for f in fields(params) if f.type in (int, "int")}
+    try:
+        for name, value in values.items():
+            if name == "preset":
+                raise ParameterError(f"preset={value!r} is no parameter; choose the preset by itself")
+            if name in whole and isinstance(value, float):  # numbers of a file are floats
+                if not value.is_integer():
+                    raise ParameterError(f"{name}={value!r} must be a whole number")
+                values = {**values, name: int(value)}
+        return params.replaced(**values)
+    except ParameterError as error:
+        raise ParameterError(f"scenario {scenario.name!r}: {error}") from None
+
+
+_Outcome = tuple[Strip, DeformReport, str, str, float | None]
+
+
+def _run_default(
+    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
+    timeout: float,
+) -> _Outcome:  # fmt: skip
+    start, goal = scenario.ends(robot)
+    deformer = Deformer(robot, params)
+    planned = plan_report(robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note)
+    if not planned.certified:
+        return planned.initial, planned.report, planned.method, planned.reason, None
+    report = deformer.settle(planned.strip, scenario.scene, watch=note)
+    if not report.certified:  # what was certified is kept; relaxing further must not lose it
+        report = planned.report
+    return planned.initial, report, planned.method, report.reason, planned.seconds
+
+
+def _run_paper(
+    scenario: Scenario, robot: RobotModel, params: PaperParams, seed: int, note: Callable[[DeformReport], None],
+    timeout: float,
+) -> _Outcome:  # fmt: skip
+    """The initial trajectory comes from a planner, as in the paper.
+
+    It is the straight line, and OMPL's path where the line is not free and does not relax to a certified strip.
+    """
+    began = perf_counter()
+    start, goal = scenario.ends(robot)
+    deformer = PaperDeformer(robot, params)
+    bounds = DeformParams(influence=params.influence, clearance=params.clearance, self_clearance=params.self_clearance)
+    ends = np.stack(check_endpoints(robot, scenario.scene, start, goal, bounds))
+    spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
+    rows = straight_line(robot, start, goal, spacing=spacing)
+    if robot.space.planar:
+        rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
+    initial, method = Strip.from_chart(robot, rows, ends=ends), "line"
+    first: list[float] = []
+
+    def watch(report: PaperReport) -> None:
+        if not first and report.usable:
+            first.append(perf_counter() - began)
+        note(report)
+
+    def relax(strip: Strip) -> PaperReport:
+        first.clear()
+        return deformer.settle(strip, scenario.scene, watch=watch)
+
+    attempts: list[str] = []
+    free = deformer.assess(initial, scenario.scene).certified
+    report = relax(initial)
+    if not free and report.status is not DeformStatus.SETTLED:
+        attempts.append(f"straight line, which is not free: {report.reason}")
+        for k in range(4):
+            found = ompl_path(
+                robot,
+                scenario.scene,
+                start,
+                goal,
+                seed=seed + 7919 * k,
+                margin=0.04,
+                timeout=timeout / 4,
+                spacing=spacing,
+            )
+            if found.rows is None:
+                attempts.append(found.reason)
+                continue
+            initial, method = Strip.from_chart(robot, found.rows, ends=ends), "ompl"
+            report = relax(initial)
+            if report.status is DeformStatus.SETTLED:
+                break
+            attempts.append(report.reason)
+    certified = report.status is DeformStatus.SETTLED
+    reason = report.reason if not attempts or certified else "; ".join(attempts)
+    return initial, report, method, reason, first[0] if first and certified else None
+
+
+def passing_side(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str | None:
+    """``"between"`` two obstacles, ``"around-left"`` or ``"around-right"`` of both (seen along the way), or None.
+
+    The base's path is followed across the straight line through the obstacles' centres; its last crossing decides.
+    """
+    if gap is None or not strip.robot.space.planar or any(name not in scene for name in gap):
+        return None
+    one, two = (scene.obstacle(name).pose[:2, 3] for name in gap)
+    path = strip.robot.space.to_chart(strip.sample(0.05))[:, :2]
+    along = two - one
+    normal = np.array([-along[1], along[0]])
+    side = (path - one) @ normal
+    crossings = np.flatnonzero(np.sign(side[:-1]) * np.sign(side[1:]) <= 0)
+    if len(crossings) == 0 or along @ along == 0.0:
+        return None
+    k = int(crossings[-1])
+    denominator = side[k] - side[k + 1]
+    s = side[k] / denominator if denominator != 0 else 0.5
+    point = path[k] + s * (path[k + 1] - path[k])
+    fraction = float((point - one) @ along / (along @ along))
+    if 0.0 < fraction < 1.0:
+        return "between"
+    way = path[-1] - path[0]
+    offset = point - 0.5 * (one + two)
+    return "around-left" if way[0] * offset[1] - way[1] * offset[0] > 0 else "around-right"
+
+
+FORMAT = "elastic-strips-result"
+FORMAT_VERSION = 1
+
+
+def result_document(result: RunResult) -> Document:
+    """A run as plain values, ready for JSON. Lengths in metres, angles in radians."""
+    check_type("result", result, RunResult)
+    report, robot, strip = result.report, result.robot, result.report.strip
+    paper = isinstance(report, PaperReport)
+    base = BaseKind.OMNI if paper and robot.base_kind is BaseKind.DIFF_DRIVE else robot.base_kind
+    ticks = 1e3 * result.tick_seconds
+    return {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "elastic_strips": __version__,
+        "scenario": result.scenario.name,
+        "preset": result.params.preset,
+        "robot": robot.name,
+        "seed": result.seed,
+        "status": report.status.value,
+        "reason": result.reason,
+        "certified": result.certified,
+        "segments": [bool(s) for s in report.certificate.segments],
+        "certified_clearance_m": result.params.clearance,
+        "clearance_m": float(result.clearance) if np.isfinite(result.clearance) else None,
+        "max_lateral_slip_m": float(strip.lateral_slip.max(initial=0.0)) if base is BaseKind.DIFF_DRIVE else 0.0,
+        "length_m": strip.length,
+        "nodes": len(strip),
+        "ticks": result.ticks,
+        "initial": result.method,
+        "time_to_certified_ms": None if result.time_to_certified is None else 1e3 * result.time_to_certified,
+        "tick_ms": {f"p{p}": float(np.percentile(ticks, p)) if len(ticks) else None for p in (50, 95, 99)},
+        "passage": result.passing_side,
+        "max_heading_step_rad": report.heading_step if isinstance(report, PaperReport) else None,
+        "broken": None if result.certified or report.certificate.broken is None else _broken(report.certificate.broken),
+        "base": base.value,
+        "strip": {"joint_names": list(robot.joint_names), "q": strip.q.tolist()},
+        "locked": {name: float(value) for name, value in robot.locked.items()},
+        "obstacles": obstacle_documents(result.scenario.scene),
+        "urdf": None if robot.urdf_path is None else str(Path(robot.urdf_path).absolute()),
+        "params": _all_parameters(result.params),
+    }
+
+
+def _all_parameters(params: DeformParams | PaperParams) -> Document:
+    """All parameters by name; those that only the other preset has, with their values there."""
+    if isinstance(params, DeformParams):
+        return PaperParams().as_dict() | params.as_dict()
+    return DeformParams(max_spacing=0.25, min_spacing=0.0).as_dict() | params.as_dict()
+
+
+def _broken(broken: BrokenSegment) -> Document:
+    return {
+        "segment": broken.segment,
+        "link": broken.link,
+        "obstacle": broken.obstacle,
+        "clearance": broken.clearance,
+        "kind": broken.kind,
+        "certain": broken.certain,
+    }

@@ -1,0 +1,119 @@
+"""Scenario: a scene with a start and a goal, for a robot and a preset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError
+from elastic_strips.io import PoseSpec, ScenarioSpec
+from elastic_strips.robot import BaseKind, RobotModel, load_robot
+from elastic_strips.scene import Scene, World
+from elastic_strips.strip import DeformParams
+from elastic_strips.strip.paper import PaperParams
+from elastic_strips.summary import Summary
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Scenario(Summary):
+    """A problem to run.
+
+    Attributes:
+        name, summary: what it is called and about.
+        scene: the obstacles that exist at its time.
+        start, goal: base poses and joint values.
+        robot: name or URDF path of the robot that it was made for.
+        base: base kind, or None for the robot's own.
+        preset: preset to use where none is asked for.
+        params: preset → parameter overrides.
+        postures: robot name → joint values of both ends, for robots that the joints of ``start`` and ``goal`` do not
+            fit.
+        gap: names of two obstacles whose gap tells the passage (between, around-left, around-right), or None.
+        seed: of everything random.
+        timeline: all obstacles with when they appear and vanish, or None where ``scene`` holds all there ever is; ask
+            :attr:`world`.
+        speed_class: bound of the movers' speeds [m/s] that the robot may count on, or None where none is stated.
+    """
+
+    name: str
+    summary: str
+    scene: Scene
+    start: PoseSpec
+    goal: PoseSpec
+    robot: str = "silvermate"
+    base: str | None = None
+    preset: str = "default"
+    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    gap: tuple[str, str] | None = None
+    seed: int = 0
+    timeline: World | None = None
+    speed_class: float | None = None
+
+    @property
+    def world(self) -> World:
+        """What exists when; keep it while time goes on, it makes each snapshot from the one before.
+
+        Where obstacles yield, each time another world, in which nobody has yielded yet.
+        """
+        return World(self.scene) if self.timeline is None else self.timeline.copied(history=False)
+
+    @staticmethod
+    def from_spec(spec: ScenarioSpec) -> Scenario:
+        """The scenario that a file describes."""
+        default, paper = ({f.name for f in fields(kind)} for kind in (DeformParams, PaperParams))
+        params = {  # a parameter that one preset alone has says nothing to the other
+            "default": {name: value for name, value in spec.params.items() if name not in paper - default},
+            "paper": {name: value for name, value in spec.params.items() if name not in default - paper},
+        }
+        return Scenario(
+            name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
+            robot=spec.robot, base=spec.base, preset=spec.preset or "default",
+            params=params, seed=spec.seed, timeline=spec.world,
+        )  # fmt: skip
+
+    def load_robot(self, robot: str | None = None, preset: str | None = None, base: str | None = None) -> RobotModel:
+        """The robot, or another one, perhaps with another base; preset ``paper`` moves a planar base by Eq. 9, so it
+        is ``omni`` there.
+
+        Raises:
+            RobotError: unknown robot or a fault in its files.
+        """
+        base = base or self.base
+        if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:
+            base = BaseKind.OMNI.value
+        try:
+            return load_robot(robot or self.robot, base=base)
+        except RobotError as error:
+            if robot is not None:
+                raise
+            raise RobotError(f"scenario {self.name!r}: {error}") from None
+
+    def ends(self, robot: RobotModel) -> tuple[Array, Array]:
+        """Start and goal configurations (nq,) of a robot.
+
+        Raises:
+            ConfigurationError: a joint that the robot does not plan (for the robot that the scenario was made for).
+        """
+        ends = []
+        for what, pose in (("start", self.start), ("goal", self.goal)):
+            try:
+                ends.append(self._configuration(robot, pose))
+            except ConfigurationError as error:
+                raise ConfigurationError(f"scenario {self.name!r}, {what}: {error}") from None
+        return ends[0], ends[1]
+
+    def _configuration(self, robot: RobotModel, pose: PoseSpec) -> Array:
+        joints = dict(pose.joints)
+        if robot.name != self.robot and not set(joints) <= set(robot.joint_names):
+            joints = dict(self.postures.get(robot.name, {}))
+        if not robot.space.planar:
+            if (pose.x, pose.y, pose.yaw) != (0.0, 0.0, 0.0):
+                raise ScenarioError(
+                    f"scenario {self.name!r} moves the base, but the base of {robot.name!r} is fixed; "
+                    "use diff_drive or omni"
+                )
+            return robot.home(joints=joints)
+        return robot.home(pose.x, pose.y, pose.yaw, joints)

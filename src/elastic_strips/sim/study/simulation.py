@@ -1,0 +1,290 @@
+"""The paper's preset as the paper simulates it: each sampling time senses, deforms, moves.
+
+The paper concludes that safe distance, k_r and k_c have to be decided properly; :func:`parameter_map` shows what that
+means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.collision import BodySet, ObstacleProximity
+from elastic_strips.errors import RobotError
+from elastic_strips.planning import straight_line
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.sim.bench.measure import cached, parallel_map
+from elastic_strips.sim.scenarios.registry import get_scenario
+from elastic_strips.sim.scenarios.scenario import Scenario
+from elastic_strips.strip import Strip
+from elastic_strips.strip.paper import PaperDeformer, PaperParams
+from elastic_strips.summary import Summary
+
+SPACING = 0.216
+"""From posture to posture of the initial line [m]; 59 segments for its 12.7 m."""
+LONGEST_STEP = 0.4
+"""Most that the robot moves in a sampling time [m]: about two of these."""
+_PATIENCE = 40  # sampling times at one place until it counts as blocked
+_MAX_SAMPLES = 400  # sampling times
+_CAP = 1.0  # clearances are not measured beyond [m]
+_BETWEEN = 0.05  # from one look for contacts to the next, while the robot moves [m]
+K_R = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
+K_C = (0.1, 0.3, 0.5, 0.7, 0.9)
+SAFE = (0.4, 0.6, 0.8, 1.0, 1.5)
+"""Gains, and safe distances [m], that are tried; the paper's own are among them."""
+
+
+class Outcome(str, Enum):
+    """``REACHED`` the target; ``BLOCKED``: it stands before a gap between protective hulls; ``CONTACT``: it has touched
+    an obstacle; ``UNFINISHED``: after all its sampling times."""
+
+    REACHED = "reached"
+    BLOCKED = "blocked"
+    CONTACT = "contact"
+    UNFINISHED = "unfinished"
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """An obstacle that came within the safe distance.
+
+    Attributes:
+        sample: sampling time.
+        name: of the obstacle.
+        robot: (x, y) of the mobile then [m].
+        point: (x, y, z) of the obstacle's point that is nearest to a control point [m].
+        distance: between the two [m].
+    """
+
+    sample: int
+    name: str
+    robot: tuple[float, float]
+    point: tuple[float, float, float]
+    distance: float
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PaperRun(Summary):
+    """What came of a run.
+
+    Attributes:
+        scenario, params: what was run.
+        robot: the robot.
+        line: (N, 2) the original line of the mobile [m].
+        chart: (T, nv) where the robot was at each sampling time.
+        ahead: the strip in front of it at the end, chart rows (M, nv).
+        detections: obstacles as they were sensed.
+        outcome, reason: how it ended.
+        clearance: least distance of any link to any obstacle, at and between the sampling times [m]; capped at 1.
+    """
+
+    scenario: Scenario
+    params: PaperParams
+    robot: RobotModel
+    line: Array
+    chart: Array
+    ahead: Array
+    detections: tuple[Detection, ...]
+    outcome: Outcome
+    reason: str
+    clearance: float
+
+    @property
+    def length(self) -> float:
+        """Length of the mobile's path [m]."""
+        return float(np.hypot(*np.diff(self.chart[:, :2], axis=0).T).sum())
+
+
+def simulate_paper(
+    scenario: Scenario, *, robot: RobotModel | None = None, overrides: Mapping[str, object] | None = None
+) -> PaperRun:
+    """Run a scenario with preset ``paper``, reactively.
+
+    At every sampling time the obstacles within the safe distance of P_m become known, of any control point where the
+    whole robot moves. The postures ahead are deformed by all that are known (Eqs. 2 to 9), and the robot moves to the
+    next posture, if its protective hulls connect, by `LONGEST_STEP` at most. Contacts are looked for with all links and
+    all obstacles, known or not, at the postures and on the straight line between them. Obstacles stand where they are
+    at the scenario's time.
+
+    Args:
+        scenario: the problem.
+        robot: another robot than the scenario's.
+        overrides: further parameters.
+
+    Raises:
+        RobotError: the robot's base is fixed.
+        ParameterError: a parameter is unknown or outside its range.
+    """
+    robot = scenario.load_robot(preset="paper") if robot is None else robot
+    if not robot.space.planar:
+        raise RobotError(f"the base of {robot.name!r} is fixed; the paper's strip is of a mobile")
+    params = PaperParams().replaced(**{**scenario.params.get("paper", {}), **(overrides or {})})
+    start, goal = scenario.ends(robot)
+    rows = straight_line(robot, start, goal, spacing=SPACING)
+    rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
+    line = rows[:, :2].copy()
+    deformer = PaperDeformer(robot, params)
+    sensors = _NearestPoints(robot, deformer.control_points, params.influence)
+    links = _NearestPoints(robot, BodySet.links(robot), _CAP)
+    max_nodes = 2 * len(rows)
+    strip, known = Strip.from_chart(robot, rows), set[str]()
+    path, moved, arrived = [rows[0].copy()], rows[:1], False
+    detections, clearance, standing = list[Detection](), _CAP, 0
+    outcome, reason = Outcome.UNFINISHED, f"not there after {_MAX_SAMPLES} sampling times"
+    for sample in range(_MAX_SAMPLES):
+        distances = links.nearest(scenario.scene, moved)
+        clearance = min([clearance, *(d for d, _ in distances.values())])
+        touched = [name for name, (d, _) in distances.items() if d <= 0.0]
+        if touched:
+            outcome, reason = Outcome.CONTACT, f"touches {', '.join(touched)}"
+            break
+        if arrived:
+            outcome, reason = Outcome.REACHED, f"at the target after {sample} sampling times"
+            break
+        here = strip.chart[0]
+        for name, (distance, point) in sensors.nearest(scenario.scene, here[None]).items():
+            if name not in known:
+                known.add(name)
+                detections.append(Detection(sample, name, (float(here[0]), float(here[1])), point, distance))
+        report = deformer.step(strip, Scene([o for o in scenario.scene if o.name in known]))
+        strip = report.strip
+        assert report.tunnel is not None
+        gaps = np.flatnonzero(~report.tunnel.connected)
+        if len(gaps) and gaps[0] == 0:
+            strip, moved = _bridged(strip, gaps, max_nodes), strip.chart[:1]
+            standing += 1
+            if standing > _PATIENCE:
+                apart = max(-float(report.tunnel.overlap[0].min()), 0.0)
+                outcome = Outcome.BLOCKED
+                reason = f"stands at ({here[0]:.2f}, {here[1]:.2f}) m: the next hulls are {apart:.2f} m apart"
+                break
+            continue
+        standing, moved = 0, _between(robot, *strip.chart[:2])
+        most = round(LONGEST_STEP / _BETWEEN)  # pushed postures may be far apart; the robot does not jump
+        complete, moved = len(moved) <= most, moved[:most]
+        path.append(moved[-1])
+        arrived = complete and len(strip.chart) == 2
+        if not arrived:
+            ahead = np.vstack((moved[-1:], strip.chart[2 if complete else 1 :]))
+            strip = Strip.from_chart(robot, ahead, ends=np.vstack((robot.space.from_chart(moved[-1:]), strip.q[-1:])))
+    ahead = strip.chart.copy()
+    return PaperRun(
+        scenario, params, robot, line, np.array(path), ahead, tuple(detections), outcome, reason, float(clearance)
+    )
+
+
+def _between(robot: RobotModel, a: Array, b: Array) -> Array:
+    """(K, nv) the straight line from one chart row to the next, without the first of the two."""
+    v = robot.space.difference(a[None], b[None])[0]
+    v[:2] = b[:2] - a[:2]  # not the arc of a twist
+    count = max(int(np.ceil(max(np.hypot(*v[:2]), 0.5 * np.abs(v[2:]).max()) / _BETWEEN)), 1)
+    rows = a + np.linspace(0.0, 1.0, count + 1)[1:, None] * v
+    rows[-1] = b
+    return rows
+
+
+def _bridged(strip: Strip, gaps: Indices, max_nodes: int) -> Strip:
+    """A strip with another posture in the middle of every gap that is longer than usual, up to so many of them."""
+    space, chart = strip.robot.space, strip.chart
+    v = space.difference(chart[gaps], chart[gaps + 1])
+    wide = gaps[np.hypot(v[:, 0], v[:, 1]) > 2.0 * SPACING][: max(max_nodes - len(chart), 0)]
+    if len(wide) == 0:
+        return strip
+    middle = space.integrate(chart[wide], 0.5 * space.difference(chart[wide], chart[wide + 1]))
+    return Strip.from_chart(strip.robot, np.insert(chart, wide + 1, middle, axis=0), ends=strip.q[[0, -1]])
+
+
+class _NearestPoints:
+    """Workspace: the points of all obstacles that are nearest to some bodies of a robot.
+
+    Args:
+        robot: the robot.
+        bodies: its links, or its control points.
+        reach: what is farther away than this [m] is not seen.
+    """
+
+    def __init__(self, robot: RobotModel, bodies: BodySet, reach: float) -> None:
+        self._kin = Kinematics(robot.tree, 1)
+        self._obstacles = ObstacleProximity(bodies, influence=reach)
+
+    def nearest(self, scene: Scene, chart: Array) -> dict[str, tuple[float, tuple[float, float, float]]]:
+        """Obstacle → distance to the nearest body [m] and the obstacle's nearest point [m], over chart rows (K, nv)."""
+        self._kin.update(chart, jacobians=False)
+        self._obstacles.update(self._kin, scene)
+        contacts = self._obstacles.contacts()
+        found: dict[str, tuple[float, tuple[float, float, float]]] = {}
+        for k in np.argsort(contacts.distance).tolist():
+            name = self._obstacles.obstacle_name(int(contacts.part[k]))
+            if name not in found:
+                d = float(contacts.distance[k])
+                x, y, z = (contacts.witness[k] - d * contacts.direction[k]).tolist()
+                found[name] = (d, (x, y, z))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class MapCell:
+    """One run.
+
+    Attributes:
+        case: which case; k_r, k_c: gains; safe: distance d_r [m].
+        outcome, reason: how it ended.
+        clearance: least distance to an obstacle [m]; capped at 1.
+    """
+
+    case: str
+    k_r: float
+    k_c: float
+    safe: float
+    outcome: Outcome
+    reason: str
+    clearance: float
+
+
+def parameter_map(
+    case: str = "case-4",
+    *,
+    k_r: Sequence[float] = K_R,
+    k_c: Sequence[float] = K_C,
+    safe: Sequence[float] = SAFE,
+    processes: int | None = None,
+    step: Callable[[str], object] = lambda note: None,
+) -> tuple[MapCell, ...]:
+    """Run a case with every combination; see :func:`simulate_paper`.
+
+    Args:
+        case: name of a scenario.
+        k_r, k_c: gains; safe: safe distances [m].
+        processes: how many; one for each core where None.
+        step: called after every run with what it was.
+
+    Returns:
+        One cell a combination: by safe distance, then k_r, then k_c.
+
+    Raises:
+        ScenarioError: an unknown case.
+        ParameterError: a gain or a safe distance is outside its range.
+    """
+    tasks = [(case, r, c, s) for s in safe for r in k_r for c in k_c]
+    found: dict[tuple[float, float, float], MapCell] = {}
+    for result in parallel_map(_cell, tasks, processes):
+        cell = MapCell(**{**result, "outcome": Outcome(result["outcome"])})
+        found[cell.k_r, cell.k_c, cell.safe] = cell
+        step(f"k_r {cell.k_r:g}, k_c {cell.k_c:g}, safe distance {cell.safe:g} m")
+    return tuple(found[task[1:]] for task in tasks)
+
+
+def _cell(task: tuple[str, float, float, float]) -> dict[str, object]:
+    case, k_r, k_c, safe = task
+    scenario = get_scenario(case)
+    robot: RobotModel = cached(f"paper {case}", lambda: scenario.load_robot(preset="paper"))
+    run = simulate_paper(scenario, robot=robot, overrides={"k_r": k_r, "k_c": k_c, "influence": safe})
+    return {
+        "case": case, "k_r": k_r, "k_c": k_c, "safe": safe, "outcome": run.outcome.value, "reason": run.reason,
+        "clearance": run.clearance,
+    }  # fmt: skip

@@ -1,0 +1,348 @@
+"""What the deformers of all presets share: workspace of the tick, clock, reports, and the ticks of ``settle``."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Generic
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.collision import (
+    BodySet,
+    Certificate,
+    Certifier,
+    MotionBounds,
+    NodePrediction,
+    ObstacleProximity,
+    SelfProximity,
+)
+from elastic_strips.errors import ConfigurationError, RobotError, SceneError
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.validation import check_able, check_choice, check_count, check_type
+
+from .params import StripParams
+from .report import DeformStatus, R, StripForces, settled_report
+from .resampling import Edit
+from .strip import Strip
+
+NodePredictor = Callable[[Array], NodePrediction]
+"""Says for nodes (N, nv) where moving obstacles will be when each of them is reached."""
+
+
+class PhaseClock:
+    """Accounts time to phases; what passes between two marks belongs to the phase of the later mark."""
+
+    def __init__(self) -> None:
+        self.start()
+
+    def start(self) -> None:
+        self.phases: dict[str, float] = {}
+        self._begin = self._last = perf_counter()
+
+    def mark(self, phase: str) -> None:
+        """Account the time since the last mark to ``phase``."""
+        now = perf_counter()
+        self.phases[phase] = self.phases.get(phase, 0.0) + now - self._last
+        self._last = now
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return perf_counter() - self._begin
+
+    def total(self) -> float:
+        """Sum of all phases [s]."""
+        return sum(self.phases.values())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TickResult:
+    """What the iterations of a tick came to: certificate, sideways slip [m], motion, energies, external forces."""
+
+    certificate: Certificate
+    slip: float
+    moved: float
+    energies: dict[str, float]
+    forces: StripForces
+
+
+class Workspace:
+    """Mutable state of a deformer: the current nodes and everything that is known about them.
+
+    Args:
+        robot: whose strips.
+        params: what is certified.
+        clock: accounts the time to phases.
+        reach: the links' distances to obstacles are exact below this [m]; self_reach: those to each other.
+        self_influence: the robot's own links push each other apart below this [m], those that are nearer by design
+            below 0.8 of their distance at home.
+
+    Attributes:
+        kin: kinematics of the nodes.
+        obstacles: the links' distances to the scene; self_pairs: to each other.
+        self_home: (S,) lower bounds of the self pairs' distances [m] at the home configuration.
+        prediction: where moving obstacles will be, or None where they count as they stand.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        params: StripParams,
+        clock: PhaseClock,
+        *,
+        reach: float,
+        self_reach: float,
+        self_influence: float,
+    ) -> None:
+        self.robot, self.params, self.clock = robot, params, clock
+        self.bodies = BodySet.links(robot)
+        self.bounds = MotionBounds(self.bodies)
+        self.kin = Kinematics(robot.tree, 64)
+        self.obstacles = ObstacleProximity(self.bodies, influence=reach)
+        home = SelfProximity(self.bodies, robot.self_pairs, self.bounds, influence=self_reach)
+        kin = Kinematics(robot.tree, 1)
+        kin.update(robot.space.to_chart(robot.home_q)[None])
+        home.update(kin)
+        self.self_home = home.bound[0].copy()
+        repulsion = np.clip(0.8 * np.minimum(home.exact[0], self_reach), 0.0, self_influence)
+        self.self_pairs = SelfProximity(
+            self.bodies, robot.self_pairs, self.bounds, influence=self_reach, repulsion=repulsion
+        )
+        depth = params.certificate_depth
+        self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs, max_depth=depth)
+        self.prediction: NodePredictor | None = None
+        self._strip: Strip | None = None
+        self._ends: Array | None = None  # configurations that stay fixed
+
+    @property
+    def chart(self) -> Array:
+        """(N, nv) the current nodes (a view)."""
+        return self.kin.chart[: self.kin.n]
+
+    @property
+    def queries(self) -> int:
+        """Exact distance queries made so far."""
+        return self.obstacles.narrow.queries + self.self_pairs.queries
+
+    def reset(self) -> None:
+        """Forget all that is known."""
+        self._strip = None
+        self.obstacles.reset()
+        self.self_pairs.reset()
+
+    def holds(self, strip: Strip) -> bool:
+        """Whether the current nodes are those of this very strip."""
+        return strip is self._strip
+
+    def load(self, strip: Strip, scene: Scene, *, to_move: bool = False) -> None:
+        """Make a strip current; cheap where it already is.
+
+        Args:
+            strip: the nodes.
+            scene: the obstacles.
+            to_move: the nodes are about to move, and all is measured again then. With a prediction, and the same
+                obstacles as before, the distances that are known do for the forces: what moves as predicted is where
+                it was reckoned with.
+        """
+        current = strip is self._strip
+        if not current:
+            self.kin.update(strip.chart)
+        self._strip, self._ends = strip, strip.q[[0, -1]]
+        if not (to_move and current and self.prediction is not None and self.obstacles.knows(scene)):
+            self._distances(scene)
+
+    def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
+        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none), with what is known."""
+        if not self.holds(strip):
+            return
+        self.obstacles.remap(source)
+        self.self_pairs.remap(source)
+        self.kin.update(new.chart)
+        self._strip, self._ends = new, new.q[[0, -1]]
+
+    def move(self, chart: Array, scene: Scene) -> float:
+        """Move the nodes; returns how far the fastest base or joint moved [m or rad]."""
+        moved = float(np.abs(chart - self.chart).max(initial=0.0))
+        self.replace(chart, scene)
+        return moved
+
+    def replace(self, chart: Array, scene: Scene) -> None:
+        """Make nodes (N, nv) current, however many there were; all is measured again."""
+        self._strip = None
+        self.kin.update(chart)
+        self._distances(scene)
+
+    def edit(self, edit: Edit, chart: Array, scene: Scene) -> None:
+        """Insert and remove nodes; what is known of the others is carried over."""
+        self.obstacles.remap(edit.source)
+        self.self_pairs.remap(edit.source)
+        self.clock.mark("maintenance")
+        self.replace(chart, scene)
+
+    def _distances(self, scene: Scene) -> None:
+        self.clock.mark("kinematics")
+        self.obstacles.update(self.kin, scene, None if self.prediction is None else self.prediction(self.chart))
+        self.clock.mark("proximity")
+        self.self_pairs.update(self.kin)
+        self.clock.mark("self-collision")
+
+    def certify(self, scene: Scene) -> Certificate:
+        """Certify the segments between the current nodes."""
+        v = self.robot.space.difference(self.chart[:-1], self.chart[1:])
+        params = self.params
+        certificate = self.certifier.certify(
+            self.kin, v, clearance=params.clearance, self_clearance=params.self_clearance, scene=scene
+        )
+        self.clock.mark("certificate")
+        return certificate
+
+    def strip(self) -> Strip:
+        """The current nodes as a frozen strip, which stays current."""
+        self._strip = Strip.from_chart(self.robot, self.chart, ends=self._ends)
+        return self._strip
+
+
+class BaseDeformer(ABC, Generic[R]):
+    """Deforms strips of one robot; owns mutable buffers, so one per thread.
+
+    Args:
+        robot: whose strips.
+        params: of the preset.
+        **reaches: of :class:`Workspace`.
+    """
+
+    def __init__(self, robot: RobotModel, params: StripParams, **reaches: float) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
+        self.robot = robot
+        self.clock = PhaseClock()
+        self.workspace = Workspace(robot, params, self.clock, **reaches)
+        self._rest_step, self._max_ticks = params.rest_step, params.max_ticks
+
+    @abstractmethod
+    def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> R:
+        """One control tick: deform the strip away from the obstacles and certify it.
+
+        Args:
+            strip: the strip of the last report, or a new one of this robot.
+            scene: snapshot of the obstacles.
+            budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
+                None makes exactly one iteration.
+            detail: whether to add forces and protective hulls to the report, to look at.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+            ParameterError: a budget that is not a positive number.
+        """
+
+    @abstractmethod
+    def _report(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> R: ...
+
+    def settle(
+        self,
+        strip: Strip,
+        scene: Scene,
+        *,
+        max_ticks: int | None = None,
+        until: str = "rest",
+        watch: Callable[[R], object] | None = None,
+        detail: bool = False,
+    ) -> R:
+        """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over.
+
+        Args:
+            strip: where to start.
+            scene: the obstacles, standing still.
+            max_ticks: at most this many ticks; the parameter's value where None.
+            until: ``"rest"``, or ``"certified"`` to stop at the first certified strip.
+            watch: called with the report of every tick.
+            detail: as in :meth:`step`, for the last report.
+
+        Returns:
+            The last tick's report, with ``ticks`` counted and ``timings`` summed; ``BROKEN`` (or ``BLOCKED``) where it
+            ended without a certificate.
+
+        Raises:
+            ParameterError: ``until`` or ``max_ticks`` outside its range.
+        """
+        check_choice("until", until, ("rest", "certified"))
+        limit = self._max_ticks if max_ticks is None else check_count("max_ticks", max_ticks, low=1)
+        check_able("watch", watch)
+        timings: dict[str, float] = {}
+        seconds, queries, ticks = 0.0, 0, 0
+        while True:
+            report = self.step(strip, scene, detail=detail)
+            strip, ticks = report.strip, ticks + 1
+            seconds += report.seconds
+            queries += report.queries
+            for phase, value in report.timings.items():
+                timings[phase] = timings.get(phase, 0.0) + value
+            if watch is not None:
+                watch(report)
+            done = until == "certified" and report.certified and report.usable
+            if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
+                return settled_report(report, ticks, timings, seconds, queries)
+
+    def certify(self, strip: Strip, scene: Scene) -> Certificate:
+        """Certify a strip as it is, without moving it."""
+        self._load(strip, scene)
+        return self.workspace.certify(scene)
+
+    def reset(self) -> None:
+        """Forget all that is kept from tick to tick; for after an exception."""
+        self.workspace.reset()
+
+    # the parts of a tick
+
+    def _load(
+        self, strip: Strip, scene: Scene, prediction: NodePredictor | None = None, *, to_move: bool = False
+    ) -> None:
+        """Check what a tick is given, start the clock and make the strip current."""
+        check_able("prediction", prediction)
+        check_type("scene", scene, Scene, SceneError)
+        self._check(strip)
+        self.clock.start()
+        self.workspace.prediction = prediction
+        self.workspace.load(strip, scene, to_move=to_move)
+
+    def _check(self, strip: Strip) -> None:
+        check_type("strip", strip, Strip, ConfigurationError)
+        if not self.robot.same_as(strip.robot):
+            raise ConfigurationError(
+                f"the strip is of robot {strip.robot.name!r} (nq {strip.robot.nq}), the deformer of "
+                f"{self.robot.name!r} (nq {self.robot.nq}): they differ in joints, shapes or pairs of links"
+            )
+
+    def _iterations(self, iterate: Callable[[], TickResult], budget: float | None) -> tuple[TickResult, int]:
+        """Iterations of one tick, and how many: one without a budget, else until it is spent or the strip at rest."""
+        count = 0
+        while True:
+            began = self.clock.elapsed
+            result = iterate()
+            count += 1
+            spent = self.clock.elapsed - began
+            done = result.moved < self._rest_step and result.certificate.certified
+            if budget is None or self.clock.elapsed + spent > budget or done:
+                return result, count
+
+    def _assess(self, strip: Strip, scene: Scene, slip: float, detail: bool) -> R:
+        """Report on the strip that was loaded, as it is."""
+        result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
+        return self._report(scene, result, 0, 0, detail)
+
+    def _common(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> dict[str, Any]:
+        """What the reports of all presets have, but the status."""
+        obstacles = self.workspace.obstacles
+        clearance = float(obstacles.clearance().min(initial=obstacles.influence))
+        strip = self.workspace.strip()
+        self.clock.mark("report")
+        return {
+            "strip": strip, "scene": scene, "certificate": result.certificate, "node_clearance": clearance,
+            "energies": result.energies, "timings": self.clock.phases, "seconds": self.clock.total(),
+            "iterations": iterations, "moved": result.moved, "slip": result.slip, "queries": queries,
+            "forces": result.forces if detail else None,
+        }  # fmt: skip

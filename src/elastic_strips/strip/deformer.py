@@ -1,0 +1,303 @@
+"""Deformer: the control tick. Strip and scene in, certified strip and report out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.collision import Certificate, ProtectiveHulls, protective_hulls
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.validation import check_number, check_type
+
+from .base_deformer import BaseDeformer, NodePredictor, TickResult
+from .constraint import ConstraintForce, OrientationConstraint
+from .forces import add_elastic, add_joint_limits, add_posture, add_repulsion, add_self_repulsion
+from .params import DeformParams
+from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
+from .resampling import node_spacing, resample
+from .solver import BandedSolver, System, project_rolling
+from .strip import Strip
+
+_STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
+_SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
+
+
+class Deformer(BaseDeformer[DeformReport]):
+    """Deforms strips of one robot; owns mutable buffers, so one per thread.
+
+    Give each report's strip back to the next :meth:`step`: then only what moved is computed anew. Forces act at the
+    links' witness points, an update is one implicit step, and the rolling constraint holds exactly afterwards.
+
+    Args:
+        robot: whose strips.
+        params: parameters.
+        constraint: what the strips are to satisfy besides.
+
+    Attributes:
+        constraint: the same with its switch ``active``, or None.
+        spacing_weight: (nv,) metric in which node spacing is measured [m²/m² or m²/rad²].
+
+    Raises:
+        ParameterError: ``params`` of another preset.
+        RobotError: a constraint for a frame that the robot does not have.
+    """
+
+    def __init__(
+        self, robot: RobotModel, params: DeformParams | None = None, *, constraint: OrientationConstraint | None = None
+    ) -> None:
+        params = DeformParams() if params is None else params
+        check_type("params", params, DeformParams, ParameterError)
+        check_type("constraint", constraint, OrientationConstraint, none=True)
+        self_reach = max(params.self_influence, _SELF_REACH, 2.0 * params.self_clearance)
+        super().__init__(
+            robot, params, reach=params.influence, self_reach=self_reach, self_influence=params.self_influence
+        )
+        self.params = params
+        self.constraint = None if constraint is None else ConstraintForce(robot, constraint)
+        space = robot.space
+        b = space.base_nv
+        lever = np.ones(space.nv)
+        lever[b:] = params.joint_lever
+        sliding = robot.tree.prismatic[robot.tree.chart_index >= 0]
+        lever[b:][sliding] = 1.0
+        if b:
+            lever[2] = params.yaw_lever
+        self.spacing_weight = lever**2
+        self._step_lever = np.maximum(lever, _STEP_LEVER)
+        self._stiffness = params.k_c * self.spacing_weight
+        self._damping = params.damping * self.spacing_weight
+        self._rolling = robot.base_kind is BaseKind.DIFF_DRIVE
+        if self._rolling:
+            self._stiffness[1] += params.rolling_stiffness
+        self._posture = np.zeros(space.nv)
+        self._posture[b:] = params.k_posture * self.spacing_weight[b:]
+        self._solver = BandedSolver()
+        self._system = System(0, space.nv)
+        self._proven = False  # the current nodes could be driven
+        self._scene: Scene | None = None
+        self._trust = 1.0
+
+    def step(
+        self,
+        strip: Strip,
+        scene: Scene,
+        *,
+        budget: float | None = None,
+        detail: bool = False,
+        nodes: bool = True,
+        prediction: NodePredictor | None = None,
+    ) -> DeformReport:
+        """One control tick: deform the strip away from the obstacles and certify it.
+
+        Args:
+            strip: the strip of the last report, or a new one of this robot.
+            scene: snapshot of the obstacles.
+            budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
+                None makes exactly one iteration. Nodes are not resampled in a tick whose budget is already spent.
+            detail: whether to add forces and protective hulls to the report, to look at.
+            nodes: whether nodes may be inserted and removed.
+            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+            ParameterError: a budget that is not a positive number.
+        """
+        if budget is not None:
+            check_number("budget", budget, above=0.0, unit="s")
+        work = self.workspace
+        already, known = work.queries, work.holds(strip)
+        self._load(strip, scene, prediction, to_move=True)
+        self._proven = self._to_keep(strip, scene, known)
+        result, iterations = self._iterations(lambda: self._iterate(scene), budget)
+        if nodes and (budget is None or self.clock.elapsed <= budget):
+            result = self._resample(scene, result)
+        return self._report(scene, result, iterations, work.queries - already, detail)
+
+    def certify(self, strip: Strip, scene: Scene) -> Certificate:
+        """Certify a strip as it is, without moving it."""
+        self._proven, self._scene = False, None
+        return super().certify(strip, scene)
+
+    def assess(
+        self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None
+    ) -> DeformReport:
+        """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
+        self._load(strip, scene, prediction)
+        return self._assess(strip, scene, float(strip.lateral_slip.max(initial=0.0)), detail)
+
+    def reset(self) -> None:
+        """Forget all that is known from tick to tick; for after an exception."""
+        self._proven, self._scene, self._trust = False, None, 1.0
+        super().reset()
+
+    def carry(self, strip: Strip, chart: Array, source: Indices) -> Strip:
+        """A strip made of the last one's nodes and new ones; what is known of the old nodes is carried over.
+
+        Args:
+            strip: the strip of the last report.
+            chart: (M, nv) the new nodes.
+            source: (M,) which node of ``strip`` each was; −1 for a new one.
+        """
+        self._check(strip)
+        ends = self.robot.space.from_chart(chart[[0, -1]])
+        for end in (0, -1):
+            if source[end] >= 0:
+                ends[end] = strip.q[source[end]]
+        new = Strip.from_chart(self.robot, chart, ends=ends)
+        self.workspace.carry(strip, new, source)
+        return new
+
+    # the parts of a tick
+
+    def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> bool:
+        """Whether the strip has a certificate that must not be lost; ``known`` says that it is the last report's."""
+        work = self.workspace
+        if known and self._proven:
+            return not work.obstacles.nearer_than(self.params.clearance)  # else the scene has taken it already
+        if known and (scene is self._scene or work.prediction is not None):
+            return False
+        return float(strip.lateral_slip.max(initial=0.0)) <= SLIP_LIMIT and work.certify(scene).certified
+
+    def _iterate(self, scene: Scene) -> TickResult:
+        """One iteration; where the current nodes are proven, it does not lose the proof without need."""
+        work, keep = self.workspace, self._proven
+        before = work.chart.copy()
+        if not keep:
+            self._trust = 1.0
+        chart, slip, energies, forces = self._update()
+        moved = work.move(chart, scene)
+        result = TickResult(work.certify(scene), slip, moved, energies, forces)
+        if keep and not _is_proven(result):
+            result = self._shortened(before, chart, scene, result)
+        else:
+            self._trust = min(1.0, 2.0 * self._trust)
+        self._proven = _is_proven(result)
+        return result
+
+    def _update(self) -> tuple[Array, float, dict[str, float], StripForces]:
+        """Where the forces move the nodes: chart (N, nv), rolling residual [m], energies, external forces."""
+        params, space, kin = self.params, self.robot.space, self.workspace.kin
+        obstacles, self_pairs = self.workspace.obstacles, self.workspace.self_pairs
+        n = kin.n
+        chart = kin.chart[:n]
+        if self._system.force.shape[0] != n:
+            self._system = System(n, space.nv)
+        system = self._system
+        system.clear()
+        v = space.difference(chart[:-1], chart[1:])
+        add_elastic(system, space, v, self._stiffness)
+        contacts = obstacles.contacts()
+        add_repulsion(
+            system, kin, contacts, obstacles.bodies.joint,
+            k_r=params.k_r, influence=params.influence, k_near=params.k_near, near=min(params.near, params.influence),
+        )  # fmt: skip
+        add_self_repulsion(system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self)
+        add_joint_limits(system, space, chart, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin)
+        if self.constraint is not None:
+            self.constraint.push(system, kin)
+        if params.k_posture > 0.0:
+            target = space.interpolate(chart[:1], chart[-1:], np.linspace(0.0, 1.0, n))
+            add_posture(system, space, chart, target, k_p=self._posture)
+        self.clock.mark("forces")
+        delta = self._solver.solve(system, self._damping)
+        largest = float(np.abs(delta * self._step_lever).max(initial=0.0))
+        limit = self._trust * params.max_step
+        if largest > limit:
+            delta *= limit / largest
+        self.clock.mark("solve")
+        moved = space.integrate(chart, delta)
+        np.clip(moved, space.lower, space.upper, out=moved)
+        residual = 0.0
+        if self._rolling:
+            moved, residual = project_rolling(space, moved)
+        self.clock.mark("rolling")
+        push = params.k_r * (params.influence - contacts.distance)
+        forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
+        return moved, residual, dict(system.energies), forces
+
+    def _shortened(self, before: Array, chart: Array, scene: Scene, full: TickResult) -> TickResult:
+        """A step must not lose the certificate where a shorter one, or none, keeps it; the next ones are shorter too.
+
+        The strip does not count as at rest then: ``moved`` stays that of the full step.
+        """
+        space, work = self.robot.space, self.workspace
+        for scale in (0.5, 0.0):
+            self._trust = max(0.5 * self._trust, 0.05)
+            nodes, slip = before, 0.0
+            if scale > 0.0:
+                nodes = space.integrate(before, scale * space.difference(before, chart))
+                if self._rolling:
+                    nodes, slip = project_rolling(space, nodes)
+            work.replace(nodes, scene)
+            certificate = work.certify(scene)
+            if certificate.certified and slip <= SLIP_LIMIT:
+                return replace(full, certificate=certificate, slip=slip)
+        self._trust = 1.0
+        work.replace(chart, scene)  # the obstacle came too near: the full step leads away
+        return full
+
+    def _resample(self, scene: Scene, result: TickResult) -> TickResult:
+        params, space, work = self.params, self.robot.space, self.workspace
+        edit = resample(
+            space,
+            work.chart,
+            weight=self.spacing_weight,
+            max_spacing=params.max_spacing,
+            min_spacing=params.min_spacing,
+            split=None if work.prediction else ~result.certificate.segments,  # what moves on will be gone
+            max_nodes=params.max_nodes,
+        )
+        self.clock.mark("maintenance")
+        if edit is None:
+            return result
+        before, chart, slip = work.chart.copy(), edit.chart, result.slip
+        if self._rolling:  # a removed node joins two arcs into one that must be drivable again
+            chart, slip = project_rolling(space, chart)
+        work.edit(edit, chart, scene)
+        edited = replace(result, certificate=work.certify(scene), slip=slip)
+        if _is_proven(result) and not _is_proven(edited):  # the removed nodes were needed
+            work.replace(before, scene)
+            return replace(result, certificate=work.certify(scene))
+        return edited
+
+    def _hulls(self) -> ProtectiveHulls:
+        work, cap = self.workspace, self.params.influence
+        points = self.robot.control_point_set
+        local = np.einsum("cji,cj->ci", self.robot.tree.align[points.joint], points.local)
+        free = np.minimum(work.obstacles.clearance().min(axis=1), cap)
+        world = work.kin.points(points.joint, local)
+        return protective_hulls(world, np.repeat(free[:, None], len(points.names), axis=1), cap=cap)
+
+    def _report(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> DeformReport:
+        hulls = self._hulls() if detail else None
+        rest, wide = result.moved < self.params.rest_step, ""
+        if rest:
+            chart = self.workspace.chart
+            spacing = float(node_spacing(self.robot.space, chart, self.spacing_weight).max())
+            wide = _wide_spacing(spacing, len(chart), self.params)
+            rest = not wide or len(chart) >= self.params.max_nodes  # else there are nodes to be put in
+        status, reason = tick_status(result.certificate, rest, wide)
+        if result.slip > SLIP_LIMIT:
+            status = DeformStatus.BROKEN if rest else DeformStatus.DEFORMING
+            reason = f"a segment slips sideways by {result.slip:.2e} m, more than {SLIP_LIMIT:g} m"
+        common = self._common(scene, result, iterations, queries, detail)
+        self._proven, self._scene = _is_proven(result), scene
+        errors = None if self.constraint is None else self.constraint.errors(self.workspace.kin)
+        return DeformReport(status=status, reason=reason, tunnel=hulls, constraint_errors=errors, **common)
+
+
+def _is_proven(result: TickResult) -> bool:
+    """Whether what a tick came to could be driven: certified, and drivable by the wheels."""
+    return result.certificate.certified and result.slip <= SLIP_LIMIT
+
+
+def _wide_spacing(spacing: float, nodes: int, params: DeformParams) -> str:
+    """How far apart nodes are, where that is more than ``max_spacing``; else ""."""
+    if spacing <= params.max_spacing * (1.0 + 1e-6):
+        return ""
+    full = f", for there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
+    return f"; its nodes are up to {spacing:.3g} m apart, more than max_spacing={params.max_spacing:g} m{full}"

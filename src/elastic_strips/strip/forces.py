@@ -1,0 +1,166 @@
+"""Forces of the default preset. Each adds force and matrix to a :class:`System` and returns its potential."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.collision import Contacts, SelfContacts, SelfProximity
+from elastic_strips.robot import ConfigurationSpace, Kinematics
+
+from .solver import System
+
+
+def repulsive_potential(distance: Array, k_r: float, influence: float) -> Array:
+    """Eq. 2: V = ½ k_r (d_r − d)² inside the influence distance d_r, else 0."""
+    return 0.5 * k_r * np.maximum(influence - distance, 0.0) ** 2
+
+
+def repulsive_magnitude(distance: Array, k_r: float, influence: float) -> Array:
+    """Eq. 3: |f| = k_r (d_r − d) inside the influence distance, else 0; it points away from the obstacle."""
+    return k_r * np.maximum(influence - distance, 0.0)
+
+
+def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array) -> float:
+    """Springs between neighbouring nodes: V = ½ Σ_j v_jᵀ diag(w) v_j with v_j = ``pin.difference(q_j, q_{j+1})``.
+
+    Being quadratic in the spacing itself, it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.
+    A large weight of the base's v_y is the rolling penalty of a differential drive.
+
+    Args:
+        system: accumulates force and matrix.
+        space: configuration space.
+        v: (N−1, nv) segment tangents.
+        weight: (nv,) stiffness of each tangent coordinate.
+
+    Returns:
+        The potential V.
+    """
+    pull = v * weight
+    energy = 0.5 * float(np.einsum("ij,ij->", pull, v))
+    b = space.base_nv
+    force, diagonal, upper = system.force, system.diagonal, system.upper
+    if b:
+        first, second = space.base_difference_jacobians(v)
+        base = pull[:, :b, None]
+        force[:-1, :b] -= np.matmul(first.transpose(0, 2, 1), base)[..., 0]
+        force[1:, :b] -= np.matmul(second.transpose(0, 2, 1), base)[..., 0]
+        w_first, w_second = weight[:b, None] * first, weight[:b, None] * second
+        diagonal[:-1, :b, :b] += np.matmul(first.transpose(0, 2, 1), w_first)
+        diagonal[1:, :b, :b] += np.matmul(second.transpose(0, 2, 1), w_second)
+        upper[:, :b, :b] += np.matmul(first.transpose(0, 2, 1), w_second)
+    force[:-1, b:] += pull[:, b:]
+    force[1:, b:] -= pull[:, b:]
+    index = np.arange(b, space.nv)
+    diagonal[:-1, index, index] += weight[b:]
+    diagonal[1:, index, index] += weight[b:]
+    upper[:, index, index] -= weight[b:]
+    system.energies["elastic"] = energy
+    return energy
+
+
+def add_repulsion(
+    system: System,
+    kin: Kinematics,
+    contacts: Contacts,
+    joint: Indices,
+    *,
+    k_r: float,
+    influence: float,
+    k_near: float = 0.0,
+    near: float = 0.0,
+) -> float:
+    """Repulsion at the links' witness points: Eqs. 2–3 mapped by Eqs. 6–7, with a stiffer layer close to obstacles.
+
+    V = Σ ½ k_r (d_r − d)₊² + ½ k_near (d_near − d)₊².
+
+    Args:
+        system: accumulates force and matrix.
+        kin: kinematics of the nodes.
+        contacts: pairs within the influence distance.
+        joint: (G,) joint of each body.
+        k_r, influence: gain and influence distance d_r [m].
+        k_near, near: gain and distance [m] of the stiff layer.
+
+    Returns:
+        The potential V.
+    """
+    distance = contacts.distance
+    energy = float(repulsive_potential(distance, k_r, influence).sum())
+    push = repulsive_magnitude(distance, k_r, influence)
+    stiffness = np.where(push > 0.0, k_r, 0.0)
+    if k_near > 0.0:
+        energy += float(repulsive_potential(distance, k_near, near).sum())
+        extra = repulsive_magnitude(distance, k_near, near)
+        push = push + extra
+        stiffness = stiffness + np.where(extra > 0.0, k_near, 0.0)
+    if len(contacts):
+        rows = kin.directional(contacts.node, joint[contacts.body], contacts.witness, contacts.direction)
+        system.add_rows(contacts.node, rows, push, stiffness)
+    system.energies["repulsion"] = energy
+    return energy
+
+
+def add_self_repulsion(
+    system: System, kin: Kinematics, proximity: SelfProximity, contacts: SelfContacts, *, k_s: float
+) -> float:
+    """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊², d_s the pair's repulsion distance.
+
+    Returns:
+        The potential V.
+    """
+    influence = proximity.repulsion[contacts.pair]
+    gap = np.maximum(influence - contacts.distance, 0.0)
+    energy = 0.5 * k_s * float((gap**2).sum())
+    if len(contacts):
+        joint = proximity.bodies.joint
+        one, two = proximity.pairs[contacts.pair, 0], proximity.pairs[contacts.pair, 1]
+        rows = kin.directional(contacts.node, joint[one], contacts.first, contacts.direction)
+        rows = rows - kin.directional(contacts.node, joint[two], contacts.second, contacts.direction)
+        system.add_rows(contacts.node, rows, k_s * gap, np.where(gap > 0.0, k_s, 0.0))
+    system.energies["self_collision"] = energy
+    return energy
+
+
+def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *, k_l: float, margin: float) -> float:
+    """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊².
+
+    Returns:
+        The potential V.
+    """
+    below = np.maximum(space.lower + margin - chart, 0.0)
+    above = np.maximum(chart - space.upper + margin, 0.0)
+    energy = 0.5 * k_l * float((below**2).sum() + (above**2).sum())
+    if energy > 0.0:
+        system.force += k_l * (below - above)
+        index = np.arange(space.nv)
+        system.diagonal[:, index, index] += k_l * ((below > 0).astype(float) + (above > 0))
+    system.energies["joint_limits"] = energy
+    return energy
+
+
+def add_posture(system: System, space: ConfigurationSpace, chart: Array, target: Array, *, k_p: Array) -> float:
+    """Pull the joints towards a posture: V = ½ Σ k_p (θ − θ*)².
+
+    Args:
+        system: accumulates force and matrix.
+        space: configuration space.
+        chart: (N, nv) nodes.
+        target: (nv,) or (N, nv) posture; the base's entries do not count.
+        k_p: (nv,) gains, zero for the base.
+
+    Returns:
+        The potential V.
+    """
+    b = space.base_nv
+    off = np.zeros_like(chart)
+    off[:, b:] = chart[:, b:] - np.broadcast_to(target, chart.shape)[:, b:]
+    if space.circular.any():
+        wrapped = np.arctan2(np.sin(off[:, b:]), np.cos(off[:, b:]))
+        off[:, b:] = np.where(space.circular, wrapped, off[:, b:])
+    energy = 0.5 * float((k_p * off**2).sum())
+    system.force -= k_p * off
+    index = np.arange(space.nv)
+    system.diagonal[:, index, index] += k_p
+    system.energies["posture"] = energy
+    return energy

@@ -1,0 +1,266 @@
+"""PaperDeformer: the tick of the paper, Eqs. 2-9 at the control points; its parameters and its report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import BodySet, ObstacleProximity, ProtectiveHulls, protective_hulls
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip.base_deformer import BaseDeformer, TickResult
+from elastic_strips.strip.forces import repulsive_potential
+from elastic_strips.strip.params import StripParams
+from elastic_strips.strip.report import DeformReport, DeformStatus, StripForces, tick_status
+from elastic_strips.strip.strip import Strip
+from elastic_strips.validation import check_able, check_number, check_type, shown
+
+from .equations import control_point_repulsion, elastic_force, elastic_torque, explicit_step, map_to_joints
+
+_LINK_REACH = 0.3  # links' distances to obstacles are exact below this [m]; the forces act on control points
+_SELF_REACH = 0.03  # those to each other
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperParams(StripParams):
+    """What a tick of :class:`PaperDeformer` does; all lengths [m], angles [rad]. The paper's Table 1: k_r, k_c.
+
+    See :class:`~elastic_strips.strip.params.StripParams` for the others.
+
+    Attributes:
+        alpha: joints' rotation coefficient (Eq. 8).
+        transfer_tilt: Table 2's number, which the paper does not define. Here a quarter of it is the mobile's rotation
+            coefficient α_m (Eq. 9), and it bounds the turn |δφ| of one update [rad].
+        mobile_only: whether only the mobile's control point moves, as in the paper's cases 1–6.
+        self_margin: a node's joints are not updated where that would bring its own links nearer than this.
+        updates: explicit updates in one tick.
+    """
+
+    preset: ClassVar[str] = "paper"
+    influence: float = 1.5
+    k_r: float = 0.3
+    k_c: float = 0.5
+    rest_step: float = 2e-4
+    max_ticks: int = 120
+    alpha: float = 0.25
+    transfer_tilt: float = np.pi / 3
+    mobile_only: bool = False
+    self_margin: float = 0.02
+    updates: int = 10
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mobile_only, bool):
+            raise ParameterError(f"mobile_only={shown(self.mobile_only)} must be True or False")
+        self._check("updates")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PaperReport(DeformReport):
+    """Result of one tick, or of :meth:`PaperDeformer.settle`. The protective hulls are always there, and they count.
+
+    Attributes:
+        heading_step: largest turn of the mobile in one update [rad].
+    """
+
+    connectivity_counts: ClassVar[bool] = True
+    heading_step: float = 0.0
+
+    @property
+    def usable(self) -> bool:
+        """Whether the strip could be driven: certified and connected."""
+        return self.certified and self.connected
+
+    @property
+    def failure(self) -> DeformStatus:
+        """What a strip counts as that is not usable at the end."""
+        return DeformStatus.BROKEN if self.connected else DeformStatus.BLOCKED
+
+
+class PaperDeformer(BaseDeformer[PaperReport]):
+    """Deforms strips of one robot as the paper prints it; owns mutable buffers, so one per thread.
+
+    The base moves in x and y independently (Eq. 9), and the number of nodes stays.
+
+    Args:
+        robot: whose strips.
+        params: parameters.
+
+    Attributes:
+        control_points: the points that forces act on.
+
+    Raises:
+        ParameterError: ``params`` of another preset, or ``mobile_only`` for a robot without a mobile or without a
+            control point on its axis.
+    """
+
+    def __init__(self, robot: RobotModel, params: PaperParams | None = None) -> None:
+        params = PaperParams() if params is None else params
+        check_type("params", params, PaperParams, ParameterError)
+        super().__init__(
+            robot,
+            params,
+            reach=max(_LINK_REACH, 2.0 * params.clearance),
+            self_reach=max(_SELF_REACH, params.self_margin, 2.0 * params.self_clearance),
+            self_influence=0.0,
+        )
+        self.params = params
+        space = robot.space
+        if params.mobile_only and not space.planar:
+            raise ParameterError(f"mobile_only=True, but the base of {robot.name!r} is fixed")
+        self.control_points = BodySet.control_points(robot)
+        points = robot.control_point_set
+        at_base = (points.joint == 1) & (np.abs(points.local[:, :2]).max(axis=1) < 1e-9) & space.planar
+        self._mobile = int(np.argmax(at_base)) if at_base.any() else None
+        if params.mobile_only:
+            if self._mobile is None:
+                raise ParameterError("mobile_only=True, but no control point lies on the axis of the base; add one")
+            self.control_points = self.control_points.only(self._mobile)
+            self._mobile = 0
+        self._proximity = ObstacleProximity(self.control_points, influence=params.influence, slack=1.0)
+        self._alpha = np.full(space.nv, 0.0 if params.mobile_only else params.alpha)
+        self._alpha[: space.base_nv] = 0.0
+        self._self_floor = np.minimum(0.8 * self.workspace.self_home, params.self_margin)
+        self._heading_step = 0.0
+
+    def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> PaperReport:
+        """One sampling time: the updates of Eqs. 2-9, and the certificate of what comes of them.
+
+        Args:
+            strip: the strip of the last report, or a new one of this robot.
+            scene: snapshot of the obstacles.
+            budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
+                None makes exactly one iteration.
+            detail: whether to add the forces to the report, to look at.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+            ParameterError: a budget that is not a positive number.
+        """
+        if budget is not None:
+            check_number("budget", budget, above=0.0, unit="s")
+        work = self.workspace
+        already = work.queries
+        self._load(strip, scene, to_move=True)
+        result, iterations = self._iterations(lambda: self._iterate(scene), budget)
+        return self._report(scene, result, iterations, work.queries - already, detail)
+
+    def settle(
+        self,
+        strip: Strip,
+        scene: Scene,
+        *,
+        max_ticks: int | None = None,
+        until: str = "rest",
+        watch: Callable[[PaperReport], object] | None = None,
+        detail: bool = False,
+    ) -> PaperReport:
+        """As :meth:`Deformer.settle`; ``heading_step`` is that of all ticks."""
+        turns: list[float] = []
+
+        def note(report: PaperReport) -> None:
+            turns.append(report.heading_step)
+            if watch is not None:
+                watch(report)
+
+        check_able("watch", watch)
+        last = super().settle(strip, scene, max_ticks=max_ticks, until=until, watch=note, detail=detail)
+        return replace(last, heading_step=max(turns))
+
+    def assess(self, strip: Strip, scene: Scene, *, detail: bool = False) -> PaperReport:
+        """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
+        self._load(strip, scene)
+        return self._assess(strip, scene, 0.0, detail)
+
+    # the parts of a tick
+
+    def _iterate(self, scene: Scene) -> TickResult:
+        """The updates of one tick; the kinematics follow all but the last."""
+        work, turn = self.workspace, 0.0
+        chart, energies, forces = work.chart, dict[str, float](), StripForces.none()
+        for k in range(self.params.updates):
+            chart, energies, forces = self._update(work.kin, scene)
+            turn = max(turn, self._heading_step)
+            self.clock.mark("forces")
+            if not self.params.mobile_only:
+                chart = self._check_joint_angles(chart)
+            if k < self.params.updates - 1:
+                work.kin.update(chart)
+                self.clock.mark("kinematics")
+        self._heading_step = turn
+        moved = work.move(chart, scene)
+        return TickResult(work.certify(scene), 0.0, moved, energies, forces)
+
+    def _update(self, kin: Kinematics, scene: Scene) -> tuple[Array, dict[str, float], StripForces]:
+        """New chart (N, nv), energies and repulsive forces of one update from the nodes of ``kin``."""
+        params, space = self.params, self.robot.space
+        self._proximity.update(kin, scene)
+        points = self._points(kin)
+        contacts = self._proximity.contacts()
+        repulsion = control_point_repulsion(contacts, points.shape[:2], k_r=params.k_r, influence=params.influence)
+        force = repulsion + elastic_force(points, params.k_c)
+        torque = map_to_joints(kin, self.control_points.joint, points, force)
+        chart = kin.chart[: kin.n]
+        if space.planar:
+            torque[:, 2] += elastic_torque(chart[:, 2], chart[:, :2], params.k_c)
+        mobile_force = np.zeros((kin.n, 3)) if self._mobile is None else force[:, self._mobile]
+        delta = explicit_step(
+            torque,
+            mobile_force,
+            planar=space.planar,
+            alpha=self._alpha,
+            transfer_tilt=params.transfer_tilt,
+            yaw=chart[:, 2] if space.planar else np.zeros(kin.n),
+        )
+        self._heading_step = float(np.abs(delta[:, 2]).max(initial=0.0)) if space.planar else 0.0
+        moved = space.integrate(chart, delta)
+        if space.planar:  # Eq. 9 displaces along a straight line, not along the arc of a twist
+            cos, sin = np.cos(chart[:, 2]), np.sin(chart[:, 2])
+            moved[:, 0] = chart[:, 0] + cos * delta[:, 0] - sin * delta[:, 1]
+            moved[:, 1] = chart[:, 1] + sin * delta[:, 0] + cos * delta[:, 1]
+        np.clip(moved, space.lower, space.upper, out=moved)
+        nearest = np.full(points.shape[:2], params.influence)
+        np.minimum.at(nearest, (contacts.node, contacts.body), contacts.distance)
+        energies = {"repulsion": float(repulsive_potential(nearest, params.k_r, params.influence).sum())}
+        node, body = np.nonzero((repulsion**2).sum(axis=2) > 0.0)
+        return moved, energies, StripForces(points[node, body], repulsion[node, body])
+
+    def _check_joint_angles(self, chart: Array) -> Array:
+        """The paper's *check of joint angles*: nodes whose own links would come too close keep their joints."""
+        work, b = self.workspace, self.robot.space.base_nv
+        previous = work.chart.copy()
+        work.kin.update(chart)
+        work.self_pairs.update(work.kin)
+        close = (work.self_pairs.bound < self._self_floor).any(axis=1)
+        if close.any():
+            chart = chart.copy()
+            chart[close, b:] = previous[close, b:]
+        work.kin.update(previous)
+        self.clock.mark("self-collision")
+        return chart
+
+    def _points(self, kin: Kinematics) -> Array:
+        """Control points (N, C, 3) [m]."""
+        return self.control_points.capsule_ends(kin)[:, :, 0]
+
+    def _hulls(self, scene: Scene) -> ProtectiveHulls:
+        """Protective hulls of the nodes, capped at the safe distance."""
+        kin = self.workspace.kin
+        self._proximity.update(kin, scene)
+        return protective_hulls(self._points(kin), self._proximity.clearance(), cap=self.params.influence)
+
+    def _report(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> PaperReport:
+        hulls = self._hulls(scene)
+        rest = result.moved < self.params.rest_step
+        status, reason = tick_status(result.certificate, rest)
+        if not hulls.connected.all():
+            status = DeformStatus.BLOCKED if rest else DeformStatus.DEFORMING
+            j = int(np.argmin(hulls.overlap.min(axis=1)))
+            gap = -float(hulls.overlap[j].min())
+            reason = f"the protective hulls of nodes {j} and {j + 1} do not overlap: {gap:.2f} m are missing"
+        common = self._common(scene, result, iterations, queries, detail)
+        return PaperReport(status=status, reason=reason, tunnel=hulls, heading_step=self._heading_step, **common)

@@ -1,0 +1,113 @@
+"""Parameters of the deformation, validated where they are made."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields, replace
+from typing import ClassVar, TypeVar
+
+from elastic_strips.arrays import Document
+from elastic_strips.errors import ParameterError, nearest_name
+from elastic_strips.validation import check_numbers
+
+P = TypeVar("P", bound="StripParams")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StripParams:
+    """What the parameters of all presets have; all lengths [m], angles [rad].
+
+    Attributes:
+        preset: name of the preset.
+        influence: distance d_r within which obstacles push; the paper's *safe distance*.
+        clearance: distance that the certificate proves; a hard bound, another parameter than ``influence``. 0 proves
+            that nothing touches.
+        self_clearance: distance that the certificate proves between the robot's own links; 0 as for ``clearance``.
+        k_r: repulsion gain.
+        k_c: contraction gain.
+        rest_step: a strip whose iteration moves less is at rest [m or rad].
+        max_ticks: most ticks of ``settle``.
+        certificate_depth: most halvings of a segment before it counts as not decided.
+    """
+
+    preset: ClassVar[str]
+    influence: float
+    clearance: float = 0.005
+    self_clearance: float = 0.001
+    k_r: float
+    k_c: float
+    rest_step: float
+    max_ticks: int
+    certificate_depth: int = 12
+
+    def _check(self, *positive: str) -> None:
+        """Check all numbers: those named, and these of every preset, are > 0, the others ≥ 0."""
+        positive = ("influence", "k_c", "max_ticks", "certificate_depth", *positive)
+        check_numbers(self, zero=tuple(f.name for f in fields(self) if f.name not in positive))
+        if self.clearance >= self.influence:
+            raise ParameterError(
+                f"clearance={self.clearance} must be below influence={self.influence}: "
+                "the force has to act before the bound"
+            )
+
+    def replaced(self: P, **overrides: object) -> P:
+        """A copy with some values replaced, validated anew.
+
+        Raises:
+            ParameterError: an unknown parameter, or a value outside its range.
+        """
+        valid = {f.name for f in fields(self)}
+        for name in overrides:
+            if name not in valid:
+                raise ParameterError(f"unknown parameter {name!r}{nearest_name(name, valid)}")
+        return replace(self, **overrides)
+
+    def as_dict(self) -> Document:
+        """All values by name, and the preset's name."""
+        return {"preset": self.preset, **asdict(self)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeformParams(StripParams):
+    """What a tick of :class:`Deformer` does; all lengths [m], angles [rad]. See :class:`StripParams` for the others.
+
+    Attributes:
+        near: distance of the stiff repulsive layer; k_near: its gain.
+        k_self, self_influence: repulsion between the robot's own links; links that are nearer by design push later.
+        k_limit, limit_margin: joint limits.
+        k_posture: pull of the joints towards the straight joint-space line from start to goal.
+        yaw_lever, joint_lever: lengths that make angles comparable with metres in the spacing [m/rad].
+        rolling_stiffness: penalty of sideways travel before the exact projection.
+        damping: D of (D + K) δ = Γ.
+        max_step: most that a node's base or joints move in one iteration [m or rad].
+        max_spacing, min_spacing: node spacing that resampling keeps.
+        max_nodes: upper bound of nodes.
+    """
+
+    preset: ClassVar[str] = "default"
+    influence: float = 0.3
+    k_r: float = 1.0
+    k_c: float = 1.0
+    near: float = 0.06
+    k_near: float = 20.0
+    k_self: float = 5.0
+    self_influence: float = 0.03
+    k_limit: float = 1.0
+    limit_margin: float = 0.05
+    k_posture: float = 0.005
+    yaw_lever: float = 0.25
+    joint_lever: float = 0.25
+    rolling_stiffness: float = 200.0
+    damping: float = 0.3
+    max_step: float = 0.12
+    rest_step: float = 1e-3
+    max_spacing: float = 0.2
+    min_spacing: float = 0.06
+    max_nodes: int = 512
+    max_ticks: int = 200
+
+    def __post_init__(self) -> None:
+        self._check("damping", "max_step", "max_spacing", "max_nodes")
+        if self.min_spacing > self.max_spacing:
+            raise ParameterError(f"min_spacing={self.min_spacing} must not exceed max_spacing={self.max_spacing}")
+        if self.max_nodes < 4:  # turn, drive, turn
+            raise ParameterError(f"max_nodes={self.max_nodes} must be at least 4")

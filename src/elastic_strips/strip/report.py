@@ -1,0 +1,167 @@
+"""What a tick hands out: the strip, its status with the reason, its certificate, what it cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import TypeVar
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import Certificate, ProtectiveHulls
+from elastic_strips.scene import Scene
+from elastic_strips.summary import Summary
+
+from .strip import Strip, strip_clearance
+
+SLIP_LIMIT = 1e-6
+"""Sideways travel [m] of a segment above which a differential drive's strip is not drivable."""
+
+
+class DeformStatus(str, Enum):
+    """State of a strip after a tick.
+
+    ``SETTLED``: certified and at rest. ``DEFORMING``: still moving. ``BROKEN``: at rest (or out of ticks) with a
+    segment that has no certificate. ``BLOCKED``: the protective hulls do not connect (preset ``paper``).
+    """
+
+    SETTLED = "settled"
+    DEFORMING = "deforming"
+    BROKEN = "broken"
+    BLOCKED = "blocked"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class StripForces(Summary):
+    """External forces of the last update, to look at.
+
+    Attributes:
+        points: (K, 3) where they act [m]; vectors: (K, 3) force [gain · m].
+    """
+
+    points: Array
+    vectors: Array
+
+    @staticmethod
+    def none() -> StripForces:
+        """No force at all."""
+        return StripForces(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DeformReport(Summary):
+    """Result of one tick, or of :meth:`Deformer.settle`.
+
+    Attributes:
+        strip: the deformed strip.
+        status, reason: what state it is in, and why.
+        certificate: proof of its clearance, segment by segment.
+        node_clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance; of use in
+            control loops. People are shown :attr:`clearance`, that of the whole strip.
+        scene: the obstacles that it is about.
+        energies: potential by force.
+        timings: seconds by phase; they sum to ``seconds``.
+        seconds: duration of the tick.
+        iterations: inner iterations made.
+        ticks: ticks made (more than one after ``settle``).
+        moved: largest displacement of any base or joint in the last iteration [m or rad].
+        slip: largest sideways travel |v_y| of a segment [m]; differential drives only.
+        queries: exact distance queries made.
+        forces: external forces, or None where they were not requested.
+        tunnel: protective hulls, or None where they were not requested.
+        constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
+    """
+
+    strip: Strip
+    status: DeformStatus
+    reason: str
+    certificate: Certificate
+    node_clearance: float
+    scene: Scene
+    energies: dict[str, float] = field(default_factory=dict)
+    timings: dict[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
+    iterations: int = 0
+    ticks: int = 1
+    moved: float = 0.0
+    slip: float = 0.0
+    queries: int = 0
+    forces: StripForces | None = None
+    tunnel: ProtectiveHulls | None = None
+    constraint_errors: Array | None = None
+    _clearance: list[float] = field(default_factory=list, init=False, repr=False)
+
+    def _summary(self) -> dict[str, object]:
+        segments = self.certificate.segments
+        return {
+            "status": self.status.value, "reason": self.reason, "robot": self.strip.robot.name,
+            "nodes": len(self.strip), "certified": f"{int(segments.sum())} of {len(segments)} segments",
+            "ticks": self.ticks,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        length = f"{self.strip.length:.3f} {'m' if self.strip.robot.space.planar else 'rad'}"
+        return {"clearance": f"{self.clearance:.3f} m", "length": length, "time": f"{1e3 * self.seconds:.1f} ms"}
+
+    @property
+    def clearance(self) -> float:
+        """Smallest distance [m] to obstacles anywhere on the strip, between its nodes too: :func:`strip_clearance`.
+
+        Infinite without obstacles. Measured at the first use, which takes longer than a tick.
+        """
+        if not self._clearance:
+            self._clearance.append(strip_clearance(self.strip, self.scene))
+        return self._clearance[0]
+
+    @property
+    def certified(self) -> bool:
+        """Whether every segment is certified."""
+        return self.certificate.certified
+
+    @property
+    def connected(self) -> bool:
+        """Whether all protective hulls overlap; True where they were not requested."""
+        return self.tunnel is None or bool(self.tunnel.connected.all())
+
+    @property
+    def usable(self) -> bool:
+        """Whether the strip could be driven: certified and drivable."""
+        return self.certified and self.slip <= SLIP_LIMIT
+
+    @property
+    def failure(self) -> DeformStatus:
+        """What a strip counts as that is not usable at the end."""
+        return DeformStatus.BROKEN
+
+
+R = TypeVar("R", bound=DeformReport)
+
+
+def tick_status(certificate: Certificate, rest: bool, wide: str = "") -> tuple[DeformStatus, str]:
+    """Status and reason of a drivable strip after one tick.
+
+    Args:
+        certificate: of the strip.
+        rest: whether the strip has stopped moving.
+        wide: how far apart the nodes are, where that is more than they should be.
+    """
+    if not certificate.certified:
+        return DeformStatus.BROKEN if rest else DeformStatus.DEFORMING, str(certificate.broken)
+    if rest:
+        return DeformStatus.SETTLED, f"certified and at rest{wide}"
+    return DeformStatus.DEFORMING, f"certified, still moving{wide}"
+
+
+def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: float, queries: int) -> R:
+    """The report of all ticks: the last one's, with counts and timings summed and a final status."""
+    status, reason = last.status, last.reason
+    if status is DeformStatus.DEFORMING:
+        if last.usable:
+            status, reason = DeformStatus.SETTLED, f"certified after {ticks} ticks, not yet at rest"
+        else:
+            status, reason = last.failure, f"{reason} (after {ticks} ticks)"
+    return replace(
+        last, status=status, reason=reason, timings=timings, seconds=seconds, iterations=ticks, ticks=ticks,
+        queries=queries,
+    )  # fmt: skip

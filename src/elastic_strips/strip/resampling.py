@@ -1,0 +1,87 @@
+"""Resampling: where to insert a node, and which to remove, so that a strip stays dense enough and no denser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.robot import ConfigurationSpace
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """A change of a strip's nodes.
+
+    Attributes:
+        chart: (M, nv) the new nodes.
+        source: (M,) index of the old node that each was; −1 for a new one.
+        inserted, removed: how many.
+    """
+
+    chart: Array
+    source: Indices
+    inserted: int
+    removed: int
+
+
+def node_spacing(space: ConfigurationSpace, chart: Array, weight: Array) -> Array:
+    """(N−1,) weighted length of each segment, √(vᵀ diag(w) v)."""
+    v = space.difference(chart[:-1], chart[1:])
+    return np.sqrt((v * v) @ weight)
+
+
+def resample(
+    space: ConfigurationSpace,
+    chart: Array,
+    *,
+    weight: Array,
+    max_spacing: float,
+    min_spacing: float,
+    split: Mask | None = None,
+    max_nodes: int = 512,
+) -> Edit | None:
+    """Divide segments that are too long, or marked; drop inner nodes that are too close to their neighbours.
+
+    Args:
+        space: configuration space.
+        chart: (N, nv) nodes.
+        weight: (nv,) metric of the spacing.
+        max_spacing: a longer segment is divided.
+        min_spacing: a node is dropped where both its segments together are shorter.
+        split: (N−1,) segments to halve in any case (those without a certificate).
+        max_nodes: no node is inserted above this number.
+
+    Returns:
+        The edit, or None where nothing changes.
+    """
+    spacing = node_spacing(space, chart, weight)
+    pieces = np.clip(np.ceil(spacing / max_spacing).astype(int), 1, 8)
+    if split is not None:
+        pieces[split & (spacing > 0.05 * min_spacing)] = np.maximum(pieces[split & (spacing > 0.05 * min_spacing)], 2)
+    room = max_nodes - len(chart)
+    if int((pieces - 1).sum()) > room:  # marked segments first, then where the pieces are longest
+        wanted, priority = pieces, np.zeros(len(spacing)) if split is None else split * 1e6
+        pieces = np.ones_like(wanted)
+        for _ in range(room):
+            need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, priority, 0.0), -np.inf)
+            pieces[int(np.argmax(need))] += 1
+    keep = np.ones(len(chart), dtype=bool)
+    for j in range(1, len(chart) - 1):
+        undivided = pieces[j - 1] == 1 and pieces[j] == 1
+        if undivided and keep[j - 1] and spacing[j - 1] + spacing[j] < min_spacing:
+            keep[j] = False
+    inserted, removed = int((pieces - 1).sum()), int((~keep).sum())
+    if inserted == 0 and removed == 0:
+        return None
+    rows, source = [], []
+    for j in range(len(chart)):
+        if keep[j]:
+            rows.append(chart[j])
+            source.append(j)
+        if j < len(chart) - 1 and pieces[j] > 1:
+            s = np.arange(1, pieces[j]) / pieces[j]
+            rows.extend(space.interpolate(chart[j][None], chart[j + 1][None], s))
+            source.extend([-1] * (pieces[j] - 1))
+    return Edit(np.array(rows), np.asarray(source, dtype=np.intp), inserted, removed)

@@ -1,0 +1,163 @@
+"""Solver of a step: (D + K) δ = Γ by banded Cholesky, and the rolling constraint v_y = 0 by Newton projection."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.robot import ConfigurationSpace
+
+ROLLING_TOLERANCE = 1e-9
+"""Largest sideways travel [m] of a segment that counts as none."""
+
+_PLANE = ConfigurationSpace(
+    nq=4,
+    nv=3,
+    planar=True,
+    idx_q=np.zeros(0, dtype=np.intp),
+    circular=np.zeros(0, dtype=bool),
+    lower=np.full(3, -np.inf),
+    upper=np.full(3, np.inf),
+)
+
+
+class System:
+    """Accumulates, for N nodes of nv degrees of freedom, forces Γ = −∇V and the Gauss–Newton matrix of V.
+
+    Attributes:
+        force: (N, nv) generalised forces in the nodes' tangents (base in its own frame).
+        diagonal: (N, nv, nv) blocks; upper: (N−1, nv, nv) blocks that couple node j with j + 1.
+        energies: potential of each force [J-like, unit gains].
+    """
+
+    def __init__(self, n: int, nv: int) -> None:
+        self.force = np.zeros((n, nv))
+        self.diagonal = np.zeros((n, nv, nv))
+        self.upper = np.zeros((max(n - 1, 0), nv, nv))
+        self.energies: dict[str, float] = {}
+
+    def clear(self) -> None:
+        self.force[:] = 0.0
+        self.diagonal[:] = 0.0
+        self.upper[:] = 0.0
+        self.energies = {}
+
+    def add_rows(self, node: Indices, rows: Array, force: Array, stiffness: Array) -> None:
+        """Add scalar residuals that each touch one node.
+
+        Args:
+            node: (K,) node of each residual, ascending.
+            rows: (K, nv) gradient of the measured quantity (a distance, an angle).
+            force: (K,) force along ``rows``.
+            stiffness: (K,) second derivative of the potential.
+        """
+        if len(node) == 0:
+            return
+        starts = np.flatnonzero(np.r_[True, node[1:] != node[:-1]])
+        touched = node[starts]
+        self.force[touched] += np.add.reduceat(force[:, None] * rows, starts, axis=0)
+        outer = (stiffness[:, None] * rows)[:, :, None] * rows[:, None, :]
+        self.diagonal[touched] += np.add.reduceat(outer.reshape(len(node), -1), starts, axis=0).reshape(
+            len(touched), *self.diagonal.shape[1:]
+        )
+
+
+class BandedSolver:
+    """Workspace: packs block tridiagonal systems of the inner nodes into LAPACK's band storage and solves them."""
+
+    def __init__(self) -> None:
+        self._band = np.zeros((0, 0))
+        self._shape = (0, 0)
+
+    def solve(self, system: System, damping: Array) -> Array:
+        """Displacements (N, nv) of all nodes; those of the two ends are zero.
+
+        Args:
+            system: forces and blocks.
+            damping: (nv,) positive diagonal D.
+
+        Raises:
+            FloatingPointError: the matrix is not positive definite (an infinite or NaN entry).
+        """
+        from scipy.linalg.lapack import dpbsv  # late: slow to import
+
+        n, nv = system.force.shape
+        inner = n - 2
+        delta = np.zeros((n, nv))
+        if inner <= 0:
+            return delta
+        width = 2 * nv
+        if self._shape != (inner, nv):
+            self._shape = (inner, nv)
+            self._band = np.zeros((inner * nv, width))
+        band = self._band.reshape(inner, nv, width)
+        diagonal = system.diagonal[1:-1]
+        upper = system.upper[1:-1]
+        for b in range(nv):
+            band[:, b, : nv - b] = diagonal[:, b, b:]
+            band[:, b, 0] += damping[b]
+            band[:-1, b, nv - b : width - b] = upper[:, b, :]
+            band[-1, b, nv - b :] = 0.0
+        _, solution, info = dpbsv(self._band.T, system.force[1:-1].reshape(-1), lower=1, overwrite_ab=1)
+        if info != 0 or not np.isfinite(diagonal).all() or not np.isfinite(solution).all():
+            raise FloatingPointError(f"the matrix of the step is not positive definite (LAPACK dpbsv: {info})")
+        delta[1:-1] = solution.reshape(inner, nv)
+        self._band[:] = 0.0
+        return delta
+
+
+def project_rolling(
+    space: ConfigurationSpace,
+    chart: Array,
+    *,
+    yaw_weight: float = 0.1,
+    iterations: int = 12,
+    tolerance: float = ROLLING_TOLERANCE,
+) -> tuple[Array, float]:
+    """Move the inner nodes' base poses, as little as possible, until every segment can be driven: v_y = 0.
+
+    Each segment has one scalar constraint on its two nodes, so a Newton step is one scalar tridiagonal solve
+    C M⁻¹ Cᵀ λ = −c with M = diag(1, 1, yaw_weight) per node.
+
+    Args:
+        space: configuration space with a planar root.
+        chart: (N, nv) nodes; not changed.
+        yaw_weight: cost of turning against moving [m²/rad²].
+        iterations: most Newton steps.
+        tolerance: residual to reach [m].
+
+    Returns:
+        The projected nodes, and the largest |v_y| [m] that is left (above ``tolerance`` if it did not converge).
+    """
+    from scipy.linalg.lapack import dptsv  # late: slow to import
+
+    chart = chart.copy()
+    base = chart[:, :3]
+    plane = _PLANE
+    inverse_mass = np.array([1.0, 1.0, 1.0 / yaw_weight])
+    residual = np.inf
+    for iteration in range(iterations + 1):
+        v = plane.difference(base[:-1], base[1:])
+        c = v[:, 1]
+        residual = float(np.abs(c).max(initial=0.0))
+        if residual <= tolerance or iteration == iterations or len(chart) < 3 or not np.isfinite(residual):
+            break
+        first, second = plane.base_difference_jacobians(v)
+        row_a, row_b = first[:, 1, :].copy(), second[:, 1, :].copy()
+        row_a[0] = 0.0  # the end nodes do not move
+        row_b[-1] = 0.0
+        weighted_a, weighted_b = row_a * inverse_mass, row_b * inverse_mass
+        diagonal = np.einsum("ij,ij->i", row_a, weighted_a) + np.einsum("ij,ij->i", row_b, weighted_b)
+        diagonal += 1e-12
+        off = np.einsum("ij,ij->i", row_b[:-1], weighted_a[1:])
+        _, _, multiplier, info = dptsv(diagonal, off, -c)
+        if info != 0:
+            break
+        step = np.zeros_like(base)
+        step[:-1] += weighted_a * multiplier[:, None]
+        step[1:] += weighted_b * multiplier[:, None]
+        largest = float(np.abs(step).max())
+        if largest > 0.5:
+            step *= 0.5 / largest
+        base[:] = plane.integrate(base, step)
+    return chart, residual

@@ -1,0 +1,128 @@
+"""Strip: a frozen chain of whole-body configurations, and its clearance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import chart_clearance
+from elastic_strips.errors import ConfigurationError, RobotError, SceneError
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_number, check_type
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Strip(Summary):
+    """An elastic strip: configurations q (N, nq) of one robot, N ≥ 2, start and goal included.
+
+    Between two nodes the robot follows ``pin.interpolate``: a screw arc of the base and a straight line of the joints.
+
+    Attributes:
+        robot: whose configurations these are.
+        q: (N, nq) Pinocchio configurations, read-only.
+    """
+
+    robot: RobotModel
+    q: Array
+
+    def __init__(self, robot: RobotModel, q: npt.ArrayLike) -> None:
+        """Check and freeze the nodes.
+
+        Raises:
+            ConfigurationError: fewer than two nodes, wrong size, not finite, not normalised, or outside the joint
+                limits.
+        """
+        check_type("robot", robot, RobotModel, RobotError)
+        array = robot.check_q(q, what="strip q")
+        if array.ndim != 2 or len(array) < 2:
+            raise ConfigurationError(f"a strip has at least 2 nodes, given as (N, {robot.nq}); got shape {array.shape}")
+        array.setflags(write=False)
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "q", array)
+
+    @staticmethod
+    def from_chart(robot: RobotModel, chart: Array, *, ends: Array | None = None) -> Strip:
+        """A strip from chart rows (N, nv) that are known to be sound (no checks).
+
+        ``ends`` (2, nq) are the configurations of the first and the last row where they are known, to keep every bit.
+        """
+        strip = object.__new__(Strip)
+        q = robot.space.from_chart(chart)
+        if ends is not None:
+            q[0], q[-1] = ends
+        q.setflags(write=False)
+        object.__setattr__(strip, "robot", robot)
+        object.__setattr__(strip, "q", q)
+        frozen = chart.copy()
+        frozen.setflags(write=False)
+        strip.__dict__["chart"] = frozen
+        return strip
+
+    def _summary(self) -> dict[str, object]:
+        unit = "m" if self.robot.space.planar else "rad"
+        return {"robot": self.robot.name, "nodes": len(self), "length": f"{self.length:.3f} {unit}"}
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @cached_property
+    def chart(self) -> Array:
+        """(N, nv) chart rows: x, y, yaw, joints."""
+        chart = self.robot.space.to_chart(self.q)
+        chart.setflags(write=False)
+        return chart
+
+    @cached_property
+    def velocities(self) -> Array:
+        """(N−1, nv) tangent vectors ``pin.difference(q_j, q_{j+1})`` of the segments."""
+        return self.robot.space.difference(self.chart[:-1], self.chart[1:])
+
+    @property
+    def length(self) -> float:
+        """Length of the base's path [m]; of the joints' path [rad] for a fixed base."""
+        v = self.velocities
+        if self.robot.space.planar:
+            return float(np.hypot(v[:, 0], v[:, 1]).sum())
+        return float(np.linalg.norm(v, axis=1).sum())
+
+    @property
+    def lateral_slip(self) -> Array:
+        """(N−1,) sideways travel |v_y| [m] of each segment; zeros unless the base is a differential drive."""
+        if self.robot.base_kind is not BaseKind.DIFF_DRIVE:
+            return np.zeros(len(self) - 1)
+        return np.abs(self.velocities[:, 1])
+
+    def sample(self, step: float) -> Array:
+        """Configurations (M, nq) along the strip, at most ``step`` [m or rad] > 0 of any coordinate apart."""
+        check_number("step", step, above=0.0)
+        v = self.velocities
+        counts = np.maximum(np.ceil(np.abs(v).max(axis=1) / step).astype(int), 1)
+        rows = [
+            self.robot.space.interpolate(self.chart[j][None], self.chart[j + 1][None], np.arange(n) / n)
+            for j, n in enumerate(counts)
+        ]
+        return self.robot.space.from_chart(np.vstack([*rows, self.chart[-1:]]))
+
+
+def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
+    """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
+
+    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose way
+    is not defined, as far below as the robot could reach). Infinite without obstacles; what is more than 10 km away
+    counts as 10 km away.
+
+    Args:
+        strip: the strip.
+        scene: the obstacles.
+        tolerance: accuracy [m].
+    """
+    check_type("strip", strip, Strip, ConfigurationError)
+    check_type("scene", scene, Scene, SceneError)
+    check_number("tolerance", tolerance, above=0.0, unit="m")
+    return chart_clearance(strip.robot, strip.chart, scene, tolerance=tolerance)

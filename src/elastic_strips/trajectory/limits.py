@@ -1,0 +1,372 @@
+"""Limits: how fast wheels and joints may turn and how fast that may change; drive coordinates and wheels of a URDF.
+
+A path is timed in *drive coordinates*: the travel of each wheel's rim for a differential drive, the three components
+of the body's travel for an omnidirectional base, nothing for a fixed one; then the joints. In them every limit of the
+motors is a plain box, and a constant velocity is an exact arc of the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+from lxml import etree
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError, RobotError, SceneError, nearest_name
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.robot.urdf import floats, read_xml, resolve_mesh, search_folders
+from elastic_strips.scene.decompose import load_mesh
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_type
+
+_ASK = "give wheel_speed=…, track=… and wheel_radius=…"
+_SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
+
+
+@dataclass(frozen=True, slots=True)
+class _Wheels:
+    """The driven pair.
+
+    Attributes:
+        track: distance between the wheels [m].
+        radius: [m].
+        speed: the lower of their speed limits [rad/s], as the file states it.
+    """
+
+    track: float
+    radius: float
+    speed: float
+
+
+def _read_wheels(robot: RobotModel) -> _Wheels:
+    """The driven wheels of a robot's URDF: two continuous joints named ``*wheel*``, about ±y, mirror images in y.
+
+    Raises:
+        ParameterError: no URDF, no such pair, pairs that differ, or a wheel without a round shape.
+    """
+    if robot.urdf_path is None:
+        raise ParameterError(f"robot {robot.name!r} was not made of a URDF file, so its wheels are unknown: {_ASK}")
+    path = Path(robot.urdf_path)
+    try:
+        root = read_xml(path, root="robot", kind="URDF")
+        model = pin.buildModelFromXML(_skeleton(root))
+    except (RobotError, ValueError, RuntimeError) as error:
+        raise ParameterError(f"{path} cannot be read for its wheels ({error}): {_ASK}") from None
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    wheels, others = [], []
+    for joint in root.findall("joint"):
+        name = joint.get("name")
+        if joint.get("type") != "continuous" or "wheel" not in name.lower():
+            continue
+        pose = data.oMi[model.getJointId(name)]
+        element = joint.find("axis")
+        local = [1.0, 0.0, 0.0] if element is None else floats(element, "xyz", 3, path, f"joint {name!r}", "1 0 0")
+        axis = pose.rotation @ np.array(local)
+        if abs(axis[1]) > 0.999 * np.linalg.norm(axis):
+            wheels.append((name, pose, joint.find("child").get("link")))
+        else:
+            others.append(name)
+    pairs = [
+        (a, b)
+        for a, b in combinations(wheels, 2)
+        if np.allclose(a[1].translation * [1.0, -1.0, 1.0], b[1].translation, atol=_SAME)
+        and abs(a[1].translation[1]) > _SAME
+    ]
+    if not pairs:
+        raise ParameterError(
+            f"{path} has no two continuous joints named *wheel* about ±y, mirrored in y (continuous and named so: "
+            f"{', '.join([w[0] for w in wheels] + others) or 'none'}): {_ASK}"
+        )
+    found = []
+    for a, b in pairs:
+        radii = [_radius(root, link, path) for _, _, link in (a, b)]
+        if radii[0] is None or radii[1] is None or abs(radii[0] - radii[1]) > _SAME:
+            raise ParameterError(f"{path}: the radii of wheels {a[0]!r} and {b[0]!r} are {radii} [m]: {_ASK}")
+        speeds = [float(model.velocityLimit[model.joints[model.getJointId(name)].idx_v]) for name, _, _ in (a, b)]
+        found.append(_Wheels(2.0 * abs(float(a[1].translation[1])), radii[0], min(speeds)))
+    if any(abs(w.track - found[0].track) > _SAME or abs(w.radius - found[0].radius) > _SAME for w in found):
+        names = "; ".join(f"{a[0]}, {b[0]}" for a, b in pairs)
+        raise ParameterError(f"{path} has several different pairs of wheels ({names}): {_ASK}")
+    return found[0]
+
+
+def _skeleton(root: Any) -> str:
+    """The URDF's joints alone: what else it holds may not be strict."""
+    bare = deepcopy(root)
+    bare.set("name", bare.get("name") or "robot")
+    for element in list(bare):
+        if element.tag not in ("link", "joint"):
+            bare.remove(element)
+            continue
+        for child in list(element):
+            if child.tag in ("visual", "collision", "inertial", "mimic"):
+                element.remove(child)
+    return etree.tostring(bare, encoding="unicode")
+
+
+def _radius(root: Any, link_name: str, path: Path) -> float | None:
+    """Radius [m] of a wheel's link: of its round collision shape, then of its visual one, then of its meshes."""
+    link = next((link for link in root.findall("link") if link.get("name") == link_name), None)
+    if link is None:
+        return None
+    for tag in ("collision", "visual"):
+        shapes = [shape for element in link.findall(tag) for shape in element.findall("geometry/*")]
+        radii = [
+            floats(shape, "radius", 1, path, f"link {link_name!r}")[0]
+            for shape in shapes
+            if shape.tag in ("cylinder", "sphere", "capsule")
+        ]
+        if radii:
+            return float(max(radii))
+    folders = search_folders(path, ())
+    sizes = []
+    for mesh in link.findall(".//geometry/mesh"):
+        file = resolve_mesh(mesh.get("filename", ""), path, folders)
+        if file is None:
+            continue
+        scale = np.array(floats(mesh, "scale", 3, path, f"link {link_name!r}", "1 1 1"))
+        try:
+            vertices, _ = load_mesh(file)
+        except SceneError as error:
+            raise ParameterError(f"{path}: a wheel's mesh cannot be read ({error}): {_ASK}") from None
+        extents = np.sort(np.ptp(vertices, axis=0) * np.abs(scale))
+        sizes.append(0.5 * float(extents[-1]))  # a wheel is a disc: its two larger extents are its diameter
+    return max(sizes, default=None)
+
+
+_UNLIMITED = 1e6
+"""Speeds [rad/s or m/s] above this are a description's way to say that there is no limit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class MotionLimits(Summary):
+    """Symmetric box limits of a robot's motors.
+
+    Attributes:
+        track: distance between the driven wheels [m]; 0 where the base is no differential drive.
+        wheel_radius: radius of the driven wheels [m]; 0 where the base is no differential drive.
+        drive_speed: (k,) limits of the drive coordinates: rims left, right [m/s] (k = 2), or the body's x, y, yaw
+            [m/s, m/s, rad/s] (k = 3), or none (k = 0).
+        drive_acceleration: (k,) limits of their change [m/s² or rad/s²].
+        joint_speed: (n,) [rad/s or m/s].
+        joint_acceleration: (n,) [rad/s² or m/s²].
+    """
+
+    track: float
+    wheel_radius: float
+    drive_speed: Array
+    drive_acceleration: Array
+    joint_speed: Array
+    joint_acceleration: Array
+
+    def __post_init__(self) -> None:
+        """Check and freeze.
+
+        Raises:
+            ParameterError: a limit that is not positive and finite, or arrays whose lengths do not match.
+        """
+        for name in ("drive_speed", "drive_acceleration", "joint_speed", "joint_acceleration"):
+            try:
+                array = np.array(getattr(self, name), dtype=float)
+            except (TypeError, ValueError):
+                raise ParameterError(f"{name} is not an array of numbers") from None
+            if array.ndim != 1:
+                raise ParameterError(f"{name} has shape {array.shape}; it must be one row of limits")
+            if not (np.isfinite(array).all() and (array > 0.0).all()):
+                raise ParameterError(f"{name} = {array.tolist()} must be positive and finite")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        drive, joints = len(self.drive_speed), len(self.joint_speed)
+        if drive not in (0, 2, 3) or len(self.drive_acceleration) != drive:
+            raise ParameterError(
+                f"{drive} limits of the drive's speed and {len(self.drive_acceleration)} of its acceleration; there are"
+                " 2 each for a differential drive, 3 for an omnidirectional base, 0 for a fixed one"
+            )
+        if len(self.joint_acceleration) != joints:
+            raise ParameterError(f"{joints} joint speeds and {len(self.joint_acceleration)} joint accelerations")
+        for name in ("track", "wheel_radius"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value < 0.0 or (drive == 2 and value == 0.0):
+                raise ParameterError(f"{name}={value!r} [m] must be positive for a differential drive, else 0")
+
+    @staticmethod
+    def for_robot(
+        robot: RobotModel,
+        *,
+        wheel_speed: float | None = None,
+        wheel_acceleration: float = 1.2,
+        track: float | None = None,
+        wheel_radius: float | None = None,
+        base_speed: Sequence[float] = (1.0, 1.0, 1.5),
+        base_acceleration: Sequence[float] = (1.2, 1.2, 3.0),
+        joint_speed: float | Mapping[str, float] | None = None,
+        joint_acceleration: float | Mapping[str, float] = 4.0,
+        prismatic_acceleration: float = 1.0,
+    ) -> MotionLimits:
+        """The limits of a robot: speeds from its description, accelerations as given (no URDF states any).
+
+        Args:
+            robot: the robot.
+            wheel_speed: largest speed of a driven wheel's rim [m/s]; from the URDF's wheels where None.
+            wheel_acceleration: largest acceleration of a rim [m/s²].
+            track: distance between the driven wheels [m]; from the URDF where None.
+            wheel_radius: [m]; from the URDF where None.
+            base_speed: x, y, yaw [m/s, m/s, rad/s] of an omnidirectional base, in its own frame.
+            base_acceleration: the same of their change [m/s², m/s², rad/s²].
+            joint_speed: of all joints, or joint → value [rad/s or m/s]; what is not given is the model's.
+            joint_acceleration: of all revolute joints [rad/s²], or joint → value; what is not given: 4 rad/s².
+            prismatic_acceleration: of the prismatic joints that ``joint_acceleration`` does not name [m/s²].
+
+        Raises:
+            ParameterError: a limit that is neither stated by the robot's description nor given, or is out of range.
+        """
+        check_type("robot", robot, RobotModel, RobotError)
+        speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
+        if robot.base_kind is BaseKind.DIFF_DRIVE:
+            if wheel_speed is None or track is None or wheel_radius is None:
+                found = _read_wheels(robot)
+                track = found.track if track is None else track
+                wheel_radius = found.radius if wheel_radius is None else wheel_radius
+                if wheel_speed is None:
+                    if not 0.0 < found.speed < _UNLIMITED:
+                        raise ParameterError(
+                            f"the wheels of {robot.name!r} state no speed ({found.speed:g} rad/s); give wheel_speed=… "
+                            "[m/s at the rim]"
+                        )
+                    wheel_speed = found.speed * wheel_radius
+            drive, change = [wheel_speed] * 2, [wheel_acceleration] * 2
+        elif robot.base_kind is BaseKind.OMNI:
+            drive, change = list(base_speed), list(base_acceleration)
+            if len(drive) != 3 or len(change) != 3:
+                raise ParameterError("base_speed and base_acceleration have three entries: x, y, yaw")
+        else:
+            drive, change = [], []
+        rolling = robot.base_kind is BaseKind.DIFF_DRIVE
+        return MotionLimits(
+            track=float(track or 0.0) if rolling else 0.0,
+            wheel_radius=float(wheel_radius or 0.0) if rolling else 0.0,
+            drive_speed=np.array(drive, dtype=float),
+            drive_acceleration=np.array(change, dtype=float),
+            joint_speed=speed,
+            joint_acceleration=acceleration,
+        )
+
+    @property
+    def drive_dim(self) -> int:
+        """Number k of drive coordinates."""
+        return len(self.drive_speed)
+
+    @property
+    def speed(self) -> Array:
+        """(k + n,) limits of all speeds: drive, then joints."""
+        return np.concatenate([self.drive_speed, self.joint_speed])
+
+    @property
+    def acceleration(self) -> Array:
+        """(k + n,) limits of all accelerations: drive, then joints."""
+        return np.concatenate([self.drive_acceleration, self.joint_acceleration])
+
+    def to_drive(self, twist: Array) -> Array:
+        """Drive coordinates (…, k) of body twists or travels (…, 3): x, y [m or m/s], yaw [rad or rad/s].
+
+        A differential drive has no coordinate for sideways travel: y is left out.
+        """
+        twist = np.asarray(twist, dtype=float)
+        if self.drive_dim == 2:
+            half = 0.5 * self.track * twist[..., 2]
+            return np.stack([twist[..., 0] - half, twist[..., 0] + half], axis=-1)
+        return twist.copy() if self.drive_dim == 3 else np.zeros((*twist.shape[:-1], 0))
+
+    def to_twist(self, drive: Array) -> Array:
+        """Body twists or travels (…, 3) of drive coordinates (…, k); (…, 0) for a fixed base."""
+        drive = np.asarray(drive, dtype=float)
+        if self.drive_dim == 2:
+            twist = np.zeros((*drive.shape[:-1], 3))
+            twist[..., 0] = 0.5 * (drive[..., 0] + drive[..., 1])
+            twist[..., 2] = (drive[..., 1] - drive[..., 0]) / self.track
+            return twist
+        return drive.copy()
+
+    def to_coordinates(self, v: Array) -> Array:
+        """Drive coordinates and joints (…, k + n) of tangent vectors (…, nv)."""
+        base = 3 if self.drive_dim else 0
+        return np.concatenate([self.to_drive(v[..., :base]), v[..., base:]], axis=-1)
+
+    def to_tangent(self, y: Array) -> Array:
+        """Tangent vectors (…, nv) of drive coordinates and joints (…, k + n)."""
+        k = self.drive_dim
+        return np.concatenate([self.to_twist(y[..., :k]), y[..., k:]], axis=-1)
+
+    def scaled(self, speed: float, acceleration: float) -> MotionLimits:
+        """The same limits times a factor of the speeds and one of the accelerations, each > 0."""
+        return replace(
+            self,
+            drive_speed=self.drive_speed * speed,
+            drive_acceleration=self.drive_acceleration * acceleration,
+            joint_speed=self.joint_speed * speed,
+            joint_acceleration=self.joint_acceleration * acceleration,
+        )
+
+
+def _joint_limits(
+    robot: RobotModel,
+    speed: float | Mapping[str, float] | None,
+    acceleration: float | Mapping[str, float],
+    prismatic_acceleration: float,
+) -> tuple[Array, Array]:
+    names = robot.joint_names
+    first = robot.space.base_nv
+    stated = robot.model.velocityLimit[first:]
+    prismatic = prismatic_joints(robot)
+    speeds = _named(speed, names, "joint_speed")
+    changes = _named(acceleration, names, "joint_acceleration")
+    out_speed, out_change = np.empty(len(names)), np.empty(len(names))
+    for i, name in enumerate(names):
+        value = speeds.get(name, float(stated[i]))
+        if name not in speeds and not 0.0 < value < _UNLIMITED:
+            raise ParameterError(
+                f"joint {name!r} of {robot.name!r} states no speed limit ({value:g}); give joint_speed={{{name!r}: …}} "
+                "[rad/s or m/s]"
+            )
+        out_speed[i] = value
+        # one number for all joints means the revolute ones: 4 is plenty for an arm and absurd for a lift
+        default = prismatic_acceleration if prismatic[i] else (changes.get(name, 4.0))
+        named = isinstance(acceleration, Mapping) and name in acceleration
+        out_change[i] = changes[name] if named else default
+    return out_speed, out_change
+
+
+def prismatic_joints(robot: RobotModel) -> npt.NDArray[np.bool_]:
+    """(n,) which planned joints slide, so that their coordinate is a length [m]."""
+    model = robot.model
+    first = 2 if robot.space.planar else 1
+    kinds = [model.joints[i].shortname().removeprefix("JointModel") for i in range(first, model.njoints)]
+    return np.array([kind.startswith("P") for kind in kinds], dtype=bool)
+
+
+def _named(values: float | Mapping[str, float] | None, names: Sequence[str], what: str) -> dict[str, float]:
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping):
+        return {name: _number(values, what) for name in names}
+    for name in values:
+        if name not in names:
+            raise ParameterError(f"{what}: there is no planned joint {name!r}{nearest_name(name, names)}")
+    return {name: _number(value, f"{what}[{name!r}]") for name, value in values.items()}
+
+
+def _number(value: float | npt.ArrayLike, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise ParameterError(f"{what}={value!r} is not a number")
+    if not np.isfinite(value) or value <= 0.0:
+        raise ParameterError(f"{what}={value!r} must be positive and finite")
+    return float(value)

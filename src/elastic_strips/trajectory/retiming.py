@@ -1,0 +1,389 @@
+"""Retiming: from nodes to a trajectory that keeps every limit, over a horizon or the whole strip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.robot.space import wrap_angle
+from elastic_strips.strip import Strip
+from elastic_strips.validation import check_type
+
+from .limits import MotionLimits
+from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
+from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, load_solver, rate_bounds
+from .trajectory import Trajectory, joined, stationary
+
+_MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
+"""Parts of the speed and acceleration limits to plan with, and how many times finer the grid is: between the points of
+its grid a profile exceeds what it was planned with, by up to 0.5 % or, in the sharpest bends, more. The second is tried
+where there is no room to brake, the others where a limit is broken."""
+
+_LEADS = ((0.04, 0.5), (0.08, 1.0))
+"""Nearest knot to the start and length of the windows [m]; the second turns more gently into the polyline."""
+
+_STILL = 5e-4  # part of the speed limits below which a start counts as rest
+_SLOW = 0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the way
+_SHARPEST = 10.0  # bend at the start [1/m] up to which it is continued
+_GROWTH = 1.3
+_NOWHERE = 1e-6  # shorter ways are none [m]
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """Time [s], velocity (m,) of drive and joints, whether that is one, and the bend (m,) of the way, where known."""
+
+    time: float
+    velocity: Array
+    moving: bool
+    bend: Array | None = None
+
+
+class Retimer:
+    """Times the nodes ahead of a robot again and again, as fast as the limits allow.
+
+    It holds nothing that changes: one may serve several threads.
+    """
+
+    def __init__(self, robot: RobotModel, limits: MotionLimits | None = None, *, dt: float = 0.01) -> None:
+        """Prepare for a robot.
+
+        Args:
+            robot: the robot.
+            limits: of its motors; :meth:`MotionLimits.for_robot` where None.
+            dt: distance of the samples [s].
+
+        Raises:
+            ParameterError: limits of another robot, or dt outside [1e-4, 0.1].
+        """
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("limits", limits, MotionLimits, none=True)
+        self.robot = robot
+        self.limits = MotionLimits.for_robot(robot) if limits is None else limits
+        k = {BaseKind.DIFF_DRIVE: 2, BaseKind.OMNI: 3, BaseKind.FIXED: 0}[robot.base_kind]
+        if self.limits.drive_dim != k or len(self.limits.joint_speed) != robot.nv - robot.space.base_nv:
+            raise ParameterError(
+                f"the limits are for {self.limits.drive_dim} drive coordinates and {len(self.limits.joint_speed)} "
+                f"joints; {robot.name!r} has {k} and {robot.nv - robot.space.base_nv}"
+            )
+        if not 1e-4 <= dt <= 0.1:
+            raise ParameterError(f"dt={dt!r} must be between 1e-4 and 0.1 s")
+        self.dt = float(dt)
+        self.weight = metric(robot, self.limits)
+        self._speed, self._acceleration = self.limits.speed, self.limits.acceleration
+        load_solver()
+
+    def horizon(
+        self,
+        chart: npt.ArrayLike,
+        v_start: npt.ArrayLike | None = None,
+        *,
+        a_start: npt.ArrayLike | None = None,
+        distance: float = np.inf,
+        start_time: float = 0.0,
+        speed: float = 1.0,
+        refine: int = 1,
+    ) -> Trajectory:
+        """The fastest motion along the nodes ahead that ends at rest.
+
+        It ends where the first of these comes: the last node; a node where the robot has to stop anyway (a cusp, a
+        sharp corner such as between turning in place and driving); ``distance`` ahead, or the least distance beyond
+        it in which the robot can stop.
+
+        Args:
+            chart: (K, nv) nodes; it starts exactly at the first one.
+            v_start: (nv,) velocity there: body twist, joint rates; None or about zero: from rest.
+            a_start: (nv,) acceleration there, with which the way goes on bending as it did before: replanning from a
+                state of a trajectory then seldom fails. None where unknown.
+            distance: how far to go [m]: the base's travel, a joint's turn counted as 0.25 m/rad.
+            start_time: time of the first sample [s].
+            speed: part of the speed limits to use, in (0, 1]. A faster start is braked to it.
+            refine: knots per node, 1 to 8: more hug the strip's arcs more closely, and slow the robot in bends.
+
+        Raises:
+            ConfigurationError: nodes of the wrong shape or not finite.
+            ParameterError: another argument out of its range.
+            RetimingError: it cannot be driven like that. What the robot drives now still can.
+        """
+        nodes = self._nodes(chart)
+        self._check(distance, start_time, speed, refine)
+        start = self._start(start_time, v_start, a_start)
+        if len(nodes) < 2:
+            nodes = np.vstack([nodes, nodes])
+        line = polyline(self.robot, self.limits, self.weight, nodes, start.velocity if start.moving else None)
+        return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed, refine)
+
+    def full(self, chart: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0, refine: int = 1) -> Trajectory:
+        """All of the nodes (K, nv) from rest to rest, with a stop wherever one is needed; else as :meth:`horizon`."""
+        nodes = self._nodes(chart)
+        self._check(np.inf, start_time, speed, refine)
+        start = self._start(start_time, None, None)
+        if len(nodes) < 2:
+            nodes = np.vstack([nodes, nodes])
+        stops = polyline(self.robot, self.limits, self.weight, nodes).stops
+        pieces: list[Trajectory] = []
+        first = 0
+        for stop in stops:
+            piece = nodes[first : stop + 1]
+            if pieces:  # each piece starts where the one before has ended and makes up for what that missed
+                start = replace(start, time=pieces[-1].end_time)
+                piece = np.vstack([pieces[-1].chart[-1], piece[1:]])
+            line = polyline(self.robot, self.limits, self.weight, piece)
+            pieces.append(self._drive(line, float(line.s[-1]), start, np.inf, speed, refine))
+            first = stop
+        return joined(pieces)
+
+    def brake(self, trajectory: Trajectory, t: float) -> Trajectory:
+        """The earliest stop on the way of a trajectory from time ``t`` on: :func:`brake` with these limits."""
+        return brake(trajectory, t, limits=self.limits, dt=self.dt)
+
+    def _nodes(self, chart: npt.ArrayLike) -> Array:
+        nodes = np.asarray(chart, dtype=float)
+        nv = self.robot.nv
+        if nodes.ndim != 2 or nodes.shape[1] != nv or len(nodes) < 1:
+            raise ConfigurationError(f"nodes have shape {nodes.shape}; {self.robot.name!r} wants (K, {nv}), K ≥ 1")
+        if not np.isfinite(nodes).all():
+            at = tuple(int(i) for i in np.argwhere(~np.isfinite(nodes))[0])
+            raise ConfigurationError(f"nodes{list(at)} = {nodes[at]} is not finite")
+        return nodes
+
+    def _check(self, distance: float, start_time: float, speed: float, refine: int) -> None:
+        if not distance > 0.0:
+            raise ParameterError(f"distance={distance!r} m must be positive")
+        if not np.isfinite(start_time):
+            raise ParameterError(f"start_time={start_time!r} s must be finite")
+        if not 0.0 < speed <= 1.0:
+            raise ParameterError(f"speed={speed!r} must be in (0, 1]")
+        if isinstance(refine, bool) or not isinstance(refine, (int, np.integer)) or not 1 <= refine <= 8:
+            raise ParameterError(f"refine={refine!r} must be an integer between 1 and 8")
+
+    def _start(self, time: float, v: npt.ArrayLike | None, a: npt.ArrayLike | None) -> _Start:
+        nv = self.robot.nv
+        given = {"v_start": v, "a_start": a}
+        rows = {name: np.zeros(nv) if row is None else np.asarray(row, dtype=float) for name, row in given.items()}
+        for name, row in rows.items():
+            if row.shape != (nv,) or not np.isfinite(row).all():
+                raise ParameterError(f"{name} = {row.tolist()} must be {nv} finite numbers: body twist, joint rates")
+        if self.limits.drive_dim == 2 and abs(rows["v_start"][1]) > TOLERANCE * self._speed[0]:
+            raise ParameterError(f"v_start moves sideways at {rows['v_start'][1]:g} m/s; a differential drive cannot")
+        velocity = self.limits.to_coordinates(rows["v_start"])
+        over = np.abs(velocity) / self._speed
+        if over.max(initial=0.0) > 1.0 + TOLERANCE:
+            worst = int(over.argmax())
+            raise RetimingError(
+                f"the speed at the start in coordinate {worst} (drive, then joints) is {abs(velocity[worst]):.4g}; "
+                f"the limit is {self._speed[worst]:.4g}"
+            )
+        if over.max(initial=0.0) <= _STILL:
+            return _Start(float(time), np.zeros_like(velocity), False)
+        x = float(((velocity * self.weight) ** 2).sum())
+        if a is None or x < _SLOW * _SLOW:
+            return _Start(float(time), velocity, True)
+        change = self.limits.to_coordinates(rows["a_start"])
+        bend = (change - velocity * float((change * velocity) @ self.weight**2) / x) / x
+        sharpness = float(np.linalg.norm(bend * self.weight))
+        return _Start(float(time), velocity, True, bend * min(1.0, _SHARPEST / max(sharpness, 1e-12)))
+
+    def braking_length(self, velocity: Array) -> float:
+        """Way [m in the metric] to brake on straight from a velocity (m,) of drive and joints."""
+        with np.errstate(divide="ignore"):
+            rate = float(np.min(self._acceleration / np.abs(velocity), initial=np.inf))
+        return 0.5 * float(np.linalg.norm(velocity * self.weight)) / rate
+
+    def _drive(
+        self, line: Polyline, available: float, start: _Start, distance: float, speed: float, refine: int
+    ) -> Trajectory:
+        """A motion over ``distance`` or what is needed to stop, and no more than the length ``available``."""
+        braking = self.braking_length(start.velocity)
+        if available < max(0.9 * braking, _NOWHERE):
+            if not start.moving:
+                still = stationary(self.robot, self.limits, line.chart[0], start.time, self.dt)
+                return replace(still, end_error=(0.0, 0.0))
+            raise RetimingError(
+                f"the robot has to stop within {available:.4g} m and needs {braking:.4g} m to brake; keep to the "
+                "trajectory that it drives"
+            )
+        length, longest = min(max(distance, 1.05 * braking), available), min(max(distance, 2.0 * braking), available)
+        attempt = margin = 0
+        path = None
+        while True:
+            if path is None:
+                lead, window = _LEADS[attempt]
+                heading = start.velocity if start.moving else None
+                path = smooth_path(
+                    self.robot, self.limits, line, length,
+                    weight=self.weight, heading=heading, bend=start.bend, lead=lead, window=window, refine=refine,
+                )  # fmt: skip
+            result = self._timed(path, start, speed, _MARGINS[margin])
+            if isinstance(result, Trajectory):
+                return result
+            if result is None and length < longest:
+                length, path = min(_GROWTH * length, longest), None
+            elif result is None and start.moving and margin == 0:
+                margin = 1
+            elif result is None and start.moving and attempt + 1 < len(_LEADS):
+                attempt, margin, path = attempt + 1, 0, None
+            elif result is not None and margin + 1 < len(_MARGINS):
+                margin = max(margin + 1, 2)
+            else:
+                why = result or f"no profile of speeds brakes from {start.velocity.round(3).tolist()}"
+                raise RetimingError(f"{why} on the {length:.4g} m ahead; keep to the trajectory that the robot drives")
+
+    def _timed(
+        self, path: DrivePath, start: _Start, speed: float, margin: tuple[float, float, int]
+    ) -> Trajectory | str | None:
+        """The path in time; why it would break a limit; or None where the robot cannot brake on it."""
+        acceleration = margin[1] * self._acceleration
+        if margin[2] > 1:
+            path = path.finer(margin[2])
+        rate = np.abs(path.y1)
+        now = float((np.abs(start.velocity) / self._speed).max())  # part of the limits that the start uses
+        with np.errstate(divide="ignore"):
+            highest = (self._speed / rate).min(axis=1)  # path speed
+        bound = (margin[0] * speed * highest) ** 2
+        x = float(((start.velocity * self.weight) ** 2).sum())
+        if x > bound[0]:  # too fast: brake to the bound, hard but not so hard that there is only one way to
+            falling = braked(path.grid, path.y1, path.y2, acceleration, x, 0.9)
+            bound = np.maximum(bound, np.minimum(falling, (now * highest) ** 2))
+        profile = fastest(path.grid, path.y1, path.y2, bound, acceleration, x)
+        return None if profile is None else self._sampled(path, profile, start, max(speed, now))
+
+    def _sampled(self, path: DrivePath, profile: Profile, start: _Start, speed: float) -> Trajectory | str:
+        # whole steps only: the robot arrives within the last one, and waits for what is left of it
+        time = np.arange(np.ceil(profile.duration / self.dt - 1e-9) + 1.0) * self.dt
+        s, rate, change = profile(np.minimum(time, profile.duration))
+        s[-1], rate[-1] = path.length, 0.0
+        y, y1, y2 = path.curve(s)
+        v, a = y1 * rate[:, None], y2 * (rate * rate)[:, None] + y1 * change[:, None]
+        a[-1] = 0.0
+        why = broken_limit(time, y, v, a, speed * self._speed, self._acceleration)
+        if why:
+            return why
+        rows = integrate_travel(self.robot, self.limits, path.start, y)
+        miss = path.target[:3] - rows[-1, :3] if self.limits.drive_dim else np.zeros(3)
+        return Trajectory(
+            robot=self.robot,
+            limits=self.limits,
+            time=time + start.time,
+            chart=rows,
+            v=self.limits.to_tangent(v),
+            a=self.limits.to_tangent(a),
+            end_error=(float(np.hypot(miss[0], miss[1])), abs(float(wrap_angle(miss[2])))),
+        )
+
+
+def retime(
+    strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01, speed: float = 1.0, refine: int = 1
+) -> Trajectory:
+    """A whole strip from rest to rest, as fast as the limits allow; it stops at cusps and sharp corners.
+
+    Args:
+        strip: the strip.
+        limits: :meth:`MotionLimits.for_robot` where None.
+        dt: distance of the samples [s].
+        speed, refine: as in :meth:`Retimer.horizon`.
+
+    Raises:
+        ParameterError: an argument out of its range.
+        RetimingError: a piece cannot be driven within the limits.
+    """
+    return Retimer(strip.robot, limits, dt=dt).full(strip.chart, speed=speed, refine=refine)
+
+
+_BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)
+_STOPPED = 1e-9  # squared part of the trajectory's own speed that counts as none
+
+
+def brake(trajectory: Trajectory, t: float, *, limits: MotionLimits | None = None, dt: float = 0.01) -> Trajectory:
+    """The trajectory from time ``t`` [s] on, slowed down as fast as the limits allow until it stands.
+
+    The way stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
+    Where that gains nothing (it brakes already, or stands) this is what is left of the trajectory; either way it ends
+    at rest if the trajectory does.
+
+    Args:
+        trajectory: what the robot drives.
+        t: when to begin [s].
+        limits: to brake with; the trajectory's own where None. It must keep them itself.
+        dt: distance of the samples [s].
+    """
+    rest = trajectory.tail(t)
+    limits = trajectory.limits if limits is None else limits
+    first = max(int(np.searchsorted(trajectory.time, t, side="right")) - 1, 0)
+    if t > trajectory.end_time - dt or not trajectory.v[first:].any():
+        return rest
+    time = trajectory.time[first:]
+    y = np.zeros((len(time), limits.drive_dim + len(limits.joint_speed)))
+    np.cumsum(limits.to_coordinates(trajectory.steps[first:]), axis=0, out=y[1:])
+    v = limits.to_coordinates(trajectory.v[first:])
+    own = _Timed(time, y, v, max(t, trajectory.start_time))
+    for margin in _BRAKE_MARGINS:
+        profile = own.slowest(margin * limits.acceleration)
+        stop = None if profile is None else _sampled_stop(own, profile, trajectory, rest.chart[0], limits, dt)
+        if stop is not None and stop.end_time <= rest.end_time:
+            return stop
+    return rest
+
+
+class _Timed:
+    """Travel (N, m) over the trajectory's own time τ, with velocities that are linear in between."""
+
+    def __init__(self, time: Array, y: Array, v: Array, begin: float) -> None:
+        self.time, self.y, self.v, self.begin = time, y, v, begin
+        self.a = (v[1:] - v[:-1]) / (time[1:] - time[:-1])[:, None]
+
+    def __call__(self, tau: Array) -> tuple[Array, Array, Array]:
+        """Travel (cubic in between), velocity and acceleration (M, m) at τ (M,)."""
+        i = np.searchsorted(self.time[1:-1], tau, side="right")
+        h = (self.time[i + 1] - self.time[i])[:, None]
+        s = (tau - self.time[i])[:, None] / h
+        before, after, mean = self.v[i], self.v[i + 1], (self.y[i + 1] - self.y[i]) / h
+        square, cube = 3.0 * mean - 2.0 * before - after, before + after - 2.0 * mean
+        return self.y[i] + h * s * (before + s * (square + s * cube)), before + s * h * self.a[i], self.a[i]
+
+    def slowest(self, acceleration: Array) -> Profile | None:
+        """The profile over τ that falls from rate 1 as fast as |ÿτ̇² + ẏτ̈| ≤ a allows; None where it does not reach 0.
+
+        At a rate below 1 the trajectory's acceleration is within its limit, so a constant rate is always allowed; and
+        of two ways down the lower one stays below the other, so each step may take the hardest braking there is.
+        """
+        time, v = self.time.copy(), self.v.copy()
+        v[0] = v[0] + (self.begin - time[0]) * self.a[0]
+        time[0] = self.begin
+        h = time[1:] - time[:-1]
+        a = np.hstack([v[:-1], v[1:] + 2.0 * h[:, None] * self.a]) / np.tile(acceleration, 2)
+        b = np.tile(self.a / acceleration, 2)
+        room, slope = rate_bounds(a, b)
+        x = np.ones(len(time))
+        for i in range(len(h)):
+            u = min(float((-room[i] - slope[i] * x[i]).max()), 0.0)
+            x[i + 1] = x[i] + 2.0 * h[i] * u
+            if x[i + 1] <= _STOPPED:
+                grid = np.append(time[: i + 1], time[i] - x[i] / (2.0 * u))
+                return Profile.of(grid, np.append(x[: i + 1], 0.0))
+        return None
+
+
+def _sampled_stop(
+    own: _Timed, profile: Profile, trajectory: Trajectory, start: Array, limits: MotionLimits, dt: float
+) -> Trajectory | None:
+    time = np.arange(np.ceil(profile.duration / dt - 1e-9) + 1.0) * dt
+    tau, rate, change = profile(np.minimum(time, profile.duration))
+    y, slope, bend = own(tau)
+    v, a = slope * rate[:, None], bend * (rate * rate)[:, None] + slope * change[:, None]
+    v[-1] = a[-1] = 0.0
+    if broken_limit(time, y, v, a, limits.speed, limits.acceleration):
+        return None
+    return Trajectory(
+        robot=trajectory.robot,
+        limits=limits,
+        time=time + own.begin,
+        chart=integrate_travel(trajectory.robot, limits, start, y),
+        v=limits.to_tangent(v),
+        a=limits.to_tangent(a),
+    )

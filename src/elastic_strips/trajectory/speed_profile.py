@@ -1,0 +1,189 @@
+"""Speed profiles: the fastest way along a path that keeps every limit (TOPP-RA), by toppra's linear programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+
+TOLERANCE = 1e-3
+"""Part of a limit by which a sample may exceed it."""
+
+_RATES = np.array([1e-9, -1.0])  # of (acceleration, squared speed): the largest squared speed
+
+
+@cache
+def load_solver() -> tuple[Any, Any]:
+    """The solver's class and the name of linear constraints. Late: with toppra comes Matplotlib, a third of a second.
+
+    Only its linear programs are used, in two passes of our own: nothing of it logs.
+    """
+    from toppra.constraint import ConstraintType
+    from toppra.solverwrapper.cy_seidel_solverwrapper import seidelWrapper
+
+    return seidelWrapper, ConstraintType.CanonicalLinear
+
+
+class _Box:
+    """|a u + b x| ≤ 1 row by row, and bounds of x, as the solver asks a constraint for them."""
+
+    identical = True
+
+    def __init__(self, a: Array, b: Array, bound: Array, kind: Any) -> None:
+        rows = a.shape[1]
+        both = np.vstack([np.eye(rows), -np.eye(rows)])
+        limits = np.column_stack([np.zeros(len(bound)), bound])
+        self._kind = kind
+        self._params = a, b, np.zeros_like(a), both, np.ones(2 * rows), None, limits
+
+    def get_constraint_type(self) -> Any:
+        return self._kind
+
+    def compute_constraint_params(self, path: Any, gridpoints: Array, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        return self._params
+
+
+class _NoPath:
+    """What the solver asks a path for; the constraint brings the rest."""
+
+    duration = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Squared path speed x over a grid, linear in between: constant path acceleration from point to point.
+
+    Attributes:
+        grid: (G,) lengths.
+        x: (G,) squared path speed.
+        time: (G,) [s] since the start.
+    """
+
+    grid: Array
+    x: Array
+    time: Array
+
+    @staticmethod
+    def of(grid: Array, x: Array) -> Profile:
+        """The profile of squared speeds ``x``, of which no two neighbours are 0."""
+        speed = np.sqrt(x)
+        time = np.zeros(len(grid))
+        np.cumsum(2.0 * (grid[1:] - grid[:-1]) / (speed[1:] + speed[:-1]), out=time[1:])
+        return Profile(grid, x, time)
+
+    @property
+    def duration(self) -> float:
+        return float(self.time[-1])
+
+    def __call__(self, t: Array) -> tuple[Array, Array, Array]:
+        """Length, path speed and path acceleration (M,) at times ``t`` (M,) since the start."""
+        i = np.searchsorted(self.time[1:-1], t, side="right")
+        gap = self.grid[i + 1] - self.grid[i]
+        u = 0.5 * (self.x[i + 1] - self.x[i]) / gap
+        since = t - self.time[i]
+        speed = np.sqrt(self.x[i])
+        s = self.grid[i] + since * (speed + 0.5 * since * u)
+        return np.minimum(s, self.grid[i + 1]), np.maximum(speed + since * u, 0.0), u
+
+
+def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array, start: float) -> Profile | None:
+    """The fastest profile from the squared path speed ``start`` to rest at the end of the grid.
+
+    Both passes of TOPP-RA. As rest is always allowed (x = 0, u = 0 keeps any acceleration limit), the controllable
+    speeds at a point reach from 0 up to one number: one linear program per point instead of two.
+
+    Args:
+        grid: (G,) lengths.
+        y1, y2: (G, m) derivatives of the path.
+        bound: (G,) largest squared path speed.
+        acceleration: (m,) limits of |y′u + y″x|.
+        start: squared path speed at the start.
+
+    Returns:
+        The profile, or None where there is none: it cannot stop in time, or its start is too fast for the bends.
+    """
+    # the solver's tolerances are absolute: a path of unit length, in a unit of time in which y′ stays as it is
+    scale = float(grid[-1])
+    step = (grid[1:] - grid[:-1]) / scale
+    a, b = _rows(step, y1 / acceleration, y2 * (scale / acceleration))
+    size = np.abs(a).max(axis=0)
+    if not 0.0 < size.max() < np.inf:  # nor is it a number where the path is none
+        return None
+    moving = size > 1e-9 * size.max()
+    a, b = a[:, moving], b[:, moving]
+    bound = bound / scale
+    solver_class, linear = load_solver()
+    solver = solver_class([_Box(a, b, bound, linear)], _NoPath(), grid / scale, True)
+    last = len(grid) - 1
+    reach = np.zeros(last + 1)
+    for i in range(last - 1, -1, -1):
+        reach[i] = solver.solve_stagewise_optim(i, None, _RATES, np.nan, np.nan, 0.0, reach[i + 1])[1]
+        if not reach[i] > 0.0:  # infeasible is NaN, which the solver would take for "no bound" at the next point
+            return None
+    x = np.zeros(last + 1)
+    x[0] = start / scale
+    if x[0] > reach[0] * (1.0 + 1e-9):
+        return None
+    x[0] = min(x[0], reach[0])
+    room, slope = rate_bounds(a, b)
+    for i in range(last):
+        u = float((room[i] - slope[i] * x[i]).min())
+        x[i + 1] = max(min(x[i] + 2.0 * step[i] * u, reach[i + 1]), 0.0)
+    if not (x[1:-1] > 0.0).all():
+        return None
+    return Profile.of(grid, x * scale)
+
+
+def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float, part: float) -> Array:
+    """(G,) squared path speeds that fall from ``start`` with a part of the hardest braking there is; from 0 on, 0."""
+    h = grid[1:] - grid[:-1]
+    room, slope = rate_bounds(*_rows(h, y1 / acceleration, y2 / acceleration))
+    x = np.zeros(len(grid))
+    x[0] = start
+    for i in range(len(h)):
+        if x[i] <= 0.0:
+            break
+        lower, upper = float((-room[i] - slope[i] * x[i]).max()), float((room[i] - slope[i] * x[i]).min())
+        if lower < 0.0:
+            u = min(part * lower, 0.5 * (lower + upper))
+        else:  # in a bend that takes so much that the way has to be hurried on
+            u = lower + (1.0 - part) * (upper - lower)
+        x[i + 1] = max(x[i] + 2.0 * h[i] * u, 0.0)
+    return x
+
+
+def _rows(step: Array, a: Array, b: Array) -> tuple[Array, Array]:
+    """Rows (G, 2m) of |a u + b x| ≤ 1 for both ends of every step (G−1,), with the step's one acceleration u."""
+    a_next, b_next = np.empty_like(a), np.empty_like(b)
+    a_next[:-1], b_next[:-1] = a[1:] + 2.0 * step[:, None] * b[1:], b[1:]
+    a_next[-1], b_next[-1] = a[-1], b[-1]
+    return np.hstack([a, a_next]), np.hstack([b, b_next])
+
+
+def rate_bounds(a: Array, b: Array) -> tuple[Array, Array]:
+    """(room, slope) of the same shape: |a u + b x| ≤ 1 is −room − slope·x ≤ u ≤ room − slope·x."""
+    flat = np.abs(a) < 1e-9
+    size = np.where(flat, 1.0, np.abs(a))
+    return np.where(flat, np.inf, 1.0 / size), np.where(flat, 0.0, np.sign(a) * b / size)
+
+
+def broken_limit(time: Array, y: Array, v: Array, a: Array, speed: Array, acceleration: Array) -> str:
+    """Which limit samples (M, m) break, by their own rates or by those of their differences; empty where none."""
+    h = np.diff(time)[:, None]
+    mean, change = np.diff(y, axis=0) / h, np.diff(v, axis=0) / h
+    bend = 2.0 * np.diff(mean, axis=0) / (h[1:] + h[:-1])
+    worst = [
+        ("speed", float((np.abs(v).max(axis=0) / speed).max())),
+        ("speed between samples", float((np.abs(mean).max(axis=0) / speed).max())),
+        ("acceleration", float((np.abs(a).max(axis=0) / acceleration).max())),
+        ("change of velocity", float((np.abs(change).max(axis=0) / acceleration).max())),
+        ("acceleration between samples", float((np.abs(bend) / acceleration).max(initial=0.0))),
+    ]
+    for what, value in worst:
+        if not value <= 1.0 + TOLERANCE:  # so that a value that is not a number is caught too
+            return f"the {what} would be {value:.4f} of its limit"
+    return ""

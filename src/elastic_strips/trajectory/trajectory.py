@@ -1,0 +1,255 @@
+"""Trajectory: when the robot is where; the value that is certified, driven and recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import BodySet, Certificate, Forecast, MotionBounds, MotionCertifier
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.summary import Summary
+
+from .limits import MotionLimits
+
+_REST = 1e-9
+_SLIVER = 1e-9  # a first step shorter than this is left out [s]
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceState:
+    """Where a trajectory wants the robot at one time.
+
+    Attributes:
+        time: [s].
+        chart: (nv,) x, y, yaw, joints.
+        v: (nv,) velocity: body twist (v_x, v_y, ω), joint rates.
+        a: (nv,) its rate of change.
+    """
+
+    time: float
+    chart: Array
+    v: Array
+    a: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Summary):
+    """A timed motion: samples joined by exact arcs of the base and straight lines of the joints.
+
+    Between two samples the robot moves on the arc that joins them, evenly in time: what a certificate proves about
+    the samples and the arcs is proved about every reference that :meth:`at` hands out.
+
+    Attributes:
+        robot: whose motion this is.
+        limits: the limits that it keeps.
+        time: (M,) [s], M ≥ 2, strictly ascending; may start anywhere. Evenly spaced but for the first step of a tail.
+        chart: (M, nv) chart rows x, y, yaw, joints. Angles run on: they are not wrapped.
+        v: (M, nv) velocity at the samples: body twist (v_x, v_y, ω) [m/s, rad/s], joint rates [rad/s or m/s].
+        a: (M, nv) its rate of change [m/s², rad/s²].
+        end_error: distance [m] and angle [rad] by which the base ends beside the point that it was to end at; None
+            where there was none.
+    """
+
+    robot: RobotModel
+    limits: MotionLimits
+    time: Array
+    chart: Array
+    v: Array
+    a: Array
+    end_error: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check and freeze.
+
+        Raises:
+            ParameterError: fewer than two samples, wrong shapes, values that are not finite, or time that does not
+                ascend.
+        """
+        for name in ("time", "chart", "v", "a"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        count = len(self.time) if self.time.ndim == 1 else 0
+        if count < 2:
+            raise ParameterError(f"a trajectory has at least 2 samples in time (M,); got shape {self.time.shape}")
+        for name in ("chart", "v", "a"):
+            array = getattr(self, name)
+            if array.shape != (count, self.robot.nv):
+                raise ParameterError(
+                    f"{name} has shape {array.shape}; {self.robot.name!r} wants {count, self.robot.nv}"
+                )
+            if not np.isfinite(array).all():
+                raise ParameterError(f"{name} holds values that are not finite")
+        if not np.isfinite(self.time).all() or not (self.time[1:] > self.time[:-1]).all():
+            raise ParameterError("time must be finite and strictly ascending")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @cached_property
+    def q(self) -> Array:
+        """(M, nq) Pinocchio configurations."""
+        q = self.robot.space.from_chart(self.chart)
+        q.setflags(write=False)
+        return q
+
+    @property
+    def start_time(self) -> float:
+        return float(self.time[0])
+
+    @property
+    def end_time(self) -> float:
+        return float(self.time[-1])
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def base_speed(self) -> Array:
+        """(M,) speed of the base [m/s], negative where a differential drive backs up; zeros for a fixed base."""
+        if not self.robot.space.planar:
+            return np.zeros(len(self))
+        return self.v[:, 0].copy() if self.limits.drive_dim == 2 else np.hypot(self.v[:, 0], self.v[:, 1])
+
+    @property
+    def turn_rate(self) -> Array:
+        """(M,) [rad/s]; zeros for a fixed base."""
+        return self.v[:, 2].copy() if self.robot.space.planar else np.zeros(len(self))
+
+    @property
+    def drive(self) -> Array:
+        """(M, k) speeds of the drive coordinates: rims left, right [m/s] of a differential drive."""
+        return self.limits.to_drive(self.v[:, : self.robot.space.base_nv])
+
+    @property
+    def wheel_speeds(self) -> Array:
+        """(M, 2) turning speeds of the wheels, left and right [rad/s]; (M, 0) where the base has none."""
+        if self.limits.drive_dim != 2:
+            return np.zeros((len(self), 0))
+        return self.drive / self.limits.wheel_radius
+
+    @cached_property
+    def steps(self) -> Array:
+        """(M−1, nv) tangent vectors from each sample to the next."""
+        steps = self.robot.space.difference(self.chart[:-1], self.chart[1:])
+        steps.setflags(write=False)
+        return steps
+
+    @property
+    def at_rest_at_end(self) -> bool:
+        """Whether it ends with the robot standing still."""
+        return bool(np.abs(self.v[-1]).max(initial=0.0) <= _REST)
+
+    def at(self, t: float) -> ReferenceState:
+        """The reference at a time [s]: the first sample before the start, the last one at rest after the end."""
+        if t <= self.time[0]:
+            return ReferenceState(float(t), self.chart[0], self.v[0], self.a[0])
+        if t >= self.time[-1]:
+            rest = np.zeros(self.robot.nv)
+            return ReferenceState(float(t), self.chart[-1], rest, rest.copy())
+        i = int(np.searchsorted(self.time, t, side="right")) - 1
+        s = (t - self.time[i]) / (self.time[i + 1] - self.time[i])
+        chart = self.robot.space.integrate(self.chart[i], s * self.steps[i])
+        v = self.v[i] + s * (self.v[i + 1] - self.v[i])
+        a = self.a[i] + s * (self.a[i + 1] - self.a[i])
+        return ReferenceState(float(t), chart, v, a)
+
+    def shifted(self, start_time: float) -> Trajectory:
+        """The same motion, started at another time [s]."""
+        return replace(self, time=self.time - self.time[0] + start_time)
+
+    def tail(self, t: float) -> Trajectory:
+        """What is left from time ``t`` [s] on, along the same arcs; the whole of it where ``t`` is before the start.
+
+        After the end: two samples of the end, one step apart.
+        """
+        if t <= self.time[0]:
+            return self
+        if t + _SLIVER >= self.time[-1]:
+            step = float(self.time[-1] - self.time[-2])
+            rows = np.stack([self.chart[-1], self.chart[-1]])
+            rest = np.zeros_like(rows)
+            return replace(self, time=np.array([t, t + step]), chart=rows, v=rest, a=rest)
+        state = self.at(t)
+        i = int(np.searchsorted(self.time, t + _SLIVER, side="right"))
+        return replace(
+            self,
+            time=np.concatenate([[t], self.time[i:]]),
+            chart=np.vstack([state.chart, self.chart[i:]]),
+            v=np.vstack([state.v, self.v[i:]]),
+            a=np.vstack([state.a, self.a[i:]]),
+        )
+
+    def strip(self) -> Strip:
+        """The samples as a strip (M nodes)."""
+        return Strip.from_chart(self.robot, self.chart)
+
+
+def stationary(robot: RobotModel, limits: MotionLimits, chart: Array, time: float, dt: float) -> Trajectory:
+    """A trajectory that stays at chart row ``chart`` (nv,) from ``time`` [s] on; its samples are ``dt`` [s] apart."""
+    rows = np.stack([chart, chart])
+    rest = np.zeros_like(rows)
+    return Trajectory(robot, limits, np.array([time, time + dt]), rows, rest, rest)
+
+
+def joined(pieces: list[Trajectory]) -> Trajectory:
+    """Pieces that follow each other as one trajectory; where they meet, the later one's sample stays."""
+    last = pieces[-1]
+
+    def rows(name: str) -> Array:
+        return np.concatenate([*(getattr(piece, name)[:-1] for piece in pieces[:-1]), getattr(last, name)])
+
+    return replace(last, time=rows("time"), chart=rows("chart"), v=rows("v"), a=rows("a"))
+
+
+class TrajectoryCertifier:
+    """Workspace: certifies trajectories of one robot against snapshots and their forecasts.
+
+    Args:
+        robot: whose trajectories.
+        clearance: distance [m] to keep from obstacles: at least the tracking error.
+        self_clearance: distance [m] to keep between the robot's own links.
+        settle_time: how long [s] the robot may take to come to rest after the end.
+    """
+
+    def __init__(
+        self, robot: RobotModel, *, clearance: float, self_clearance: float = 1e-3, settle_time: float = 0.0
+    ) -> None:
+        self.robot, self.clearance, self.self_clearance = robot, clearance, self_clearance
+        self.settle_time = settle_time
+        bodies = BodySet.links(robot)
+        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)
+
+    def reset(self) -> None:
+        """Forget the obstacles; for after an exception."""
+        self._certifier.reset()
+
+    def certify(self, trajectory: Trajectory, scene: Scene, forecast: Forecast) -> Certificate:
+        """Certify a trajectory, from its first sample until it has come to rest.
+
+        Args:
+            trajectory: ends at rest.
+            scene: sensed at ``scene.time``, on the clock of ``trajectory.time``.
+            forecast: of that scene; says for all its moving obstacles where they can be.
+
+        Raises:
+            ParameterError: the forecast's horizon is shorter than the motion.
+        """
+        chart = np.vstack([trajectory.chart, trajectory.chart[-1:]])
+        times = np.append(trajectory.time, trajectory.time[-1] + self.settle_time) - scene.time
+        if len(forecast) and times[-1] > forecast.horizon:
+            raise ParameterError(
+                f"the motion ends {times[-1]:.2f} s after the snapshot, beyond the forecast's {forecast.horizon:g} s"
+            )
+        v = np.vstack([trajectory.steps, np.zeros((1, self.robot.nv))])
+        return self._certifier.certify(
+            chart, v, scene, forecast.predict(times), clearance=self.clearance, self_clearance=self.self_clearance
+        )

@@ -1,0 +1,407 @@
+"""Animation: what plays: a robot that drives along a strip which gives way, and a recorded run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_strips.arrays import Array, ArrayLike, Document, Indices
+from elastic_strips.control.record import Record
+from elastic_strips.errors import InputError, RobotError, SceneError
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Obstacle, Scene
+from elastic_strips.strip import Strip
+from elastic_strips.strip.report import DeformReport
+from elastic_strips.validation import check_number, check_type, shown
+
+from . import commands, geometry
+from .commands import Command, Track
+from .drawing import CERTIFIED, MOVING, REFUSED, STILL, THREADS, UNCHECKED, Drawing, Snapshot, hexcolor, segment_colors
+from .geometry import Floats, RobotPoses
+
+STATE_COLORS = {
+    "moving": "#2b6cb0",
+    "slowing": "#d69e2e",
+    "stopped": "#d64541",
+    "reached": "#2f9e68",
+    "failed": "#7b2d8e",
+}
+_REFERENCE = "#24303c"
+_FPS, _MAX_FRAMES = 30.0, 900
+_MAX_STRIPS, _MAX_RECORDED, _MAX_NODES = 24, 48, 32
+_MAX_TRACE, _MAX_TRAILS = 400, 48
+_TRAIL = ((0.4, 0.3), (0.8, 0.19), (1.2, 0.1))  # how far behind [s], opacity
+_CAPTION, _EVENT = 0.1, 2.5  # the card changes so often, and shows an event so long [s]
+_HEIGHT = 1.0  # of the camera; higher than for a strip, as obstacles hide what goes on behind them
+
+
+@dataclass(frozen=True, slots=True)
+class StripAnimation:
+    """A robot that drives along a strip, or along a sequence of them while the strip gives way.
+
+    Attributes:
+        robot: Who drives.
+        scene: The scene at the beginning; obstacles with a motion move.
+        strips: Nodes (N, nq) of each strip, evenly spread over the duration.
+        reports: A report or None for each of them.
+        duration: How long it takes [s].
+    """
+
+    robot: RobotModel
+    scene: Scene
+    strips: tuple[Array, ...]
+    reports: tuple[DeformReport | None, ...]
+    duration: float
+
+    def snapshot(self) -> Snapshot:
+        """The first moment, with the camera turned to it."""
+        return Snapshot(self.robot, self.scene, self.strips[0], self.reports[0], frame=True)
+
+
+@dataclass(frozen=True, slots=True)
+class RunReplay:
+    """A record, played from ``begin`` to ``end`` [s], ``speed`` times as fast as it was."""
+
+    robot: RobotModel
+    record: Record
+    begin: float
+    end: float
+    speed: float
+
+    @property
+    def duration(self) -> float:
+        """How long it plays [s]."""
+        return (self.end - self.begin) / self.speed
+
+
+Animated = Strip | DeformReport | ArrayLike
+"""A strip, a report about one, or configurations (N, nq)."""
+
+
+# A strip
+
+
+def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: float) -> StripAnimation:
+    """Check what the caller wants to see, an ``Animated`` or some of them, and put it in order.
+
+    Raises:
+        InputError: Nothing to play, a duration that is not positive, or nodes of the wrong size.
+    """
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("scene", scene, Scene, SceneError)
+    check_number("duration", duration, above=0.0, high=3600.0, unit="s")
+    if isinstance(subject, np.ndarray) or hasattr(subject, "q") or hasattr(subject, "strip"):
+        subject = [subject]
+    if not isinstance(subject, Iterable) or isinstance(subject, (str, bytes)):
+        raise InputError(f"a strip, a report, a path (N, nq) or a sequence of them is played, not {shown(subject)}")
+    strips, reports = [], []
+    for item in subject:
+        strip, report = strip_and_report(item)
+        try:
+            nodes = np.asarray(getattr(strip, "q", strip), dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"this is no strip, report or configurations (N, nq): {shown(strip)}") from None
+        if nodes.ndim != 2 or not len(nodes) or nodes.shape[1] != robot.nq:
+            raise InputError(f"a path has shape {nodes.shape}; {robot.name!r} wants (N, {robot.nq}) with N >= 1")
+        strips.append(nodes)
+        reports.append(report)
+    if not strips:
+        raise InputError("there is no strip to play; give a strip, a report, a path (N, nq) or a sequence of them")
+    return StripAnimation(robot, scene, tuple(strips), tuple(reports), float(duration))
+
+
+def strip_and_report(item: object) -> tuple[object, DeformReport | None]:
+    """Return the strip that something is about, or itself, and the report that says what is certified of it."""
+    report = cast(DeformReport, item) if hasattr(item, "certificate") and hasattr(item, "strip") else None
+    return getattr(item, "strip", item), report
+
+
+def draw_strips(drawing: Drawing, play: StripAnimation) -> list[Command]:
+    """Return the commands that show the first moment and play the rest."""
+    space = play.robot.space
+    out = drawing.draw(play.snapshot())
+    poses, _ = drawing.prepare(play.robot)
+    drawing.playing = True
+    frames, fps = _frames(play.duration)
+    share = np.linspace(0.0, 1.0, frames + 1)
+    charts = [space.to_chart(nodes) for nodes in play.strips]
+    poses.update(_driven(poses, charts, share))
+    tracks = _robot_tracks(drawing, poses.matrices(drawing.joints))
+    for obstacle in drawing.obstacles.moving(play.scene):
+        path = drawing.obstacles.path(obstacle)
+        tracks += commands.motion_tracks(path, _obstacle_poses(obstacle, play.scene.time + share * play.duration))
+    if len(charts) > 1:
+        out += [commands.visible(path, False) for path in STILL]
+        out += _sequence(drawing, play, charts, tracks, frames)
+    out.append(drawing.camera(np.concatenate(charts), play.scene))
+    out.append(commands.animation(tracks, fps))
+    return out
+
+
+def _frames(duration: float) -> tuple[int, float]:
+    """How many frames there are, and how many a second."""
+    frames = int(np.clip(round(duration * _FPS), 2, _MAX_FRAMES))
+    return frames, frames / duration
+
+
+def _robot_tracks(drawing: Drawing, matrices: Floats) -> list[Track]:
+    """Let the robot's bodies move: (F, B, 16) matrices."""
+    moved = [commands.motion_tracks(path, matrices[:, b]) for b, path in enumerate(drawing.body_paths)]
+    return [track for tracks in moved for track in tracks]
+
+
+def _obstacle_poses(obstacle: Obstacle, times: Array) -> Floats:
+    return commands.columns(np.array([obstacle.at(float(t)).pose for t in times]))
+
+
+def _driven(poses: RobotPoses, charts: Sequence[Array], share: Array) -> Array:
+    """Where the robot is in each frame: chart rows (F, nv).
+
+    It drives along the strip; if the strips of a sequence begin where the robot is, it is there.
+    """
+    space, places, starts = poses.space, [], []
+    for chart in charts:
+        poses.update(chart)
+        places.append(geometry.arc_length(poses.points()))
+        starts.append(chart[0])
+    follows = len(charts) > 1 and float(np.abs(np.diff(starts, axis=0)).max()) > 1e-4
+    place = share * (len(charts) - 1)
+    index = np.minimum(place.astype(int), max(len(charts) - 2, 0))
+    eased = share * share * (3.0 - 2.0 * share)
+
+    def at(which: int, s: float) -> Array:
+        if follows:
+            return charts[which][0]
+        where = np.array([s * places[which][-1]])
+        return geometry.interpolated(space, charts[which], places[which], where)[0]
+
+    if len(charts) == 1:
+        return geometry.interpolated(space, charts[0], places[0], eased * places[0][-1])
+    before = np.array([at(int(i), float(s)) for i, s in zip(index, eased, strict=True)])
+    after = np.array([at(int(i) + 1, float(s)) for i, s in zip(index, eased, strict=True)])
+    return space.interpolate(before, after, place - index)
+
+
+def _sequence(
+    drawing: Drawing, play: StripAnimation, charts: Sequence[Array], tracks: list[Track], frames: int
+) -> list[Command]:
+    """Draw some of the strips and let each be seen in its turn."""
+    poses, _ = drawing.prepare(play.robot)
+    count = min(len(charts), _MAX_STRIPS)
+    chosen = np.unique(np.linspace(0, len(charts) - 1, count).round().astype(int))
+    begins = np.round(chosen / (len(charts) - 1) * frames).astype(int)
+    out: list[Command] = []
+    for k, which in enumerate(chosen):
+        path = f"/playback/{k}"
+        poses.update(charts[which])
+        colors = segment_colors(play.reports[which], len(charts[which]) - 1)
+        out += drawing.strip(path, charts[which], poses.points(), colors)
+        out.append(commands.visible(path, k == 0))
+        end = begins[k + 1] if k + 1 < len(chosen) else frames + 1
+        times = np.arange(frames + 1)
+        tracks.append(commands.visible_track(path, (times >= begins[k]) & (times < end)))
+    return out
+
+
+# A recorded run
+
+
+def run_replay(robot: RobotModel, record: Record, *, speed: float, begin: float | None, end: float | None) -> RunReplay:
+    """Check what the caller wants to see.
+
+    Raises:
+        InputError: another robot than the recorded one, a speed that is not positive, or nothing between begin and end.
+    """
+    record.check_robot(robot)
+    if not (np.isfinite(speed) and 1e-3 <= speed <= 1e3):
+        raise InputError(f"speed = {speed} must be between 0.001 and 1000")
+    first, last = float(record.control.time[0]), float(record.control.time[-1])
+    a, b = max(first, first if begin is None else begin), min(last, last if end is None else end)
+    if not b > a:
+        raise InputError(
+            f"there is nothing to play from {a:g} to {b:g} s; the record goes from {first:g} to {last:g} s"
+        )
+    return RunReplay(robot, record, a, b, float(speed))
+
+
+def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
+    """Return the commands that show the first moment and play the rest."""
+    record, robot = play.record, play.robot
+    frames, fps = _frames(play.duration)
+    times = np.linspace(play.begin, play.end, frames + 1)
+    chart = geometry.interpolated(robot.space, record.control.chart, record.control.time, times)
+    state = record.control.state[np.searchsorted(record.control.time, times, side="right") - 1]
+    scene = record.world.scene.at(play.begin)
+    passing = frozenset({*record.world.appears, *record.world.vanishes})
+
+    poses, out = drawing.prepare(robot)
+    out += drawing.stop()
+    out += drawing.obstacles.draw(scene, alone=passing)
+    poses.update(chart)
+    matrices, points = poses.matrices(drawing.joints), poses.points()
+    out.append(drawing.robot_at(matrices[0]))
+    tracks = _robot_tracks(drawing, matrices)
+    out += _obstacles(drawing, record, scene, times, tracks)
+    out += _traces(play, chart, state, points[:, -1], tracks)
+    out += _ring(play, chart, state, tracks)
+    shown = _recorded_strips(drawing, play, times, tracks)
+    out += shown
+    goal = chart[-1] if record.goal is None else record.goal
+    out += drawing.markers(np.stack((record.control.chart[0], goal)))
+    out += [commands.visible(path, False) for path in (*STILL, "/tunnel")]
+    drawing.playing = True
+    out.append(drawing.camera(np.concatenate((chart, goal[None])), scene, height=_HEIGHT))
+    out += _captions(drawing, play, times, points, bool(shown))
+    out.append(commands.animation(tracks, fps))
+    return out
+
+
+def _obstacles(drawing: Drawing, record: Record, scene: Scene, times: Array, tracks: list[Track]) -> list[Command]:
+    """Let obstacles move, with their trails, and be seen while they exist."""
+    world, out = record.world, []
+    moving = drawing.obstacles.moving(scene)
+    trail = _TRAIL[: _MAX_TRAILS // max(len(moving), 1)]
+    for obstacle in moving:
+        path = drawing.obstacles.path(obstacle)
+        tracks += commands.motion_tracks(path, _obstacle_poses(obstacle, times))
+        begin = max(world.appears.get(str(obstacle.name), -np.inf), times[0])
+        mesh = geometry.obstacle_mesh(obstacle)
+        if mesh is None:
+            continue
+        for k, (lag, opacity) in enumerate(trail):
+            behind = f"/playback/trails/{k}{path.removeprefix('/obstacles')}"
+            look = commands.material(MOVING, opacity=opacity, hides=False)
+            out.append(commands.mesh(behind, mesh, look, cast=False))
+            tracks += commands.motion_tracks(behind, _obstacle_poses(obstacle, np.maximum(times - lag, begin)))
+            there = np.array([world.exists(str(obstacle.name), t) and t - lag > begin for t in times])
+            tracks.append(commands.visible_track(behind, there))
+    for name in dict.fromkeys((*world.appears, *world.vanishes)):
+        there = np.array([world.exists(name, t) for t in times])
+        tracks.append(commands.visible_track(drawing.obstacles.path(scene.obstacle(name)), there))
+    return out
+
+
+def _traces(play: RunReplay, chart: Array, state: NDArray[np.uint8], hand: Array, tracks: list[Track]) -> list[Command]:
+    """Draw the reference as a thin line, and where base and hand have been so far, coloured by state."""
+    robot, record = play.robot, play.record
+    out: list[Command] = []
+    rows, base = record.control, np.column_stack((chart[:, :2], np.zeros(len(chart))))
+    if robot.space.planar:
+        inside = (rows.time >= play.begin) & (rows.time <= play.end) & np.isfinite(rows.reference).all(axis=1)
+        nodes = rows.reference[inside]
+        nodes = nodes[_evenly(nodes[:, :2], _MAX_TRACE)]
+        colors = np.tile(hexcolor(_REFERENCE), (max(len(nodes) - 1, 0), 1))
+        band = geometry.ribbon(robot.space, nodes, colors, width=0.014, height=0.02)
+        if band is not None:
+            out.append(commands.mesh("/playback/trace/reference", band, commands.material(lit=False), cast=False))
+    colors = np.array([hexcolor(_color(record, code)) for code in range(len(record.states))])
+    for name, points in (("hand", hand), ("base", base)) if robot.space.planar else (("hand", hand),):
+        chosen = _evenly(points, _MAX_TRACE)
+        if len(chosen) < 2:
+            continue
+        path, look = f"/playback/trace/{name}", commands.material(lit=False)
+        rods = geometry.between(points[chosen[:-1]], points[chosen[1:]], 0.007 if name == "hand" else 0.016)
+        out.append(commands.mesh(path, geometry.rod(), look, instances=len(rods), cast=False))
+        out.append(commands.instances(path, rods, colors[state[chosen[:-1]]]))
+        passed = np.searchsorted(chosen[1:], np.arange(len(chart)), side="right")
+        tracks.append(commands.count_track(path, passed))
+    return out
+
+
+def _evenly(points: Array, count: int) -> Indices:
+    """At most ``count`` of points (N, d), at least a centimetre apart along their way, first and last among them."""
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+    if not along[-1] > 0.005:
+        return np.zeros(min(len(points), 1), dtype=np.intp)
+    wanted = np.linspace(0.0, along[-1], int(np.clip(along[-1] / 0.01, 1, count - 1)) + 1)
+    return np.unique(np.searchsorted(along, wanted - 1e-12))
+
+
+def _ring(play: RunReplay, chart: Array, state: NDArray[np.uint8], tracks: list[Track]) -> list[Command]:
+    """Lay a ring about the base that shows where it heads, and the state by its colour."""
+    place = np.tile(np.eye(4), (len(chart), 1, 1))
+    if play.robot.space.planar:
+        place[:, :2, 3] = chart[:, :2]
+        c, s = np.cos(chart[:, 2]), np.sin(chart[:, 2])
+        place[:, 0, 0], place[:, 0, 1], place[:, 1, 0], place[:, 1, 1] = c, -s, s, c
+    place[:, 2, 3] = 0.012
+    tracks += commands.motion_tracks("/playback/state", commands.columns(place))
+    out: list[Command] = []
+    for code in np.unique(state).tolist():
+        path = f"/playback/state/{code}"
+        look = commands.material(hexcolor(_color(play.record, code)), opacity=0.85, lit=False)
+        out.append(commands.mesh(path, geometry.ring(0.52, 0.6), look, cast=False))
+        tracks.append(commands.visible_track(path, state == code))
+    return out
+
+
+def _recorded_strips(drawing: Drawing, play: RunReplay, times: Array, tracks: list[Track]) -> list[Command]:
+    """Draw some of the strips, each to be seen until the next one."""
+    planning = play.record.planning
+    lengths = np.diff(planning.node_offset)
+    there = np.flatnonzero((lengths > 1) & (planning.time <= play.end))
+    late = np.flatnonzero(planning.time[there] <= play.begin)
+    there = there[late[-1] if len(late) else 0 :]
+    if not len(there):
+        return []
+    rows = there[np.unique(np.linspace(0, len(there) - 1, _MAX_RECORDED).round().astype(int))]
+    poses, _ = drawing.prepare(play.robot)
+    out: list[Command] = []
+    for k, row in enumerate(rows.tolist()):
+        nodes = planning.strip(row)
+        nodes = nodes[np.unique(np.linspace(0, len(nodes) - 1, _MAX_NODES).round().astype(int))]
+        poses.update(nodes)
+        color = hexcolor(CERTIFIED if planning.certified[row] else REFUSED)
+        path = f"/playback/strips/{k}"
+        out += drawing.strip(path, nodes, poses.points(), np.tile(color, (len(nodes) - 1, 1)))
+        until = planning.time[rows[k + 1]] if k + 1 < len(rows) else np.inf
+        tracks.append(commands.visible_track(path, (times >= planning.time[row]) & (times < until)))
+    return out
+
+
+def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, strips: bool) -> list[Command]:
+    """What the card says at each time."""
+    record, planning = play.record, play.record.planning
+    speed = np.linalg.norm(np.gradient(points, times, axis=0), axis=-1).max(axis=-1)
+    codes = record.control.state
+    moments = np.union1d(
+        np.arange(play.begin, play.end, max(_CAPTION * play.speed, (play.end - play.begin) / 600)),
+        record.control.time[1:][np.diff(codes.astype(int)) != 0],
+    )
+    moments = moments[(moments >= play.begin) & (moments <= play.end)]
+    used = [record.states[code] for code in np.unique(codes).tolist()]
+    legend = [[name, STATE_COLORS.get(name, UNCHECKED)] for name in used] + [["reference", _REFERENCE]]
+    if strips:
+        legend += [["strip certified", CERTIFIED], ["strip not certified", REFUSED]]
+        legend.append(THREADS)
+    cards: list[Document] = []
+    for t in moments.tolist():
+        code = int(codes[np.searchsorted(record.control.time, t + 1e-9, side="right") - 1])
+        rows = [["time", f"{t:.1f} s"], ["fastest point", f"{np.interp(t, times, speed):.2f} m/s"]]
+        row = planning.row_at(t)
+        if row >= 0:
+            if np.isfinite(planning.clearance[row]):
+                rows.append(["clearance of the nodes", f"{planning.clearance[row]:.3f} m"])
+            if np.isfinite(planning.tick_ms[row]):
+                rows.append(["tick", f"{planning.tick_ms[row]:.1f} ms"])
+        chip = [record.states[code], _color(record, code)]
+        cards.append({"chip": chip, "rows": rows, "note": _note(record, t, row)})
+    at = (moments - play.begin) / play.speed
+    common: Document = {"title": drawing.title, "legend": legend}
+    return [commands.hud({**common, **cards[0]}), commands.captions(at, cards, common)]
+
+
+def _note(record: Record, t: float, row: int) -> str:
+    """The last event if it is fresh, else what the planner says."""
+    fresh = [e for e in record.events if t - _EVENT < e.time <= t]
+    if fresh:
+        return f"{fresh[-1].kind}: {fresh[-1].reason}" if fresh[-1].reason else fresh[-1].kind
+    return record.planning.reasons[record.planning.reason[row]] if row >= 0 else ""
+
+
+def _color(record: Record, code: int) -> str:
+    return STATE_COLORS.get(record.states[code], UNCHECKED)

@@ -1,0 +1,311 @@
+"""Obstacle proximity equals brute force over all Coal pairs, and asks for hardly any of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import SHAPES, configuration, link_distances, make_scene, random_chart, random_pose, scene_pieces
+
+from elastic_strips.collision import GJK_EXCESS, BodySet, ObstacleProximity
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.scene import Box, Scene, Sphere, Voxels
+
+INFLUENCE = 0.3
+GJK_NOISE = 3e-6
+"""What Coal itself scatters by when both shapes are expressed in another frame [m]."""
+
+
+class Bench:
+    """A robot's proximity next to brute force, through a history of strips and scenes."""
+
+    def __init__(self, robot: RobotModel, scene: Scene, chart: np.ndarray, **options: float) -> None:
+        self.robot, self.scene, self.chart = robot, scene, chart
+        self.kin = Kinematics(robot.tree, 4)
+        self.proximity = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE, **options)
+
+    def update(self) -> None:
+        self.kin.update(self.chart)
+        self.proximity.update(self.kin, self.scene)
+
+    def truth(self) -> np.ndarray:
+        """Distances (N, G, P) to all parts of the scene."""
+        return np.array([link_distances(self.robot, self.scene, configuration(self.robot, row)) for row in self.chart])
+
+    def check(self, *, tolerance: float = GJK_NOISE) -> int:
+        """Compare bounds, exact distances, contacts and clearance with brute force; returns the number of contacts."""
+        proximity, truth = self.proximity, self.truth()
+        rows = proximity.candidates.rows
+        inside = truth[:, :, rows]
+        blocks = np.array([part.geometry is None for part in proximity.candidates.parts], dtype=bool)
+        # Coal's tree stops at the first box of a block that penetrates: there the deepest one may lie deeper
+        deep = blocks[None, None, :] & (inside <= 0.0)
+        assert (proximity.bound <= inside + 1e-9)[~deep].all()
+        assert (proximity.bound[deep] <= 1e-9).all()
+        outside = np.delete(truth, rows, axis=2)
+        assert outside.min(initial=np.inf) >= INFLUENCE - 1e-9
+        contacts = proximity.contacts()
+        found = np.zeros(inside.shape, dtype=bool)
+        found[contacts.node, contacts.body, contacts.part] = True
+        assert found[inside < INFLUENCE - tolerance].all(), "a pair within the influence distance is missing"
+        assert not found[inside > INFLUENCE + tolerance].any()
+        assert len(contacts) == found.sum()
+        nearest = inside.min(initial=np.inf)
+        if nearest < INFLUENCE:
+            assert not proximity.nearer_than(nearest - tolerance)
+            assert proximity.nearer_than(nearest + 2.0 * proximity.tolerance + tolerance)
+        error = np.abs(contacts.distance - inside[found])
+        assert error[~deep[found]].max(initial=0.0) <= tolerance
+        assert (contacts.distance[deep[found]] <= tolerance).all()
+        np.testing.assert_allclose(np.linalg.norm(contacts.direction, axis=1), 1.0, atol=1e-6)
+        nearest = truth.min(axis=2, initial=np.inf)
+        clearance = proximity.clearance()
+        free = nearest > 0.0
+        assert (clearance <= np.minimum(nearest, INFLUENCE) + 1e-9)[free].all()
+        assert (clearance >= np.minimum(nearest, INFLUENCE) - 2.0 * (tolerance + GJK_EXCESS))[free].all()
+        return len(contacts)
+
+
+def start(robot: RobotModel, rng: np.random.Generator, *, nodes: int = 5, count: int = 18, **options: float) -> Bench:
+    bench = Bench(robot, make_scene(rng, count), random_chart(robot, rng, nodes), **options)
+    bench.update()
+    return bench
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_equals_brute_force_on_every_shape(robot, seed):
+    rng = np.random.default_rng(seed)
+    bench = start(robot, rng, nodes=6)
+    assert {o.shape for o in bench.scene} == set(SHAPES)
+    assert bench.check() > 25
+    contacts = bench.proximity.contacts()
+    assert (contacts.distance < 0).any()
+    assert (contacts.distance > 0).any()
+
+
+def test_every_shape_is_met_separated_and_penetrating(silvermate):
+    rng, met = np.random.default_rng(5), set()
+    for _ in range(6):
+        bench = start(silvermate, rng, nodes=8)
+        contacts = bench.proximity.contacts()
+        parts = bench.proximity.candidates.obstacle[contacts.part]
+        met |= {(bench.scene.obstacles[k].shape, d < 0) for k, d in zip(parts, contacts.distance, strict=True)}
+    assert met == {(shape, inside) for shape in SHAPES for inside in (True, False)}
+
+
+@pytest.mark.parametrize("name", ["silvermate", "rover"])
+def test_bounds_hold_through_any_history(name, request):
+    """Small node motions, obstacle motions, insertion and removal, long moves: the bound is never above the truth."""
+    robot, rng = request.getfixturevalue(name), np.random.default_rng(11)
+    bench = start(robot, rng, nodes=5, count=14, slack=0.25)
+    tolerance = bench.proximity.tolerance + 1e-6
+    rebuilt, windows = 0, bench.proximity.candidates
+    for turn in range(24):
+        kind = turn % 6
+        n = len(bench.chart)
+        step = rng.normal(size=bench.chart.shape) * 10.0 ** rng.uniform(-6, -2.5)
+        if kind in (0, 1):  # all nodes, a little
+            bench.chart = robot.space.integrate(bench.chart, step)
+        elif kind == 2:  # one node
+            bench.chart = bench.chart.copy()
+            bench.chart[rng.integers(n)] = robot.space.integrate(bench.chart, 30 * step)[0]
+        elif kind == 3:  # obstacles move, one from far away
+            for name_ in rng.choice(bench.scene.names, 2, replace=False):
+                at, quat = random_pose(rng, (-1.5, -1.5, 0.0), (1.5, 1.5, 1.5))
+                pose = pin.XYZQUATToSE3(np.r_[at, quat]).homogeneous
+                bench.scene = bench.scene.moved(str(name_), pose)
+        elif kind == 4:  # a node comes in, another goes
+            new = robot.space.interpolate(bench.chart[1], bench.chart[2], 0.5)
+            keep = [i for i in range(n) if i != 3]
+            rows = [bench.chart[i] for i in keep]
+            rows.insert(2, new)
+            source = [*keep[:2], -1, *keep[2:]]
+            bench.proximity.remap(np.array(source))
+            bench.chart = np.array(rows)
+        else:  # far away: the window is collected anew
+            side = 2.0 * (turn % 4)
+            bench.chart = random_chart(robot, rng, n, low=(-1.0 - side, -1.0), high=(1.0 - side, 1.0))
+        bench.update()
+        rebuilt += bench.proximity.candidates is not windows
+        windows = bench.proximity.candidates
+        bench.check(tolerance=tolerance)
+    assert 3 <= rebuilt < 24
+
+
+@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+def test_bounds_of_exact_pairs_survive_large_moves(name, request):
+    """With an influence distance of almost nothing no pair is asked again: the bounds live on their drift alone."""
+    robot, rng = request.getfixturevalue(name), np.random.default_rng(3)
+    for _ in range(6):
+        scene = make_scene(rng, 12, shapes=SHAPES[:6])
+        chart = random_chart(robot, rng, 6)
+        kin = Kinematics(robot.tree, 6)
+        proximity = ObstacleProximity(BodySet.links(robot), influence=1e-6, slack=5.0)
+        kin.update(chart)
+        proximity.update(kin, scene)
+        everything = [a.ravel() for a in np.indices(proximity.bound.shape)]
+        proximity.refine_at(kin, *everything, np.full(len(everything[0]), 1e3))
+        step = rng.normal(size=chart.shape) * rng.uniform(0.01, 0.3)
+        step[:, : robot.space.base_nv] *= rng.random((6, robot.space.base_nv)) < 0.3
+        chart = np.clip(robot.space.integrate(chart, step), robot.space.lower, robot.space.upper)
+        kin.update(chart)
+        asked = proximity.narrow.queries
+        proximity.update(kin, scene)
+        truth = np.array([link_distances(robot, scene, configuration(robot, row)) for row in chart])
+        assert (proximity.bound <= truth[:, :, proximity.candidates.rows] + GJK_NOISE).all()
+        assert proximity.narrow.queries - asked < 0.7 * len(everything[0])
+
+
+def test_scenes_come_and_go(silvermate, rng):
+    bench = start(silvermate, rng, nodes=3, count=9)
+    scene = bench.scene
+    for other in (scene.without(scene.names[0]), scene.with_obstacle(Sphere(0.2, at=(0, 0, 0.8))), Scene([]), scene):
+        bench.scene = other
+        bench.update()
+        bench.check()
+    bench.proximity.reset()
+    bench.update()
+    bench.check()
+
+
+def test_an_obstacle_that_comes_in_from_far_away_is_seen(silvermate):
+    scene = Scene([Box((0.2, 0.2, 0.2), at=(50, 0, 0.5), name="comet"), Box((0.2, 0.2, 0.2), at=(1, 0, 0.5))])
+    bench = Bench(silvermate, scene, silvermate.space.to_chart(silvermate.home())[None])
+    bench.update()
+    assert len(bench.proximity.candidates) == 1
+    pose = np.eye(4)
+    pose[:3, 3] = 0.45, 0.0, 0.5
+    bench.scene = scene.moved("comet", pose)
+    bench.update()
+    assert bench.check() > 0
+    names = {bench.proximity.obstacle_name(int(p)) for p in bench.proximity.contacts().part}
+    assert "comet" in names
+    bench.scene = bench.scene.moved("comet", scene.obstacle("comet").pose)
+    bench.update()
+    bench.check()
+
+
+def test_moving_back_and_forth_leaves_no_trace(silvermate, rng):
+    """Drift is charged for motion, not for time: a thousand updates without motion change nothing."""
+    bench = start(silvermate, rng)
+    bound, asked = bench.proximity.bound.copy(), bench.proximity.narrow.queries
+    for _ in range(20):
+        bench.update()
+    np.testing.assert_array_equal(bench.proximity.bound, bound)
+    assert bench.proximity.narrow.queries == asked
+
+
+def corridor(count: int) -> Scene:
+    """Obstacles along 8 m, on both sides of the way and above it."""
+    rng = np.random.default_rng(2)
+    return make_scene(rng, count, low=(-1.0, -2.5, 0.0), high=(9.0, 2.5, 1.5), shapes=SHAPES[:6])
+
+
+def test_hardly_any_pair_is_asked(silvermate):
+    """The proof that the culling works: queries against the number of node–link–part triples."""
+    home = silvermate.space.to_chart(silvermate.home())
+    chart = np.tile(home, (60, 1))
+    chart[:, 0] = np.linspace(0.0, 8.0, 60)
+    bench = Bench(silvermate, corridor(120), chart)
+    bench.update()
+    pairs = 60 * len(silvermate.geometries) * 120
+    first = bench.proximity.narrow.queries
+    contacts = len(bench.proximity.contacts())
+    assert contacts > 100
+    assert first < 0.03 * pairs, (first, pairs)
+    assert first < 8 * contacts, (first, contacts)
+    bench.chart = chart.copy()
+    bench.chart[30, 1] += 0.01  # one node moves: only its pairs are asked again
+    bench.update()
+    second = bench.proximity.narrow.queries - first
+    assert 0 < second < 4 * first / 60, (second, first)
+    bench.check(tolerance=1.1e-4)
+
+
+def test_a_moved_obstacle_is_asked_alone(silvermate):
+    chart = np.tile(silvermate.space.to_chart(silvermate.home()), (20, 1))
+    chart[:, 0] = np.linspace(0.0, 2.0, 20)
+    scene = corridor(60).with_obstacle(Sphere(0.1, at=(1.0, 0.6, 0.3), name="ball"))
+    bench = Bench(silvermate, scene, chart)
+    bench.update()
+    asked = bench.proximity.narrow.queries
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 0.55, 0.3
+    bench.scene = scene.moved("ball", pose)
+    bench.update()
+    assert 0 < bench.proximity.narrow.queries - asked <= 20 * len(silvermate.geometries)
+    bench.check(tolerance=1.1e-4)
+
+
+def test_blocks_of_boxes_give_the_nearest_box(silvermate, rng):
+    cells = np.unique(rng.integers(0, 25, (1500, 3)), axis=0) * 0.05
+    scene = Scene([Voxels(cells, 0.05, at=(0.45, -0.6, 0.1), quat=(0, 0, 0.6, 0.8))])
+    bench = Bench(silvermate, scene, random_chart(silvermate, rng, 6, low=(-0.6, -0.6), high=(0.3, 0.3)))
+    bench.update()
+    assert len(scene_pieces(scene)) > 300
+    assert bench.check() > 50
+
+
+def test_blocks_give_the_deepest_box():
+    import coal
+
+    from elastic_strips.robot.loading import load_robot
+
+    robot = load_robot("silvermate")
+    cells = np.array([[x, y, z] for x in range(8) for y in range(8) for z in range(3)]) * 0.05
+    cells = cells[(cells.sum(axis=1) * 100).astype(int) % 2 == 0]
+    scene = Scene([Voxels(cells, 0.05, at=(-0.2, -0.2, 0.1))])
+    bench = Bench(robot, scene, robot.space.to_chart(robot.home())[None])
+    bench.update()
+    truth, found = bench.truth()[0], bench.proximity.exact[0]
+    deep = truth[:, bench.proximity.candidates.rows] < -0.01
+    assert deep.any()
+    assert isinstance(scene.obstacles[0].parts[0].boxes[0][0], coal.Box)
+    np.testing.assert_allclose(found[deep], truth[:, bench.proximity.candidates.rows][deep], atol=1e-5)
+
+
+def test_control_points_are_measured_as_points(silvermate, rng):
+    scene = Scene([Sphere(0.3, at=(0.9, 0.1, 0.9)), Box((0.4, 0.4, 1.0), at=(-0.8, 0.0, 0.5))])
+    chart = random_chart(silvermate, rng, 8)
+    kin = Kinematics(silvermate.tree, 8)
+    kin.update(chart)
+    proximity = ObstacleProximity(BodySet.control_points(silvermate), influence=1.5, slack=1.0)
+    proximity.update(kin, scene)
+    contacts = proximity.contacts()
+    assert len(contacts) > 50
+    for n, g, p, d in zip(contacts.node, contacts.body, contacts.part, contacts.distance, strict=True):
+        point = silvermate.control_points(configuration(silvermate, chart[n]))[g]
+        if proximity.obstacle_name(int(p)).startswith("sphere"):
+            expected = np.linalg.norm(point - [0.9, 0.1, 0.9]) - 0.3
+        else:
+            gap = np.abs(point - [-0.8, 0.0, 0.5]) - [0.2, 0.2, 0.5]
+            expected = np.linalg.norm(np.maximum(gap, 0.0)) + min(gap.max(), 0.0)
+        assert d == pytest.approx(expected, abs=1e-9)
+
+
+def test_many_scenes_do_not_mix_up_their_blocks(silvermate):
+    """Parts are told apart by identity; what is forgotten must be forgotten everywhere."""
+    chart = silvermate.space.to_chart(silvermate.home())[None]
+    kin = Kinematics(silvermate.tree, 1)
+    kin.update(chart)
+    proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
+    rng = np.random.default_rng(3)
+    for turn in range(60):
+        if turn == 30:  # as after very many scenes
+            proximity.narrow._functors.update({(-1, k): None for k in range(200_001)})
+        size = rng.uniform(0.05, 0.3)
+        scene = Scene([Voxels(np.zeros((1, 3)), size, at=(0.65, 0.0, 0.5))])
+        proximity.update(kin, scene)
+        truth = link_distances(silvermate, scene, silvermate.home())
+        near = truth < INFLUENCE
+        np.testing.assert_allclose(proximity.exact[0][near], truth[near], atol=1e-6)
+
+
+def test_old_scenes_are_not_kept_for_ever(silvermate):
+    """A sensor makes new blocks every tick: the workspace must not grow without end."""
+    kin = Kinematics(silvermate.tree, 1)
+    kin.update(silvermate.space.to_chart(silvermate.home())[None])
+    proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
+    for turn in range(1500):
+        proximity.update(kin, Scene([Voxels(np.zeros((1, 3)), 0.1, at=(0.5 + 1e-5 * turn, 0.0, 0.5))]))
+    assert len(proximity.narrow._blocks) < 10

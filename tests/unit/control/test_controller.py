@@ -1,0 +1,238 @@
+"""The controller alone, with a driver that is no simulator: measurements and scenes in, commands out."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+
+from elastic_strips.control import Controller, DriveParams, Measurement, RunState
+from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
+from elastic_strips.planning import straight_line
+from elastic_strips.scene import Box, Scene
+from elastic_strips.sim.closed_loop import InlineExecutor
+from elastic_strips.strip import Strip
+from elastic_strips.trajectory import MotionLimits
+
+CRATE = Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate")
+DT = 0.01
+
+
+class Wheels:
+    """A machine that does what it is told at once, and counts what it did."""
+
+    def __init__(self, robot):
+        self.limits = MotionLimits.for_robot(robot)
+        self.chart = robot.space.to_chart(robot.home())
+
+    def drive(self, command, t):
+        left, right = command.drive * DT
+        way, turn = 0.5 * (left + right), (right - left) / self.limits.track
+        x, y, yaw = self.chart[:3]
+        self.chart = np.concatenate(
+            ([x + way * np.cos(yaw + 0.5 * turn), y + way * np.sin(yaw + 0.5 * turn), yaw + turn],
+             self.chart[3:] + command.joints * DT)
+        )  # fmt: skip
+        return Measurement(t, command.drive * DT, self.chart[3:])
+
+
+def drive(controller, wheels, steps, see, first=0):
+    """Steps ``first`` to ``first + steps``; ``see(t)`` is the scene. Returns the number of the last one."""
+    measurement = None
+    for k in range(first, first + steps):
+        command = controller.step(k * DT, measurement, see(k * DT))
+        measurement = wheels.drive(command, (k + 1) * DT)
+        if controller.ended:
+            break
+    return k
+
+
+def still(*obstacles):
+    return lambda t: Scene(obstacles, time=t)
+
+
+def test_it_drives_a_machine_of_ones_own_to_its_goals(silvermate):
+    goals = [silvermate.home(x=2.5), silvermate.home(x=2.5, yaw=1.0)]
+    with Controller(silvermate, silvermate.home(), goals, Scene([CRATE])) as controller:
+        wheels = Wheels(silvermate)
+        drive(controller, wheels, 3000, still(CRATE))
+        assert controller.state is RunState.REACHED, controller.reason
+        assert not controller.goals
+        np.testing.assert_allclose(wheels.chart[:3], (2.5, 0.0, 1.0), atol=0.02)
+        assert [e.kind for e in controller.events if e.kind in ("goal", "fault")] == ["goal"]
+
+
+def test_commands_keep_the_limits(silvermate):
+    controller, wheels = Controller(silvermate, silvermate.home(), silvermate.home(x=1.5)), Wheels(silvermate)
+    measurement, commands = None, []
+    for k in range(400):
+        commands.append(controller.step(k * DT, measurement, Scene([], time=k * DT)))
+        measurement = wheels.drive(commands[-1], (k + 1) * DT)
+    limits = controller.limits
+    assert max(np.abs(c.drive).max() for c in commands) > 0.1
+    for command in commands:
+        assert (np.abs(command.drive) <= limits.drive_speed * (1 + 1e-9)).all()
+        assert (np.abs(command.joints) <= limits.joint_speed * (1 + 1e-9)).all()
+
+
+def test_without_a_scene_it_does_not_set_out_and_with_an_old_one_it_stops(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0))
+    wheels = Wheels(silvermate)
+    k = drive(controller, wheels, 50, lambda t: None)
+    assert (wheels.chart[:3] == 0.0).all()
+    assert controller.reason == "no scene has come yet"
+    k = drive(controller, wheels, 100, still(CRATE), first=k + 1)
+    assert controller.state is RunState.MOVING
+    drive(controller, wheels, 300, lambda t: None, first=k + 1)
+    assert controller.state is RunState.STOPPED
+    assert "stale scene" in controller.reason
+
+
+def test_what_it_feels_and_what_it_does_not_measure_stop_it(silvermate):
+    for options, word in (({"contact": "the left bumper"}, "the left bumper"), ({}, "odometry lost")):
+        controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+        wheels = Wheels(silvermate)
+        k = drive(controller, wheels, 150, still())
+        assert controller.state is RunState.MOVING
+        travel = np.zeros(2) if options else None
+        for t in np.arange(k + 1, k + 300) * DT:
+            command = controller.step(t, Measurement(t, travel, wheels.chart[3:], **options), Scene([], time=t))
+        assert controller.state is RunState.STOPPED
+        assert np.abs(command.drive).max() < 0.05
+        assert any(word in e.reason for e in controller.events if e.kind == "fault")
+
+
+class Later:
+    """Plans when it is told to."""
+
+    def __init__(self):
+        self.jobs = []
+
+    def submit(self, fn, *arguments):
+        self.jobs.append((Future(), fn, arguments))
+        return self.jobs[-1][0]
+
+    def work(self):
+        for future, fn, arguments in self.jobs:
+            future.set_result(fn(*arguments))
+        self.jobs.clear()
+
+
+def test_it_does_not_wait_for_a_plan(silvermate):
+    """The way is closed, and another strip is planned somewhere else: meanwhile the robot stands, step by step."""
+    wall = Box((0.2, 3.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    through = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
+    later, wheels = Later(), Wheels(silvermate)
+    controller = Controller(
+        silvermate, start, goal, Scene([wall]), strip=through, executor=later, params=DriveParams(replan_after=0.1)
+    )
+    k = 0
+    while not later.jobs and k < 1000:
+        k = drive(controller, wheels, 5, still(wall), first=k) + 1
+    assert later.jobs
+    here = wheels.chart.copy()
+    k = drive(controller, wheels, 200, still(wall), first=k) + 1
+    np.testing.assert_allclose(wheels.chart, here, atol=1e-3)
+    assert len(later.jobs) == 1
+    later.work()
+    drive(controller, wheels, 3000, still(wall), first=k)
+    assert controller.state is RunState.REACHED, controller.reason
+    assert controller.replans == 1
+
+
+def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
+    controller, wheels = (
+        Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=InlineExecutor()),
+        Wheels(silvermate),
+    )
+    k = drive(controller, wheels, 2000, still(CRATE))
+    controller.retarget(silvermate.home(x=1.6, y=0.45))
+    drive(controller, wheels, 100, still(CRATE), first=k + 1)
+    assert controller.state is RunState.STOPPED
+    assert "crate" in controller.reason
+    assert any(e.kind == "fault" and "crate" in e.reason for e in controller.events)
+
+
+@pytest.mark.parametrize("error", [RuntimeError("the planner broke"), ConfigurationError("nobody can be there")])
+def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_one(silvermate, monkeypatch, error):
+    """The strip that it has leads to the goal before: nothing may call that reached."""
+    controller = Controller(
+        silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=InlineExecutor()
+    )
+    wheels = Wheels(silvermate)
+    k = drive(controller, wheels, 2000, still(CRATE))
+
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(controller.replanner, "plan", fails)
+    controller.retarget(silvermate.home(x=3.0))
+    drive(controller, wheels, 100, still(CRATE), first=k + 1)
+    assert controller.state is RunState.STOPPED
+    assert str(error) in controller.reason
+
+
+def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
+    wall = Box((0.2, 3.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    through = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
+    later, wheels, k = Later(), Wheels(silvermate), 0
+    controller = Controller(
+        silvermate, start, goal, Scene([wall]), strip=through, executor=later, params=DriveParams(replan_after=0.1)
+    )
+    while not later.jobs and k < 1000:
+        k = drive(controller, wheels, 5, still(wall), first=k) + 1
+    controller.retarget(silvermate.home())
+    later.work()  # the strip to the first goal, and the one to the second
+    drive(controller, wheels, 3000, still(wall), first=k)
+    assert controller.state is RunState.REACHED, controller.reason
+    np.testing.assert_allclose(wheels.chart[:2], 0.0, atol=0.05)
+
+
+def test_a_robot_that_moves_takes_no_other_goal(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    drive(controller, Wheels(silvermate), 100, still())
+    with pytest.raises(ConfigurationError, match="moves"):
+        controller.retarget(silvermate.home())
+
+
+def test_a_contact_between_two_planning_ticks_counts(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    wheels = Wheels(silvermate)
+    first = drive(controller, wheels, 150, still()) + 1
+    for k in range(first, first + 20):
+        contact = "the left bumper" if k == first + 2 else ""
+        measurement = Measurement(k * DT, np.zeros(2), wheels.chart[3:], contact=contact)
+        controller.step(k * DT, measurement, Scene([], time=k * DT))
+    assert any("bumper" in e.reason for e in controller.events if e.kind == "braked")
+
+
+def test_a_stop_can_be_taken_back(silvermate):
+    controller, wheels = (
+        Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([])),
+        Wheels(silvermate),
+    )
+    k = drive(controller, wheels, 100, still())
+    controller.stop("somebody asked")
+    k = drive(controller, wheels, 400, still(), first=k + 1)
+    assert controller.ended
+    assert (controller.state, controller.reason) == (RunState.STOPPED, "somebody asked")
+    controller.resume()
+    drive(controller, wheels, 2000, still(), first=k + 1)
+    assert controller.state is RunState.REACHED
+
+
+def test_wrong_steps_are_refused(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([]))
+    controller.step(0.0, None, None)
+    for t in (0.0, -1.0):
+        with pytest.raises(ParameterError, match="later than the last step"):
+            controller.step(t, None, None)
+    with pytest.raises(ParameterError, match="finite"):
+        controller.step(np.nan, None, None)
+    with pytest.raises(SceneError, match="list"):
+        controller.step(1.0, None, [CRATE])
+    with pytest.raises(ConfigurationError, match="crate"):
+        Controller(silvermate, silvermate.home(), silvermate.home(x=1.6, y=0.45), Scene([CRATE]))

@@ -1,0 +1,184 @@
+"""Evasion: manoeuvres that motors can do, a robot that gets out of the way, one that keeps still where none comes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drivable import limits_of, most_used
+
+from elastic_strips.collision import Forecast
+from elastic_strips.control import Controller, DriveParams, predict
+from elastic_strips.control.evasion import EvasivePlanner, lattice, motion_to, roll_to_rest
+from elastic_strips.control.lookahead import ObstacleLookahead
+from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
+from elastic_strips.control.progress import reconnect
+from elastic_strips.control.strip_timer import PlanOutcome
+from elastic_strips.planning import straight_line
+from elastic_strips.robot import PlanarFootprint, RobotModel
+from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
+from elastic_strips.sim import Simulation, evaluate, simulation
+from elastic_strips.strip import Strip
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.trajectory import ReferenceState
+
+PART = 0.9
+GATE = [Box((0.2, 3.0, 1.0), at=(3.0, y, 0.5), name=f"gate-{y}") for y in (-1.5, 1.5)]
+
+
+def limits_for(robot: RobotModel) -> MotionLimits:
+    if robot.name.startswith("jackal"):
+        return MotionLimits.for_robot(robot, wheel_speed=2.0, wheel_acceleration=2.0)
+    return limits_of(robot)
+
+
+def some_state(robot: RobotModel, limits: MotionLimits, seed: int) -> ReferenceState:
+    """A state within the limits; joints in the middle of their range move slowly."""
+    rng = np.random.default_rng(seed)
+    y = rng.uniform(-0.7, 0.7, len(limits.speed)) * limits.speed
+    y[limits.drive_dim :] *= 0.1
+    chart = robot.space.to_chart(robot.home_q)
+    chart[:3] = rng.normal(size=3)
+    return ReferenceState(1.25, chart, limits.to_tangent(y), np.zeros(robot.nv))
+
+
+@pytest.mark.parametrize("name", ["jackal_box", "silvermate", "tiago"])
+def test_motions_keep_the_limits_roll_and_end_at_rest(name, request):
+    robot = request.getfixturevalue(name)
+    limits = limits_for(robot)
+    made = 0
+    for seed in range(4):
+        start = some_state(robot, limits, seed)
+        for target in lattice(limits).different[::3]:
+            motion = motion_to(robot, limits, start, target, part=PART, duration=0.3, dt=0.02)
+            if motion is None:
+                continue
+            made += 1
+            speed, acceleration = most_used(motion, limits)
+            assert speed <= 1.0 + 1e-9
+            assert acceleration <= 1.0 + 1e-6
+            assert np.abs(motion.steps[:, 1]).max() < 1e-12  # no sideways travel: exact arcs
+            assert np.abs(motion.v[:, 1]).max() == 0.0
+            assert motion.at_rest_at_end
+            np.testing.assert_array_equal(motion.chart[0], start.chart)
+            np.testing.assert_allclose(motion.v[0], start.v, atol=1e-12)
+            assert motion.start_time == start.time
+    assert made > 20
+
+
+def test_rollouts_are_where_the_motions_are(jackal_box):
+    limits = limits_for(jackal_box)
+    start = some_state(jackal_box, limits, 1)
+    kinds = lattice(limits).different
+    rollouts, rest = roll_to_rest(limits, start, kinds, np.full(len(kinds), 0.3), part=PART, dt=0.1)
+    for target, pose, end in zip(kinds, rollouts.pose, rest, strict=True):
+        motion = motion_to(jackal_box, limits, start, target, part=PART, duration=0.3, dt=0.02)
+        assert motion is not None
+        assert motion.duration == pytest.approx(end, abs=0.03)
+        np.testing.assert_allclose(pose[-1], motion.chart[-1], atol=0.05)
+
+
+def test_separations_from_above(jackal_box):
+    """Against what is plain to see: a disc ahead that comes, and a wall at the side."""
+    footprint = PlanarFootprint(jackal_box)
+    footprint.update(jackal_box.space.to_chart(jackal_box.home()))
+    half = footprint.half[int(footprint.half[:, 0].argmax())]
+    disc = Cylinder(0.5, 1.0, at=(3.0, 0.0, 0.5), name="disc", motion=Twist((-1.0, 0.0, 0.0)))
+    wall = Box((8.0, 0.2, 1.0), at=(0.0, 1.5, 0.5), name="wall")
+    scene = Scene([disc, wall])
+    assumptions = ObstacleAssumptions(position_error=0.0, velocity_error=0.0, acceleration=0.5)
+    lookahead = ObstacleLookahead(footprint, scene, predict(scene, assumptions), np.zeros(2), reach=3.0, horizon=3.0)
+    assert lookahead.movers == 1
+    pose, time = np.zeros((1, 2, 3)), np.array([0.0, 1.0])
+    possible = lookahead.possible(pose, time)[0]
+    assert possible[0] == pytest.approx(3.0 - 0.5 - half[0], abs=0.03)
+    assert possible[1] == pytest.approx(possible[0] - 1.0 - 0.25, abs=1e-9)
+    near = lookahead.near(pose, time, 0.5)[0]
+    assert near[1] == pytest.approx(near[0] - 1.0, abs=1e-9)
+    assert near[0] <= possible[0] - 0.5 + 1e-9
+    assert 1.4 - half[1] - 0.1 < lookahead.from_standing(pose)[0, 0] <= 1.4 - half[1] + 1e-9
+
+
+def test_nothing_that_moves_nothing_to_evade(jackal_box):
+    limits = limits_for(jackal_box)
+    evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
+    start = ReferenceState(0.0, jackal_box.space.to_chart(jackal_box.home()), np.zeros(3), np.zeros(3))
+    scene = Scene(GATE)
+    assert not evasion.look(scene, predict(scene, ObstacleAssumptions()), start, np.zeros((2, 3)))
+    far = Scene([Cylinder(0.3, 1.0, at=(40.0, 0.0, 0.5), name="far", motion=Twist((1.0, 0.0, 0.0)))])
+    assert not evasion.look(far, predict(far, ObstacleAssumptions()), start, np.zeros((2, 3)))
+
+
+def drive(robot, obstacles, *, evasion: EvasionParams | None, seconds: float, **options):
+    """Drive to (6, 0); the runner, its proposals, and the evaluation."""
+    proposals = []
+
+    def watch(runner: Simulation[Controller]) -> None:
+        if runner.controller.result is not None:
+            proposals.append(runner.controller.result)
+
+    runner = simulation(
+        robot, World(Scene(obstacles)), robot.home(), robot.home(x=6.0), seed=3, limits=limits_for(robot),
+        params=replace(DriveParams(), evasion=evasion), watch=watch, **options,
+    )  # fmt: skip
+    result = runner.run(time_limit=seconds)
+    return runner, proposals, evaluate(result.record, robot, runner.world, runner.limits)
+
+
+def test_a_still_scene_is_driven_as_without(jackal_box):
+    post = Cylinder(0.3, 1.0, at=(3.0, 0.2, 0.5), name="post")
+    runs = [drive(jackal_box, [post], evasion=e, seconds=20.0) for e in (EvasionParams(), None)]
+    assert not any(p.outcome is PlanOutcome.EVADE for p in runs[0][1])
+    charts = [run[0].recorder.finish().control.chart for run in runs]
+    np.testing.assert_array_equal(*charts)
+
+
+def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
+    """It waits before a closed gate, and a cylinder comes along the gate."""
+    gate = Box((0.2, 30.0, 1.0), at=(3.0, 0.0, 0.5), name="gate")
+    comer = Cylinder(0.4, 1.0, at=(2.2, -9.0, 0.5), name="comer", motion=Twist((0.0, 1.0, 0.0)))
+    start = jackal_box.home(x=1.0)
+    strip = Strip.from_chart(jackal_box, straight_line(jackal_box, start, jackal_box.home(x=6.0), spacing=0.13))
+    hit = {}
+    for evasion in (EvasionParams(), None):
+        proposals = []
+        runner = simulation(
+            jackal_box, World(Scene([gate, comer])), start, jackal_box.home(x=6.0), seed=3, strip=strip,
+            limits=limits_for(jackal_box), params=replace(DriveParams(), evasion=evasion, replan_time=50.0),
+            watch=lambda r, seen=proposals: seen.append(r.controller.result),
+        )  # fmt: skip
+        result = runner.run(time_limit=13.0)
+        evaluation = evaluate(result.record, jackal_box, runner.world, runner.limits)
+        hit[evasion is not None] = len(evaluation.contacts)
+        accepted = [p for p in proposals if p is not None and p.accepted]
+        assert all(p.certificate is not None and p.certificate.certified for p in accepted)
+        assert all(p.motion is not None and p.motion.at_rest_at_end for p in accepted)
+        assert any(p.outcome is PlanOutcome.EVADE for p in accepted) == (evasion is not None)
+    assert hit[True] == 0 < hit[False]
+
+
+def test_goes_back_to_the_strip(jackal_box):
+    space = jackal_box.space
+    goal = jackal_box.home(x=6.0)
+    chart = straight_line(jackal_box, jackal_box.home(), goal, spacing=0.2)
+    for here in ([1.0, 0.8, 0.3], [1.0, -1.2, 3.0], [-0.5, 0.2, -1.5], [5.9, 0.1, 0.0], [6.0, 0.0, 0.0]):
+        rows, source = reconnect(space, chart, np.array(here), np.array([1.0, 1.0, 0.1]))
+        assert len(rows) == len(source) >= 2
+        np.testing.assert_array_equal(rows[0], here)
+        np.testing.assert_array_equal(rows[-1], chart[-1])
+        np.testing.assert_array_equal(rows[source >= 0], chart[source[source >= 0]])
+        step = np.hypot(*np.diff(rows[:, :2], axis=0).T)
+        assert step.max() < 0.35
+        assert np.abs(np.diff(rows[:, 2])).max() < 1.6
+
+
+def test_an_empty_forecast_is_no_lookahead(jackal_box):
+    none = Forecast(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0))
+    footprint = PlanarFootprint(jackal_box)
+    footprint.update(jackal_box.space.to_chart(jackal_box.home()))
+    lookahead = ObstacleLookahead(footprint, Scene(GATE), none, np.zeros(2), reach=5.0, horizon=3.0)
+    assert lookahead.movers == 0
+    assert (
+        lookahead.possible(np.zeros((3, 2, 3)), np.zeros(2)) == lookahead.near(np.zeros((3, 2, 3)), np.zeros(2), 1.0)
+    ).all()

@@ -1,0 +1,161 @@
+"""Planning ticks: a certified motion is followed for two of them, unless something is not as it was expected."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_strips.collision import BrokenSegment, Certificate
+from elastic_strips.control import DriveParams, LocalPlanner
+from elastic_strips.control.strip_timer import PlanOutcome
+from elastic_strips.planning import straight_line
+from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
+from elastic_strips.strip import Strip
+from elastic_strips.trajectory import MotionLimits, stationary
+
+PILLAR = Cylinder(0.2, 1.4, at=(2.6, -0.9, 0.7), name="pillar")
+WALKER = Cylinder(0.25, 1.7, at=(2.0, -4.5, 0.85), name="walker", motion=Twist((0.0, 0.5, 0.0)))
+PARAMS = DriveParams()
+PERIOD = PARAMS.plan_every * PARAMS.control_dt
+
+
+class Ride:
+    """Ticks one after the other; what is proposed is held, as by a supervisor that takes it all."""
+
+    def __init__(self, robot, scene: Scene, params: DriveParams = PARAMS) -> None:
+        limits = MotionLimits.for_robot(robot)
+        strip = Strip.from_chart(robot, straight_line(robot, robot.home(), robot.home(x=4.0), spacing=0.2))
+        self.planner = LocalPlanner(robot, limits, params, strip)
+        self.active = stationary(robot, limits, strip.chart[0], 0.0, 0.01)
+        self.time, self.scene = 0.0, scene
+        self.deformed: list[bool] = []
+        step = self.planner.deformer.step
+
+        def counted(*args, **kwargs):
+            self._steps += 1
+            return step(*args, **kwargs)
+
+        self.planner.deformer.step = counted
+        self._steps = 0
+
+    def tick(self, scene: Scene | None = None):
+        scene = self.scene.at(self.time) if scene is None else scene
+        self._steps = 0
+        result = self.planner.tick(self.time, scene, self.active, self.time + 0.02)
+        self.deformed.append(self._steps > 0)
+        if result.accepted:
+            self.active = result.motion
+        self.time += PERIOD
+        return result
+
+
+@pytest.mark.parametrize("obstacles", [[PILLAR], [PILLAR, WALKER]], ids=["still", "moving"])
+def test_a_certified_motion_is_followed_for_two_ticks(silvermate, obstacles):
+    ride = Ride(silvermate, Scene(obstacles))
+    proposals = [ride.tick() for _ in range(12)]
+    assert ride.deformed == [True, False] * 6
+    for new, kept in zip(proposals[::2], proposals[1::2], strict=True):
+        assert new.accepted
+        assert kept.outcome is PlanOutcome.UNCHANGED
+        assert kept.motion is new.motion
+        # what is kept is indeed certified against the newer scene, and does not have to brake before the next
+        assert ride.planner.certify(kept.motion.tail(ride.time), ride.scene.at(ride.time)).certified
+    speeds = [p.motion.at(p.motion.start_time + 3 * PERIOD).v[0] for p in proposals[::2]]
+    assert np.all(np.diff(speeds) >= -1e-6)  # it gathers speed and keeps it
+
+
+def moved(scene: Scene, name: str, by: tuple[float, float, float]) -> Scene:
+    pose = scene.obstacle(name).pose.copy()
+    pose[:3, 3] += by
+    return scene.moved(name, pose)
+
+
+def faster(obstacle: Obstacle) -> Obstacle:
+    return obstacle.observed(obstacle.pose, Twist((0.0, 0.9, 0.0)))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda s: moved(s, "pillar", (0.0, 0.1, 0.0)), id="what stood has moved"),
+        pytest.param(lambda s: moved(s, "walker", (0.0, 0.2, 0.0)), id="what moves is elsewhere"),
+        pytest.param(lambda s: s.with_observations([faster(s.obstacle("walker"))]), id="what moves is faster"),
+        pytest.param(
+            lambda s: Scene([*s, Box((0.2, 0.2, 1.0), at=(3.0, 1.5, 0.5), name="new")], time=s.time), id="new"
+        ),
+        pytest.param(lambda s: Scene([s.obstacle("pillar")], time=s.time), id="gone"),
+    ],
+)
+def test_what_is_not_as_expected_is_planned_for_at_once(silvermate, change):
+    ride = Ride(silvermate, Scene([PILLAR, WALKER]))
+    for _ in range(3):
+        ride.tick()
+    ride.tick(change(ride.scene.at(ride.time)))
+    assert ride.deformed == [True, False, True, True]
+
+
+def test_a_waiting_robot_tries_every_other_tick(silvermate):
+    """Something near by may come at any time as fast as a person: no motion can be certified."""
+    near = Cylinder(0.2, 1.7, at=(0.7, 0.1, 0.85), name="near", motion=UnknownMotion(1.5))
+    ride = Ride(silvermate, Scene([near]))
+    waiting = [ride.tick() for _ in range(13)][1:]
+    assert not any(p.accepted for p in waiting)
+    assert all(p.reason for p in waiting)
+    assert [bool(p.timings) for p in waiting] == [False, True] * 6
+    assert sum(ride.deformed[1:]) == 3
+    gone = ride.tick(Scene([], time=ride.time))
+    assert gone.accepted
+
+
+def test_every_tick_is_planned_anew_where_asked_for(silvermate):
+    params = DriveParams(motion_every=1)
+    ride = Ride(silvermate, Scene([PILLAR, WALKER]), params)
+    assert all(ride.tick().accepted for _ in range(6))
+    assert ride.deformed == [True] * 6
+
+
+def test_after_a_reset_nothing_is_taken_for_known(silvermate):
+    ride = Ride(silvermate, Scene([PILLAR]))
+    ride.tick()
+    ride.planner.reset()
+    assert ride.tick().accepted
+    assert ride.deformed == [True, True]  # else the second would go on with what the first had certified
+
+
+def test_it_brakes_at_once_where_the_held_motion_is_refuted(silvermate):
+    """Somebody nobody knew of steps into the way: to drive the held motion to its end would take longer."""
+    ride = Ride(silvermate, Scene([PILLAR]))
+    for _ in range(16):
+        ride.tick()
+    active = ride.active
+    at = ride.time + 0.02
+    robot = active.at(at).chart[0]
+    comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
+    now = Scene([PILLAR, comer.observed(comer.pose, comer.motion)], time=ride.time)
+    result = ride.tick(now)
+    assert not result.accepted
+    assert result.outcome is PlanOutcome.BRAKE
+    assert "the held motion is no longer certified" in result.reason
+    assert result.motion.start_time == pytest.approx(at)
+    assert result.motion.end_time < active.end_time - 0.05
+    np.testing.assert_allclose(result.motion.chart[0], active.at(at).chart, atol=1e-9)
+    ride.active = result.motion
+    again = ride.tick(now)  # it brakes as hard as it can already
+    assert again.outcome is not PlanOutcome.BRAKE or again.motion.end_time > ride.active.end_time - 0.03
+
+
+def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silvermate, monkeypatch):
+    """A newer certificate may ask for more than the held motion's did: without a surprise that one is still a proof."""
+    ride = Ride(silvermate, Scene([PILLAR, WALKER]))
+    for _ in range(8):
+        ride.tick()
+    broken = BrokenSegment(0, "palm", "walker", -0.01, "obstacle", True)
+    refused = Certificate(0.025, np.zeros(1, dtype=bool), np.zeros(1, dtype=np.int8), broken, 0)
+    monkeypatch.setattr(ride.planner.timer.certifier, "certify", lambda *_: refused)
+    ride.tick()  # goes on without a look
+    result = ride.tick()
+    assert not result.accepted
+    assert result.outcome is not PlanOutcome.BRAKE
+    assert "not certified" in result.reason
+    refuted = ride.tick(moved(ride.scene.at(ride.time), "walker", (0.0, 0.3, 0.0)))
+    assert refuted.outcome is PlanOutcome.BRAKE

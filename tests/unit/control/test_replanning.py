@@ -1,0 +1,104 @@
+"""Replanning: what stands and breaks the strip is planned around, what moves is waited for."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from brute_force import link_distances
+
+from elastic_strips.collision import BrokenSegment
+from elastic_strips.control import DriveParams
+from elastic_strips.control.replanning import Replanner, standing
+from elastic_strips.scene import Box, Cylinder, Scene, Twist
+
+SCENE = Scene(
+    [
+        Box((0.3, 0.3, 1.0), at=(2.0, 0.0, 0.5), name="crate"),
+        Cylinder(0.2, 1.6, at=(3.0, 0.0, 0.8), name="walker", motion=Twist((0.5, 0.0, 0.0))),
+        Cylinder(0.2, 1.6, at=(4.0, 2.0, 0.8), name="idler", motion=Twist((0.01, 0.0, 0.0))),
+    ]
+)
+
+
+def proposal(broken_by: str | None, *, accepted: bool):
+    broken = None if broken_by is None else BrokenSegment(3, "base", broken_by, -0.1, "obstacle", True)
+    return SimpleNamespace(
+        accepted=accepted, reason="no motion", report=SimpleNamespace(certificate=SimpleNamespace(broken=broken))
+    )
+
+
+@pytest.fixture
+def replanner(silvermate):
+    return Replanner(silvermate, DriveParams(replan_after=0.5, replan_time=0.3), seed=0, grid=True)
+
+
+def test_what_stands_stops_the_robot_and_is_planned_around(replanner, silvermate):
+    seen = [replanner.watch(t, proposal("crate", accepted=True), SCENE, at_rest=False) for t in (0.0, 0.3, 0.6)]
+    assert seen == ["", "", ""]
+    assert replanner.halted
+    reason = replanner.watch(0.7, proposal("crate", accepted=True), SCENE, at_rest=True)
+    assert "crate" in reason
+    assert replanner.pending
+    assert replanner.due == pytest.approx(1.0)
+    strip, text = replanner.plan_anew(SCENE, silvermate.home(), silvermate.home(x=5.0))
+    assert strip is not None, text
+    assert not replanner.halted
+
+
+def test_what_moves_is_waited_for(replanner):
+    for k in range(40):
+        assert replanner.watch(0.1 * k, proposal("walker", accepted=True), SCENE, at_rest=False) == ""
+    assert not replanner.halted
+
+
+def test_a_strip_that_leads_nowhere_is_given_up_at_rest(replanner):
+    assert replanner.watch(0.0, proposal(None, accepted=False), SCENE, at_rest=True) == ""
+    assert replanner.watch(0.6, proposal(None, accepted=False), SCENE, at_rest=True) == "no motion"
+
+
+def test_a_strip_that_recovers_is_kept(replanner):
+    replanner.watch(0.0, proposal("crate", accepted=True), SCENE, at_rest=False)
+    replanner.watch(0.6, proposal("crate", accepted=True), SCENE, at_rest=False)
+    assert replanner.halted
+    replanner.watch(0.7, proposal(None, accepted=True), SCENE, at_rest=False)
+    assert not replanner.halted
+    assert replanner.watch(0.8, proposal("crate", accepted=True), SCENE, at_rest=True) == ""
+
+
+def test_a_goal_in_collision_is_no_crash(replanner, silvermate):
+    strip, text = replanner.plan_anew(SCENE, silvermate.home(), silvermate.home(x=2.0))
+    assert strip is None
+    assert "crate" in text
+
+
+def test_only_what_stands_is_planned_with():
+    still = standing(SCENE)
+    assert still.names == ("crate", "idler")
+    assert all(o.motion is None for o in still)
+
+
+def test_who_stands_in_the_way_is_given_a_wider_berth_each_time(replanner, silvermate):
+    scene = SCENE.without("crate").without("walker").moved("idler", pose_at(2.5, 0.05, 0.8))
+    apart = []
+    for _ in range(3):
+        strip, text = replanner.plan_anew(scene, silvermate.home(), silvermate.home(x=5.0))
+        assert strip is not None, text
+        apart.append(min(link_distances(silvermate, scene, q).min() for q in strip.q))
+    assert apart[1] > apart[0] + 0.1
+    assert apart[2] > apart[1] + 0.1
+
+
+def test_where_there_is_no_room_for_a_berth_the_way_is_as_narrow_as_before(replanner, silvermate):
+    walls = [Box((60.0, 0.2, 1.0), at=(2.5, side * 0.65, 0.5), name=f"wall{side:+d}") for side in (-1, 1)]
+    idler = SCENE.obstacle("idler").moved(pose_at(2.5, 0.5, 0.8))
+    replanner.count = 3
+    strip, text = replanner.plan_anew(Scene([*walls, idler]), silvermate.home(), silvermate.home(x=5.0))
+    assert strip is not None, text
+
+
+def pose_at(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose

@@ -1,0 +1,89 @@
+"""Driving scenarios: by which method, by which sensors, and what was touched without having been seen."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.io import PoseSpec
+from elastic_strips.scene import Box, Obstacle, Scene
+from elastic_strips.sim import SensorPerception, Simulation
+from elastic_strips.sim.baselines import BaseController
+from elastic_strips.sim.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
+from elastic_strips.sim.scenarios.scenario import Scenario
+from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS
+from elastic_strips.sim.sensors import SensorConfig
+
+LASER = SensorConfig().only("laser")
+PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")
+BEAM = Box((0.1, 1.0, 0.3), at=(1.5, 0.0, 1.15), name="beam")
+"""Hangs across the way, above the laser's plane and as high as the robot's body."""
+
+
+def scenario(*obstacles: Obstacle) -> Scenario:
+    return Scenario(
+        name="short", summary="", scene=Scene(obstacles), start=PoseSpec(0.0, 0.0, 0.0), goal=PoseSpec(3.0, 0.0, 0.0)
+    )
+
+
+def test_the_laser_is_all_that_the_planner_knows(silvermate):
+    driven = make_simulation(scenario(PILLAR), robot=silvermate, sensors=LASER)
+    assert isinstance(driven.perception, SensorPerception)
+    assert driven.params.assumptions == LASER_ASSUMPTIONS
+    outcome = drive_scenario(scenario(PILLAR), robot=silvermate, sensors=LASER, time_limit=20.0)
+    assert outcome.reached, outcome.result.reason
+    assert not outcome.evaluation.contacts
+    assert (outcome.sensors, outcome.unseen) == (("laser",), ())
+    assert outcome.separation is not None
+    assert outcome.separation > 0.0
+
+
+def test_what_hangs_above_the_laser_is_told_apart(silvermate):
+    outcome = drive_scenario(scenario(BEAM), robot=silvermate, sensors=LASER, time_limit=20.0)
+    assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["beam"]
+    assert outcome.unseen == ("beam",)
+    assert outcome.seen_collisions == 0
+    document = drive_document(outcome)
+    assert document["unseen_contacts"] == ["beam"]
+    assert document["sensors"] == ["laser"]
+    json.dumps(document, allow_nan=False)
+
+
+def test_what_was_seen_is_no_excuse(silvermate):
+    """A method that runs into what its laser shows: the contact is one with something seen."""
+
+    class Blind(BaseController):
+        def _steer(self, t):
+            super()._steer(t)
+            self.command = type(self.command)(0.4, 0.0, "moving")
+
+    problem = scenario(Box((0.4, 2.0, 1.5), at=(1.5, 0.0, 0.75), name="wall"))
+    made = make_base_simulation(problem, "vfh", robot=silvermate, sensors=LASER)
+    driven = Simulation(Blind(silvermate, *problem.ends(silvermate), "vfh"), made.world, made.plant, made.perception)
+    outcome = conclude(problem, driven, driven.run(time_limit=20.0), plant="kinematic", seed=0)
+    assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["wall"]
+    assert outcome.unseen == ()
+    assert outcome.seen_collisions == 1
+
+
+def test_base_methods_are_driven_by_name(silvermate):
+    outcome = drive_scenario(scenario(PILLAR), method="vfh", robot=silvermate, time_limit=30.0)
+    assert outcome.reached, outcome.result.reason
+    assert (outcome.method, outcome.sensors) == ("vfh", ("laser", "sonar", "infrared"))
+    assert outcome.separation is None
+    document = drive_document(outcome)
+    assert document["method"] == "vfh"
+    assert document["protective_separation_m"] is None
+    assert np.hypot(*(outcome.result.record.control.chart[-1, :2] - (3.0, 0.0))) < 0.15
+
+
+def test_wrong_names_are_refused(silvermate):
+    with pytest.raises(ParameterError, match="'strip'"):
+        drive_scenario(scenario(), method="strop", robot=silvermate)
+    with pytest.raises(ParameterError, match="did you mean 'laser'"):
+        SensorConfig().only("lazer")
+    with pytest.raises(ParameterError, match="steam"):
+        make_base_simulation(scenario(), "vfh", robot=silvermate, plant="steam")

@@ -1,0 +1,98 @@
+"""An axis held along a direction: its force is the gradient of its potential, and it has the right zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import random_chart
+
+from elastic_strips.errors import ParameterError, RobotError
+from elastic_strips.robot import Kinematics
+from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip.constraint import ConstraintForce
+from elastic_strips.strip.solver import System
+
+LEVEL = OrientationConstraint(frame="hand_frame", axis=(0.3, -0.2, 2.0), direction=(0.0, 0.5, 1.0), gain=1.7)
+
+
+def potential(force: ConstraintForce, kin: Kinematics, chart: np.ndarray) -> float:
+    kin.update(chart)
+    system = System(*chart.shape)
+    force.push(system, kin)
+    return system.energies["constraint"]
+
+
+def test_the_force_is_the_gradient(silvermate, rng):
+    force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 4)
+    chart = random_chart(silvermate, rng, 4)
+    kin.update(chart)
+    system = System(*chart.shape)
+    force.push(system, kin)
+    h = 1e-6
+    for node in range(4):
+        for k in range(silvermate.nv):
+            delta = np.zeros_like(chart)
+            delta[node, k] = h
+            up = potential(force, kin, silvermate.space.integrate(chart, delta))
+            down = potential(force, kin, silvermate.space.integrate(chart, -delta))
+            assert system.force[node, k] == pytest.approx(-(up - down) / (2 * h), abs=1e-6)
+    assert np.linalg.eigvalsh(system.diagonal).min() > -1e-9
+
+
+def test_the_error_is_the_angle_that_pinocchio_sees(silvermate, rng):
+    force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 5)
+    chart = random_chart(silvermate, rng, 5)
+    kin.update(chart)
+    model, data = silvermate.model, silvermate.model.createData()
+    axis, direction = np.array(LEVEL.axis), np.array(LEVEL.direction)
+    for q, error in zip(silvermate.space.from_chart(chart), force.errors(kin), strict=True):
+        pin.forwardKinematics(model, data, q)
+        a = pin.updateFramePlacement(model, data, model.getFrameId("hand_frame")).rotation @ axis
+        cos = a @ direction / np.linalg.norm(a) / np.linalg.norm(direction)
+        assert error == pytest.approx(np.arccos(cos), abs=1e-7)
+
+
+def test_a_frame_is_kept_as_it_is(silvermate):
+    q = silvermate.home(yaw=0.7)
+    force = ConstraintForce(silvermate, OrientationConstraint.at(silvermate, q, "hand_frame", tolerance=0.2))
+    assert force.constraint.tolerance == 0.2
+    kin = Kinematics(silvermate.tree, 2)
+    turned = silvermate.home(x=1.0, yaw=-2.0)  # turning about the direction is free
+    kin.update(silvermate.space.to_chart(np.stack((q, turned))))
+    np.testing.assert_allclose(force.errors(kin), 0.0, atol=1e-8)
+    assert potential(force, kin, kin.chart[:2].copy()) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_is_switched_off_does_not_push(silvermate, rng):
+    force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 3)
+    force.active = False
+    chart = random_chart(silvermate, rng, 3)
+    kin.update(chart)
+    system = System(*chart.shape)
+    force.push(system, kin)
+    assert not system.force.any()
+    assert not system.diagonal.any()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"axis": (0.0, 0.0, 0.0)},
+        {"direction": (0.0, np.nan, 1.0)},
+        {"tolerance": 0.0},
+        {"tolerance": 4.0},
+        {"gain": 0.0},
+    ],
+    ids=str,
+)
+def test_wrong_tasks_are_refused(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        OrientationConstraint(frame="hand_frame", **values)
+
+
+def test_unknown_frames_are_named(silvermate):
+    with pytest.raises(RobotError, match="hand_fram"):
+        ConstraintForce(silvermate, OrientationConstraint(frame="hand_fram"))
+    with pytest.raises(RobotError, match="hand_fram"):
+        OrientationConstraint.at(silvermate, silvermate.home(), "hand_fram")

@@ -1,0 +1,128 @@
+"""Files: regular ones up to their bound are read, whatever else stands at a path is one typed error, at once; and
+files are written whole or not at all, whatever comes between."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from elastic_strips import files
+from elastic_strips.errors import InputError, SceneError
+from elastic_strips.files import atomic_write, check_input, read_input, read_input_text
+
+
+def read(path: Path | str, limit: int = 100) -> bytes:
+    return read_input(path, "map", limit, SceneError)
+
+
+def test_a_file_and_a_link_to_one_are_read(tmp_path):
+    (tmp_path / "a").write_bytes(b"\xef\xbb\xbfone")
+    (tmp_path / "b").symlink_to("a")
+    assert read(tmp_path / "b") == b"\xef\xbb\xbfone"
+    assert read_input_text(tmp_path / "b", "map", 6, SceneError) == "one"
+    assert check_input(tmp_path / "b", "map", 6, SceneError) == 6
+
+
+def test_what_is_no_regular_file_is_named(tmp_path, monkeypatch):
+    """None of them is opened for reading, which might never end."""
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    (tmp_path / "circle").symlink_to("circle")
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("socket")
+        for name, said in (
+            ("fifo", "fifo: is a FIFO, not a map"),
+            ("folder", "folder: is a folder, not a map"),
+            ("endless", "endless: is a device, not a map"),
+            ("socket", "socket: is a socket, not a map"),
+            ("circle", "circle: cannot read the map: Too many levels of symbolic links"),
+            ("gone", "gone: cannot read the map: No such file"),
+            ("a\0b", "cannot read the map: .*embedded null"),
+            ("a\nb", r"a\\nb: cannot read the map: No such file"),
+            (7, "7: cannot read the map: "),
+        ):
+            with pytest.raises(SceneError, match=said):
+                read(name)
+
+
+def test_a_fifo_that_takes_the_files_place_does_not_hang(tmp_path, monkeypatch):
+    """The file is looked at again once it is open."""
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "file").write_text("x")
+    regular = os.stat(tmp_path / "file")
+    monkeypatch.setattr(files.os, "stat", lambda path: regular)
+    with pytest.raises(SceneError, match="is a FIFO"):
+        read(tmp_path / "fifo")
+
+
+def test_the_size_is_bounded_also_where_it_is_not_stated(tmp_path):
+    (tmp_path / "a").write_bytes(b"x" * 101)
+    with pytest.raises(SceneError, match="the map has 101 bytes; it may have at most 100"):
+        read(tmp_path / "a")
+    if Path("/proc/self/status").is_file():  # says that it has 0 bytes
+        with pytest.raises(SceneError, match="has more than 100 bytes"):
+            read("/proc/self/status")
+
+
+def test_text_that_is_not_utf8_is_refused_with_its_place(tmp_path):
+    (tmp_path / "a").write_bytes(b"a: 1\nname: caf\xe9\n")
+    with pytest.raises(SceneError, match=r"a:2: the map is not UTF-8: byte 0xe9 at offset 14"):
+        read_input_text(tmp_path / "a", "map", 100, SceneError)
+
+
+def test_a_file_without_permission(tmp_path, monkeypatch):
+    (tmp_path / "a").write_text("x")
+
+    def deny(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(files.os, "open", deny)  # root may read everything
+    with pytest.raises(SceneError, match="cannot read the map: Permission denied"):
+        read(tmp_path / "a")
+
+
+def _raise(error: BaseException) -> Any:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_a_file_keeps_its_mode(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    assert atomic_write(target, b"one") == target
+    assert stat.S_IMODE(target.stat().st_mode) == 0o644
+    target.chmod(0o600)
+    atomic_write(target, b"two")
+    assert stat.S_IMODE(target.stat().st_mode) == 0o600
+    assert target.read_bytes() == b"two"
+
+
+@pytest.mark.parametrize("place", [(os, "replace"), (os, "fsync"), (tempfile, "mkstemp")])
+@pytest.mark.parametrize(
+    "error, raised, message",
+    [
+        (OSError(28, "No space left on device"), InputError, "cannot write: No space left"),
+        (OSError("something else"), InputError, "cannot write: something else"),
+        (KeyboardInterrupt(), KeyboardInterrupt, None),
+    ],
+)
+def test_nothing_is_left_of_a_file_that_could_not_be_written(
+    place: tuple[Any, str], error: BaseException, raised: type[BaseException], message: str | None, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    target = tmp_path / "a.txt"
+    target.write_bytes(b"old")
+    monkeypatch.setattr(*place, _raise(error))
+    with pytest.raises(raised, match=message):
+        atomic_write(target, b"new")
+    assert target.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a.txt"]

@@ -1,0 +1,384 @@
+"""Retiming: as fast as the limits allow, never faster, from where the robot is to where it is to go."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+from drivable import arcs, distance_from_strip, limits_of, most_used, motor_travel
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastic_strips.errors import ConfigurationError, ParameterError
+from elastic_strips.planning import straight_line
+from elastic_strips.robot import RobotModel
+from elastic_strips.strip import Strip
+from elastic_strips.strip.solver import project_rolling
+from elastic_strips.trajectory import retiming
+from elastic_strips.trajectory.limits import MotionLimits
+from elastic_strips.trajectory.path import RetimingError
+from elastic_strips.trajectory.retiming import Retimer, retime
+from elastic_strips.trajectory.speed_profile import Profile
+from elastic_strips.trajectory.trajectory import Trajectory
+
+ROBOTS = ["silvermate", "tiago", "rover", "gantry"]
+
+
+def sound(motion: Trajectory, limits: MotionLimits, *, speed: float = 1.0) -> None:
+    """What every trajectory keeps."""
+    used, changed = most_used(motion, limits)
+    assert used <= speed * (1.0 + 1e-3) + 1e-9
+    assert changed <= 1.0 + 1e-3 + 1e-9
+    assert motion.at_rest_at_end
+    assert not motion.a[-1].any()
+    if limits.drive_dim == 2:
+        assert np.abs(motion.steps[:, 1]).max() <= 1e-9
+        assert not motion.v[:, 1].any()
+
+
+def ends_at(motion: Trajectory, node: np.ndarray, within: float = 1e-3) -> bool:
+    return bool(np.abs(motion.robot.space.difference(motion.chart[-1], node)).max() <= within)
+
+
+def straight(robot: RobotModel, length: float = 4.0, **goal: float) -> np.ndarray:
+    return straight_line(robot, robot.home(), robot.home(x=length, **goal), spacing=0.15)
+
+
+def noisy(robot: RobotModel, seed: int) -> np.ndarray:
+    nodes = arcs(robot, seed)
+    if robot.space.planar:
+        nodes[1:-1, :2] += 0.004 * np.random.default_rng(seed).normal(size=(len(nodes) - 2, 2))
+    if robot.base_kind.value == "diff_drive":
+        nodes, residual = project_rolling(robot.space, nodes)
+        assert residual < 1e-8
+    return nodes
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    name=st.sampled_from(ROBOTS),
+    seed=st.integers(0, 10_000),
+    rough=st.booleans(),
+    speed=st.sampled_from([1.0, 0.4]),
+    refine=st.sampled_from([1, 2]),
+)
+def test_whole_strips(request, name, seed, rough, speed, refine):
+    robot = request.getfixturevalue(name)
+    limits = limits_of(robot)
+    nodes = noisy(robot, seed) if rough else arcs(robot, seed, step=0.1 + 1e-5 * seed)
+    motion = retime(Strip.from_chart(robot, nodes), limits, speed=speed, refine=refine)
+    sound(motion, limits, speed=speed)
+    np.testing.assert_array_equal(motion.chart[0], nodes[0])
+    assert ends_at(motion, nodes[-1], 2e-3)
+    assert motion.end_error is not None
+    assert max(motion.end_error) < 1e-3
+    assert not motion.v[0].any()
+    np.testing.assert_allclose(np.diff(motion.time), 0.01, atol=1e-12)
+    assert max(most_used(motion, limits)) > 0.9 * speed, "it uses what there is"
+    base, yaw, joints = distance_from_strip(robot, motion.chart[::5], nodes)
+    assert base < 0.02
+    assert max(yaw, joints) < 0.12
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    name=st.sampled_from(ROBOTS), seed=st.integers(0, 10_000), part=st.floats(0.05, 0.95), distance=st.floats(0.3, 1.5)
+)
+def test_going_on_from_a_state(request, name, seed, part, distance):
+    """From any state of a motion, along the nodes ahead: no jump in velocity, no broken limit."""
+    robot = request.getfixturevalue(name)
+    limits = limits_of(robot)
+    retimer = Retimer(robot, limits.scaled(1.0, 0.9))
+    nodes = arcs(robot, seed)
+    motion = retimer.horizon(nodes, distance=2.0)
+    t = part * motion.duration
+    state = motion.at(t)
+    ahead = nodes_ahead(robot, state.chart, nodes)
+    try:
+        after = Retimer(robot, limits).horizon(
+            ahead, state.v, a_start=state.a, distance=distance, start_time=t
+        )  # fmt: skip
+    except RetimingError:
+        stop = retimer.brake(motion, t)
+        assert stop.at_rest_at_end
+        return
+    sound(after, limits)
+    np.testing.assert_array_equal(after.chart[0], state.chart)
+    assert after.start_time == t
+    np.testing.assert_allclose(np.diff(after.time), 0.01, atol=1e-9)
+    jump = motor_travel(robot, limits, after.v[0] - state.v)
+    assert (np.abs(jump) <= 1e-3 * limits.speed).all()
+
+
+def nodes_ahead(robot: RobotModel, chart: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """The state, then the nodes after the nearest segment."""
+    v = robot.space.difference(nodes[:-1], nodes[1:])
+    middle = robot.space.integrate(nodes[:-1], 0.5 * v)
+    gap = robot.space.difference(np.broadcast_to(chart, middle.shape).copy(), middle)
+    return np.vstack([chart, nodes[int(np.argmin((gap**2).sum(axis=1))) + 1 :]])
+
+
+@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+def test_replanning_all_the_way(name, request):
+    """Ten times a second, 1 m ahead, with a reserve of acceleration: it gets there, about as fast as in one go."""
+    robot = request.getfixturevalue(name)
+    limits = limits_of(robot)
+    easy, full = Retimer(robot, limits.scaled(1.0, 0.9)), Retimer(robot, limits)
+    failed = tried = 0
+    for seed in range(3):
+        nodes = arcs(robot, seed)
+        motion = easy.horizon(nodes, distance=1.0)
+        t, driven = 0.0, [motion.chart[0]]
+        while not ends_at(motion, nodes[-1], 2e-3):
+            t = round(t + 0.1, 9)
+            state = motion.at(t)
+            driven.append(state.chart)
+            ahead = nodes_ahead(robot, state.chart, nodes)
+            tried += 1
+            for retimer in (easy, full):
+                try:
+                    new = retimer.horizon(ahead, state.v, a_start=state.a, distance=1.0, start_time=t)
+                except RetimingError:
+                    continue
+                jump = motor_travel(robot, limits, new.v[0] - state.v)
+                assert (np.abs(jump) <= 1e-3 * limits.speed).all()
+                sound(new, limits)
+                motion = new
+                break
+            else:
+                failed += 1
+            assert t < 60.0
+        whole = easy.full(nodes)
+        assert motion.end_time < 1.1 * whole.end_time + 0.2
+        assert distance_from_strip(robot, np.array(driven), nodes)[0] < 0.02
+    assert failed < 0.05 * tried
+
+
+def test_a_horizon_ends_at_its_distance(robot):
+    limits = limits_of(robot)
+    nodes = arcs(robot, 2)
+    motion = Retimer(robot, limits).horizon(nodes, distance=0.2)
+    sound(motion, limits)
+    retimer = Retimer(robot, limits)
+    travel = motor_travel(robot, limits, motion.steps) * retimer.weight
+    assert np.linalg.norm(travel, axis=1).sum() == pytest.approx(0.2, rel=0.02)
+    assert distance_from_strip(robot, motion.chart[-1:], nodes)[0] < 1e-3
+    assert motion.end_error is not None
+    assert max(motion.end_error) < 1e-3
+
+
+def test_it_goes_farther_where_it_cannot_stop(silvermate, monkeypatch):
+    tried, honest = [], retiming.fastest
+    monkeypatch.setattr(retiming, "fastest", lambda *arguments: tried.append(1) or honest(*arguments))
+    limits = limits_of(silvermate)
+    nodes = straight(silvermate)
+    v = np.zeros(10)
+    v[0] = 0.9
+    motion = Retimer(silvermate).horizon(nodes, v, distance=0.05)
+    sound(motion, limits)
+    needed = 0.9**2 / 2.4
+    assert needed <= motion.chart[-1, 0] <= 1.35 * needed
+    assert len(tried) <= 2, "it begins with the way that it takes to brake"
+    np.testing.assert_allclose(motion.v[0], v, atol=1e-12)
+    with pytest.raises(RetimingError, match=r"stop within 0\.3 m and needs 0\.33"):
+        Retimer(silvermate).horizon(straight(silvermate, 0.3), v)
+
+
+def test_a_start_faster_than_asked_is_braked(silvermate, tiago):
+    for robot in (silvermate, tiago):
+        limits = limits_of(robot)
+        retimer = Retimer(robot, limits)
+        nodes = arcs(robot, 4)
+        motion = retimer.horizon(nodes)
+        t = float(motion.time[int(np.argmax(motion.base_speed))])
+        state = motion.at(t)
+        assert state.v[0] > 0.8
+        slower = retimer.horizon(
+            nodes_ahead(robot, state.chart, nodes), state.v, a_start=state.a, speed=0.4, start_time=t
+        )
+        sound(slower, limits)
+        np.testing.assert_allclose(slower.v[0], state.v, atol=1e-3)
+        rims = np.abs(slower.drive).max(axis=1)
+        late = slower.time > t + 2.0 * (rims[0] - 0.4) / 1.2
+        assert late.any()
+        assert rims[late].max() <= 0.4 * 1.001
+        assert rims.max() <= rims[0] + 1e-3
+
+
+def test_a_cusp_ends_a_horizon_and_is_passed_by_the_whole(silvermate):
+    limits = limits_of(silvermate)
+    nodes = arcs(silvermate, 1, nodes=20)
+    back = nodes[-1:].repeat(8, axis=0)
+    v = np.zeros((8, 10))
+    v[:, 0], v[:, 2] = -0.12 * np.arange(1, 9), 0.05 * np.arange(1, 9)
+    nodes = np.vstack([nodes, silvermate.space.integrate(back, v)])
+    motion = Retimer(silvermate).horizon(nodes)
+    sound(motion, limits)
+    assert ends_at(motion, nodes[19])
+    whole = Retimer(silvermate).full(nodes)
+    sound(whole, limits)
+    assert ends_at(whole, nodes[-1])
+    rest = np.flatnonzero(~whole.v.any(axis=1))
+    assert len(rest) == 3, "start, cusp, end"
+    assert np.abs(silvermate.space.difference(whole.chart[rest[1]], nodes[19])).max() < 1e-3
+    assert (whole.base_speed[: rest[1]] >= 0.0).all()
+    assert (whole.base_speed[rest[1] :] <= 0.0).all()
+
+
+def test_turning_in_place_and_driving(silvermate):
+    limits = limits_of(silvermate)
+    goal = silvermate.home(x=1.0, y=1.0, yaw=-1.0)
+    nodes = straight_line(silvermate, silvermate.home(), goal, spacing=0.15)
+    motion = Retimer(silvermate).full(nodes)
+    sound(motion, limits)
+    assert ends_at(motion, nodes[-1])
+    assert len(np.flatnonzero(~motion.v.any(axis=1))) == 4
+    first = Retimer(silvermate).horizon(nodes)
+    assert np.abs(first.v[:, 0]).max() < 1e-9, "in place"
+    assert first.chart[-1, 2] == pytest.approx(np.pi / 4, abs=1e-6)
+    assert np.abs(first.drive).max() > 0.4
+
+
+def test_joints_only(robot):
+    limits = limits_of(robot)
+    nodes = np.tile(robot.space.to_chart(robot.home_q), (6, 1))
+    first = robot.space.base_nv
+    nodes[:, first:] = nodes[:, first:] + np.linspace(0.0, 0.1, 6)[:, None]
+    motion = Retimer(robot, limits).full(nodes)
+    sound(motion, limits)
+    assert ends_at(motion, nodes[-1], 1e-9)
+    np.testing.assert_array_equal(motion.chart[:, :first], np.broadcast_to(nodes[0, :first], (len(motion), first)))
+
+
+def test_duplicate_nodes_change_nothing(robot):
+    """toppra would add a stop at each."""
+    limits = limits_of(robot)
+    nodes = arcs(robot, 2, nodes=15)
+    plain = Retimer(robot, limits).full(nodes)
+    doubled = Retimer(robot, limits).full(np.repeat(nodes, [3, 1, 2, 2, *[1] * 9, 2, 3], axis=0))
+    np.testing.assert_allclose(doubled.chart, plain.chart, atol=1e-9)
+    assert len(np.flatnonzero(~doubled.v.any(axis=1))) == len(np.flatnonzero(~plain.v.any(axis=1)))
+
+
+def test_standing_still(robot):
+    limits = limits_of(robot)
+    node = robot.space.to_chart(robot.home_q)
+    for nodes in (node[None], np.stack([node] * 4)):
+        for motion in (Retimer(robot, limits).horizon(nodes, start_time=5.0), Retimer(robot, limits).full(nodes)):
+            assert motion.at_rest_at_end
+            assert not motion.v.any()
+            np.testing.assert_array_equal(motion.chart, np.stack([node] * 2))
+            assert motion.duration == pytest.approx(0.01)
+        moving = np.zeros(robot.nv)
+        moving[-1] = 0.1
+        with pytest.raises(RetimingError, match="has to stop within 0 m"):
+            Retimer(robot, limits).horizon(nodes, moving)
+
+
+def test_very_short_ways(silvermate):
+    for length in (1e-5, 1e-3, 0.02):
+        nodes = straight(silvermate, length)
+        motion = Retimer(silvermate).full(nodes)
+        sound(motion, limits_of(silvermate))
+        assert ends_at(motion, nodes[-1], 1e-9)
+        assert motion.duration < 2.1 * np.sqrt(length / 1.2) + 0.02
+
+
+def test_dense_nodes(silvermate):
+    """The samples of a motion, a centimetre apart and less, are a strip like any other."""
+    motion = Retimer(silvermate).full(arcs(silvermate, 6))
+    again = retime(motion.strip())
+    sound(again, limits_of(silvermate))
+    assert ends_at(again, motion.chart[-1])
+    assert distance_from_strip(silvermate, again.chart[::7], motion.chart)[0] < 0.01
+
+
+def test_yaw_may_pass_pi(silvermate):
+    nodes = arcs(silvermate, 2)
+    nodes[:, 2] += 3.0
+    nodes[:, :2] = nodes[:, :2] @ np.array([[np.cos(3.0), np.sin(3.0)], [-np.sin(3.0), np.cos(3.0)]])
+    wrapped = nodes.copy()
+    wrapped[:, 2] = (wrapped[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    assert (np.abs(np.diff(wrapped[:, 2])) > 3.0).any()
+    one, other = Retimer(silvermate).full(nodes), Retimer(silvermate).full(wrapped)
+    np.testing.assert_allclose(other.chart, one.chart, atol=1e-9)
+    assert np.abs(np.diff(other.chart[:, 2])).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    "arguments, error, match",
+    [
+        ({"chart": np.zeros((3, 4))}, ConfigurationError, r"\(K, 10\)"),
+        ({"chart": np.zeros((0, 10))}, ConfigurationError, "K ≥ 1"),
+        ({"chart": np.full((3, 10), np.nan)}, ConfigurationError, r"\[0, 0\] = nan"),
+        ({"v_start": np.zeros(3)}, ParameterError, "v_start"),
+        ({"v_start": np.full(10, np.inf)}, ParameterError, "v_start"),
+        ({"a_start": np.full(10, np.nan)}, ParameterError, "a_start"),
+        ({"v_start": [0.3, 0.1, *[0.0] * 8]}, ParameterError, "sideways"),
+        ({"v_start": [1.2, 0.0, *[0.0] * 8]}, RetimingError, "the limit is 1"),
+        ({"v_start": [-0.5, 0.0, *[0.0] * 8]}, RetimingError, "75°"),
+        ({"distance": 0.0}, ParameterError, "distance"),
+        ({"distance": float("nan")}, ParameterError, "distance"),
+        ({"start_time": float("inf")}, ParameterError, "start_time"),
+        ({"speed": 0.0}, ParameterError, "speed"),
+        ({"speed": 1.5}, ParameterError, "speed"),
+        ({"refine": 0}, ParameterError, "refine"),
+        ({"refine": 2.0}, ParameterError, "refine"),
+    ],
+)
+def test_wrong_arguments(silvermate, arguments, error, match):
+    nodes = arguments.pop("chart", straight(silvermate))
+    with pytest.raises(error, match=match):
+        Retimer(silvermate).horizon(nodes, **arguments)
+
+
+def test_wrong_limits(silvermate, tiago, gantry):
+    with pytest.raises(ParameterError, match="the limits are for 2 drive coordinates and 8 joints"):
+        Retimer(silvermate, limits_of(tiago))
+    with pytest.raises(ParameterError, match="dt"):
+        Retimer(silvermate, dt=0.5)
+
+
+def test_a_profile_that_breaks_a_limit_is_never_returned(silvermate, monkeypatch):
+    """The last line of defence: were the solver wrong by 2 %, nothing would come back."""
+    honest = retiming.fastest
+
+    def hasty(*arguments):
+        profile = honest(*arguments)
+        return Profile.of(profile.grid, 1.4 * profile.x)
+
+    nodes = arcs(silvermate, 3)
+    monkeypatch.setattr(retiming, "fastest", hasty)
+    with pytest.raises(RetimingError, match="of its limit"):
+        Retimer(silvermate).horizon(nodes)
+    monkeypatch.setattr(retiming, "fastest", lambda *arguments: None)
+    with pytest.raises(RetimingError, match="no profile"):
+        Retimer(silvermate).horizon(nodes)
+
+
+def test_a_tighter_margin_saves_a_profile_that_exceeds(silvermate, monkeypatch):
+    """Where the first try is a little too fast, the next ones are slower; one of them is returned."""
+    honest, tried = retiming.fastest, []
+
+    def hasty(grid, y1, y2, bound, acceleration, start):
+        tried.append(float(acceleration[0]))
+        profile = honest(grid, y1, y2, bound, acceleration, start)
+        return Profile.of(profile.grid, 1.06 * profile.x)
+
+    monkeypatch.setattr(retiming, "fastest", hasty)
+    motion = Retimer(silvermate).horizon(arcs(silvermate, 3))
+    assert len(tried) > 1
+    assert tried == sorted(tried, reverse=True)
+    sound(motion, limits_of(silvermate))
+
+
+def test_toppra_stays_silent(silvermate, caplog, capfd):
+    v = np.zeros(10)
+    v[0] = 0.9
+    with caplog.at_level(logging.DEBUG):
+        Retimer(silvermate).horizon(straight(silvermate), v, distance=1.0)
+        with pytest.raises(RetimingError):
+            Retimer(silvermate).horizon(straight(silvermate, 0.3), v)
+    assert [r for r in caplog.records if r.name.startswith("toppra")] == []
+    assert capfd.readouterr() == ("", "")

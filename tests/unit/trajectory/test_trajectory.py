@@ -1,0 +1,131 @@
+"""Trajectory: a frozen motion whose references lie on the arcs that are certified."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import configuration
+from drivable import arcs, limits_of, motor_travel
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.trajectory.retiming import Retimer
+from elastic_strips.trajectory.trajectory import Trajectory
+
+
+@pytest.fixture
+def motion(robot) -> Trajectory:
+    return Retimer(robot, limits_of(robot)).horizon(arcs(robot, 5), distance=1.5, start_time=3.0)
+
+
+def test_references_lie_on_the_arcs(robot, motion, rng):
+    for t in rng.uniform(motion.start_time, motion.end_time, 20):
+        i = int(np.searchsorted(motion.time, t, side="right")) - 1
+        s = (t - motion.time[i]) / (motion.time[i + 1] - motion.time[i])
+        state = motion.at(t)
+        assert state.time == t
+        expected = pin.interpolate(robot.model, motion.q[i], motion.q[i + 1], s)
+        np.testing.assert_allclose(configuration(robot, state.chart), expected, atol=1e-12)
+        np.testing.assert_allclose(state.v, (1 - s) * motion.v[i] + s * motion.v[i + 1], atol=1e-12)
+        np.testing.assert_allclose(state.a, (1 - s) * motion.a[i] + s * motion.a[i + 1], atol=1e-12)
+
+
+def test_before_the_start_and_after_the_end(motion):
+    before, after = motion.at(motion.start_time - 1.0), motion.at(motion.end_time + 1.0)
+    np.testing.assert_array_equal(before.chart, motion.chart[0])
+    np.testing.assert_array_equal(before.a, motion.a[0])
+    assert before.a.any()
+    np.testing.assert_array_equal(after.chart, motion.chart[-1])
+    assert not after.v.any()
+    assert not after.a.any()
+    assert after.time == motion.end_time + 1.0
+    np.testing.assert_array_equal(motion.at(motion.time[7]).chart, motion.chart[7])
+
+
+def test_what_a_tail_keeps(robot, motion, rng):
+    t = motion.start_time + 0.4 * motion.duration
+    tail = motion.tail(t)
+    assert tail.start_time == t
+    assert tail.end_time == motion.end_time
+    for later in rng.uniform(t, motion.end_time, 10):
+        one, other = motion.at(later), tail.at(later)
+        np.testing.assert_allclose(other.chart, one.chart, atol=1e-12)
+        np.testing.assert_allclose(other.v, one.v, atol=1e-12)
+    assert motion.tail(motion.start_time - 1.0) is motion
+    np.testing.assert_array_equal(motion.tail(motion.time[9]).chart, motion.chart[9:])
+    early = motion.tail(motion.time[9] - 1e-12)
+    assert len(early) == len(motion) - 9
+    np.testing.assert_allclose(early.chart, motion.chart[9:], atol=1e-12)
+    assert len(motion.tail(motion.end_time - 1e-12)) == 2
+    over = motion.tail(motion.end_time + 5.0)
+    assert over.at_rest_at_end
+    np.testing.assert_array_equal(over.chart, np.stack([motion.chart[-1]] * 2))
+    assert not over.v.any()
+
+
+def test_shifting_and_the_strip(robot, motion):
+    shifted = motion.shifted(11.0)
+    assert (shifted.start_time, shifted.duration) == (11.0, pytest.approx(motion.duration))
+    np.testing.assert_array_equal(shifted.chart, motion.chart)
+    strip = motion.strip()
+    assert strip.robot is robot
+    np.testing.assert_array_equal(strip.chart, motion.chart)
+    np.testing.assert_array_equal(strip.q, motion.q)
+
+
+def test_speeds_of_base_and_wheels(robot, motion):
+    assert len(motion) == len(motion.time) == len(motion.base_speed) == len(motion.turn_rate)
+    limits = motion.limits
+    k = limits.drive_dim
+    np.testing.assert_allclose(motion.drive, motor_travel(robot, limits, motion.v)[:, :k], atol=1e-14)
+    if k == 2:
+        np.testing.assert_allclose(motion.wheel_speeds * limits.wheel_radius, motion.drive, atol=1e-14)
+        np.testing.assert_array_equal(motion.base_speed, motion.v[:, 0])
+    else:
+        assert motion.wheel_speeds.shape == (len(motion), 0)
+    assert motion.turn_rate.any() == bool(k)
+    assert (motion.base_speed >= 0.0).all()
+
+
+def test_backwards_is_negative(silvermate):
+    limits = limits_of(silvermate)
+    nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (6, 1))
+    nodes[:, 0] = -0.2 * np.arange(6)
+    motion = Retimer(silvermate, limits).full(nodes)
+    assert motion.base_speed.min() < -0.5
+    assert motion.base_speed.max() <= 0.0
+
+
+def test_it_is_a_frozen_copy(silvermate, motion):
+    for name in ("time", "chart", "v", "a", "q", "steps"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(motion, name)[0] = 0.0
+    rows = np.zeros((3, silvermate.nv))
+    own = Trajectory(silvermate, limits_of(silvermate), np.arange(3.0), rows, rows, rows)
+    rows[1] = 7.0
+    assert not own.chart.any()
+    assert own.end_error is None
+
+
+def test_rest_at_the_end(silvermate, motion):
+    assert motion.at_rest_at_end
+    rows = np.zeros((3, silvermate.nv))
+    assert not Trajectory(silvermate, limits_of(silvermate), np.arange(3.0), rows, rows + 1e-3, rows).at_rest_at_end
+
+
+@pytest.mark.parametrize(
+    "change, match",
+    [
+        ({"time": [0.0]}, "at least 2 samples"),
+        ({"time": [0.0, 1.0, 1.0]}, "ascending"),
+        ({"time": [0.0, 2.0, 1.0]}, "ascending"),
+        ({"time": [0.0, 1.0, np.inf]}, "ascending"),
+        ({"chart": np.zeros((3, 4))}, "chart has shape"),
+        ({"v": np.zeros((2, 10))}, "v has shape"),
+        ({"a": np.full((3, 10), np.nan)}, "a holds values"),
+    ],
+)
+def test_wrong_samples(silvermate, change, match):
+    fields = {"time": np.arange(3.0), "chart": np.zeros((3, 10)), "v": np.zeros((3, 10)), "a": np.zeros((3, 10))}
+    with pytest.raises(ParameterError, match=match):
+        Trajectory(robot=silvermate, limits=limits_of(silvermate), **{**fields, **change})
