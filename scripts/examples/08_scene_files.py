@@ -9,7 +9,7 @@ scene = es.Scene(
     [
         es.Box((1.0, 0.6, 0.05), at=(2.0, 0.0, 0.75), name="table"),
         es.Capsule(0.05, 0.7, at=(2.0, 0.0, 0.4), name="leg"),
-        es.Cylinder(0.25, 1.7, at=(0.0, 3.0, 0.85), name="person", motion=es.UnknownMotion(0.5)),
+        es.Cylinder(0.25, 1.7, at=(0.0, 3.0, 0.85), name="person", motion=es.scene.UnknownMotion(0.5)),
     ]
 )
 with tempfile.TemporaryDirectory() as folder:

@@ -9,6 +9,9 @@
     strip = es.plan(robot, scene, start=robot.home(x=-1.0), goal=robot.home(x=6.0))
     report = es.Deformer(robot).settle(strip, scene)
     print(report.status, report.clearance, report.certificate.certified)
+
+What most programs need has its name here. The rest is in the rooms: ``es.scene.ConvexHull``, ``es.errors.SceneError``,
+``es.sim.Simulation``; docs/architecture.md says what is where.
 """
 
 from __future__ import annotations
@@ -18,41 +21,31 @@ from typing import TYPE_CHECKING
 
 from elastic_strips._late import late_names
 from elastic_strips._version import __version__
-from elastic_strips.errors import (
-    ConfigurationError,
-    ElasticStripsError,
-    InputError,
-    MissingExtraError,
-    ParameterError,
-    RobotError,
-    ScenarioError,
-    SceneError,
-)
+from elastic_strips.errors import ElasticStripsError
 
 if TYPE_CHECKING:
+    from elastic_strips import (  # noqa: F401 (rooms are attributes: es.scene)
+        collision,
+        control,
+        errors,
+        io,
+        perception,
+        planning,
+        robot,
+        scene,
+        sim,
+        strip,
+        trajectory,
+        viewer,
+    )
     from elastic_strips.collision import Certificate
     from elastic_strips.control import Command, Controller, Measurement
-    from elastic_strips.io import read_scene, read_world, write_scene, write_world
+    from elastic_strips.io import read_scene, write_scene
     from elastic_strips.planning import PlanReport, plan, plan_report
-    from elastic_strips.robot import RobotModel, load_robot, robot_names
-    from elastic_strips.scene import (
-        Box,
-        Capsule,
-        Cone,
-        ConvexHull,
-        Cylinder,
-        Keyframes,
-        Mesh,
-        Points,
-        Scene,
-        Sphere,
-        Twist,
-        UnknownMotion,
-        Voxels,
-        World,
-    )
-    from elastic_strips.sim.scenarios import get_scenario, run_scenario, scenario_names
-    from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip, strip_clearance
+    from elastic_strips.robot import RobotModel, load_robot
+    from elastic_strips.scene import Box, Capsule, Cylinder, Mesh, Scene, Sphere, Twist, World
+    from elastic_strips.sim.scenarios import get_scenario, run_scenario
+    from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip, strip_clearance
     from elastic_strips.viewer import Viewer
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())  # who uses the library decides what is shown
@@ -60,71 +53,52 @@ logging.getLogger(__name__).addHandler(logging.NullHandler())  # who uses the li
 __all__ = [
     "__version__",
     "load_robot",
-    "robot_names",
     "RobotModel",
     "Scene",
+    "World",
     "Box",
     "Sphere",
     "Cylinder",
     "Capsule",
-    "Cone",
-    "ConvexHull",
     "Mesh",
-    "Voxels",
-    "Points",
     "Twist",
-    "Keyframes",
-    "UnknownMotion",
-    "World",
     "read_scene",
     "write_scene",
-    "read_world",
-    "write_world",
-    "Strip",
     "plan",
     "plan_report",
     "PlanReport",
+    "Strip",
     "Deformer",
     "DeformParams",
     "DeformReport",
-    "DeformStatus",
     "Certificate",
     "strip_clearance",
     "Controller",
     "Measurement",
     "Command",
-    "get_scenario",
-    "scenario_names",
-    "run_scenario",
     "Viewer",
+    "get_scenario",
+    "run_scenario",
     "ElasticStripsError",
-    "InputError",
-    "MissingExtraError",
-    "RobotError",
-    "SceneError",
-    "ScenarioError",
-    "ConfigurationError",
-    "ParameterError",
 ]
 
-
 _ROOMS = {
-    "control": ("Command", "Controller", "Measurement"),
-    "io": ("read_scene", "read_world", "write_scene", "write_world"),
-    "planning": ("PlanReport", "plan", "plan_report"),
-    "robot": ("RobotModel", "load_robot", "robot_names"),
-    "sim.scenarios": ("get_scenario", "run_scenario", "scenario_names"),
-    "scene": (
-        "Box", "Capsule", "Cone", "ConvexHull", "Cylinder", "Keyframes", "Mesh", "Points", "Scene", "Sphere", "Twist",
-        "UnknownMotion", "Voxels", "World",
-    ),
-    "strip": ("Deformer", "DeformParams", "DeformReport", "DeformStatus", "Strip", "strip_clearance"),
     "collision": ("Certificate",),
+    "control": ("Command", "Controller", "Measurement"),
+    "errors": (),
+    "io": ("read_scene", "write_scene"),
+    "perception": (),
+    "planning": ("PlanReport", "plan", "plan_report"),
+    "robot": ("RobotModel", "load_robot"),
+    "scene": ("Box", "Capsule", "Cylinder", "Mesh", "Scene", "Sphere", "Twist", "World"),
+    "sim": (),
+    "sim.scenarios": ("get_scenario", "run_scenario"),
+    "strip": ("Deformer", "DeformParams", "DeformReport", "Strip", "strip_clearance"),
+    "trajectory": (),
     "viewer": ("Viewer",),
-    **{room: () for room in ("perception", "sim", "trajectory")},
-}  # fmt: skip
+}
 __getattr__ = late_names(__name__, _ROOMS)  # who wants the version need not wait for Pinocchio
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -14,8 +14,10 @@ from typing import Any
 import pytest
 from command_line import CALL, interrupted
 
-from elastic_strips import __version__, robot_names, scenario_names
+from elastic_strips import __version__
 from elastic_strips.cli import main
+from elastic_strips.robot import robot_names
+from elastic_strips.sim.scenarios import scenario_names
 
 DOCS = Path(__file__).parents[2] / "docs" / "result-format.md"
 SHUT_IN = """robot: silvermate

@@ -161,7 +161,7 @@ def test_what_is_private_or_borrowed_is_noticed(name: str) -> None:
 
 def test_fields_without_a_default_are_found() -> None:
     resolve("strip.Strip.q")
-    resolve("proximity.Contacts.distance")
+    resolve("collision.Contacts.distance")
     resolve("strip.DeformParams.influence")
 
 
@@ -199,7 +199,7 @@ def test_result_figures_are_of_their_cases() -> None:
         row = found[f"Fig. {number}"]
         assert row.cells["shows"] == case.replace("-", " ")
         assert row.cells["picture"] == f"fig-{number:02d}-{case}.png"
-        assert "study.paper_study" in row.names
+        assert "sim.study.paper_study" in row.names
 
 
 def test_printed_tables_are_those_of_the_cases() -> None:

@@ -39,7 +39,7 @@ def _embree(robot: es.RobotModel) -> object:
     from elastic_strips.sim.sensors.bodies import ObstacleRays
 
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    return ObstacleRays(World(es.Scene([es.ConvexHull(corners)])))
+    return ObstacleRays(World(es.Scene([es.scene.ConvexHull(corners)])))
 
 
 def _tree(robot: es.RobotModel) -> object:

@@ -72,7 +72,7 @@ def test_the_list_makes_no_scene_and_reads_no_mesh():
 
 
 def test_what_is_listed_is_what_there_is():
-    assert tuple(SCENARIOS) == es.scenario_names()
+    assert tuple(SCENARIOS) == es.sim.scenarios.scenario_names()
     assert all(es.get_scenario(name).summary == summary for name, summary in SCENARIOS.items())
 
 

@@ -28,7 +28,7 @@ def values(silvermate) -> dict[str, Any]:
     settled = deformer.settle(plan.strip, scene, detail=True)
     blocked = deformer.settle(es.Strip(silvermate, [silvermate.home(-1.0), silvermate.home(4.0)]), scene, max_ticks=2)
     drive = drive_scenario(es.get_scenario("case-1"), time_limit=0.3)
-    hull = es.ConvexHull(np.random.default_rng(0).normal(size=(400, 3)), name="x" * 200)
+    hull = es.scene.ConvexHull(np.random.default_rng(0).normal(size=(400, 3)), name="x" * 200)
     return {
         "robot": silvermate, "space": silvermate.space, "tree": silvermate.tree, "scene": scene, "strip": plan.strip,
         "plan": plan, "settled": settled, "broken": blocked, "certificate": settled.certificate,
@@ -38,7 +38,7 @@ def values(silvermate) -> dict[str, Any]:
         "result": drive.result, "record": drive.result.record, "rows": drive.result.record.control,
         "verdict": drive.evaluation, "limits": MotionLimits.for_robot(silvermate),
         "named": replace(silvermate, name=EVIL),
-        "track": es.Keyframes(np.arange(500.0), np.zeros((500, 3))),
+        "track": es.scene.Keyframes(np.arange(500.0), np.zeros((500, 3))),
     }  # fmt: skip
 
 

@@ -48,7 +48,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "World": (es.World, {"scene": scene, "appears": {}}),
         "Sphere": (es.Sphere, {"radius": 1.0, "at": (0, 0, 0)}),
         "write_scene": (es.write_scene, {"scene": scene, "path": "a.yaml"}),
-        "write_world": (es.write_world, {"world": es.World(scene), "path": "b.yaml"}),
+        "write_world": (es.io.write_world, {"world": es.World(scene), "path": "b.yaml"}),
         "write_json": (write_json, {"document": {}, "path": "c.json"}),
         "get_scenario": (es.get_scenario, {"name_or_path": "case-1", "seed": 0}),
         "run_scenario": (

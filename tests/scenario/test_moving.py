@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_strips import get_scenario, read_world, write_world
+from elastic_strips import get_scenario
 from elastic_strips.errors import ScenarioError
+from elastic_strips.io import read_world, write_world
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Keyframes, Obstacle
