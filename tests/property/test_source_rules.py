@@ -58,7 +58,7 @@ def subtracted_configurations(path: Path) -> list[str]:
 
 def test_the_package_was_found():
     assert len(SOURCES) > 40
-    assert {"robot", "proximity", "strip", "planning"} <= {room(p) for p in SOURCES}
+    assert {"robot", "collision", "strip", "planning"} <= {room(p) for p in SOURCES}
 
 
 def test_no_configurations_are_subtracted():
