@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from elastic_strips.catalogue import recorded_robot
 from elastic_strips.control import Record
 from elastic_strips.errors import InputError, RobotError
 from elastic_strips.files import read_input_text
 from elastic_strips.io import read_record, record_robot
 from elastic_strips.planning import straight_line
-from elastic_strips.robot import RobotModel, load_robot, recorded_robot
+from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
 from elastic_strips.sim.scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from elastic_strips.strip import Strip

@@ -79,7 +79,7 @@ class Certificate(Summary):
     """
 
     clearance: float
-    segments: npt.NDArray[np.bool_]
+    segments: Mask
     states: npt.NDArray[np.int8]
     broken: BrokenSegment | None
     checks: int
@@ -135,9 +135,7 @@ class ObstaclePairs:
     def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)
         ends, moved = self.bodies.ends_at(kin, node, body), self.moving.between(place, part)
-        if moved is None:
-            return self.candidates.capsule_distance(ends, self.bodies.radius[body], part)
-        return self.candidates.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
+        return self.candidates.capsule_distance(ends, self.bodies.radius[body], part, moved)
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)

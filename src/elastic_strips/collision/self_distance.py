@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
@@ -30,8 +29,8 @@ class SelfContacts:
         first, second: (K, 3) witness points on the two bodies [m].
     """
 
-    node: npt.NDArray[np.intp]
-    pair: npt.NDArray[np.intp]
+    node: Indices
+    pair: Indices
     distance: Array
     direction: Array
     first: Array
@@ -72,7 +71,7 @@ class SelfProximity:
     def __init__(
         self,
         bodies: BodySet,
-        pairs: npt.NDArray[np.intp],
+        pairs: Indices,
         bounds: MotionBounds,
         *,
         influence: float,
@@ -82,26 +81,25 @@ class SelfProximity:
         self.repulsion = np.full(len(pairs), influence) if repulsion is None else np.minimum(repulsion, influence)
         self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance
         self.radius = bounds.pair_radius(pairs)
-        self.asked = 0
         self.queries = 0
-        s = len(pairs)
         self._chart = np.zeros((0, 0))
         self._base = np.zeros((0, 3, 4))
-        self.bound = np.zeros((0, s))
-        self.exact = np.zeros((0, s))
-        self.direction = np.zeros((0, s, 3))
-        self.first = np.zeros((0, s, 3))
-        self.second = np.zeros((0, s, 3))
-        self._since = np.zeros((0, s))
+        self._allocate(0)
         self._functors = [ShapePair.of(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
         self._solver = PairSolver()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
+
+    def _allocate(self, n: int) -> None:
+        """Arrays for n nodes of which nothing is known."""
+        s = len(self.pairs)
+        self.bound, self.exact, self._since = np.full((n, s), -_FAR), np.full((n, s), np.inf), np.full((n, s), _FAR)
+        self.direction, self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3)), np.zeros((n, s, 3))
 
     def reset(self) -> None:
         """Forget everything."""
         self._chart = np.zeros((0, 0))
 
-    def remap(self, source: npt.NDArray[np.intp]) -> None:
+    def remap(self, source: Indices) -> None:
         """Carry over to a strip whose node i was node ``source[i]``; −1 marks a new node."""
         if len(self._chart) == 0:
             return
@@ -116,12 +114,7 @@ class SelfProximity:
         """Bring bounds and exact distances up to date with the nodes of ``kin``."""
         chart = kin.chart[: kin.n]
         if self._chart.shape != chart.shape:
-            n, s = kin.n, len(self.pairs)
-            self.bound = np.full((n, s), -_FAR)
-            self._since = np.full((n, s), _FAR)
-            self.exact = np.full((n, s), np.inf)
-            self.direction = np.zeros((n, s, 3))
-            self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3))
+            self._allocate(kin.n)
         else:
             b = self.bodies.tree.space.base_nv
             delta = np.abs(chart[:, b:] - self._chart[:, b:])
@@ -136,15 +129,14 @@ class SelfProximity:
     def refine(self, kin: Kinematics, reach: float) -> None:
         """Make every pair exact whose bound is below ``reach`` and that moved since it was asked."""
         node, pair = nonzero((self.bound < reach) & (self._since > self.tolerance))
-        self._ask(kin, node, pair, np.full(len(node), reach))
+        self._ask(kin, node, pair, reach)
 
     def refine_at(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
         stale = (self.bound[node, pair] < reach) & (self._since[node, pair] > self.tolerance)
         self._ask(kin, node[stale], pair[stale], reach[stale])
 
-    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
-        self.asked = 0
+    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array | float) -> None:
         if len(node) == 0:
             return
         cheap = self.cheap(kin, node, pair)
@@ -153,7 +145,6 @@ class SelfProximity:
         self._since[node[far], pair[far]] = _FAR
         self.exact[node[far], pair[far]] = np.inf
         node, pair = node[~far], pair[~far]
-        self.asked = len(node)
         if len(node) == 0:
             return
         distance, direction, first, second = self.query(kin, node, pair)
@@ -172,9 +163,7 @@ class SelfProximity:
         ends = bodies.ends_at(kin, node, one), bodies.ends_at(kin, node, two)
         return segment_distance(*ends) - bodies.radius[one] - bodies.radius[two]
 
-    def query(
-        self, kin: Kinematics, node: npt.NDArray[np.intp], pair: npt.NDArray[np.intp]
-    ) -> tuple[Array, Array, Array, Array]:
+    def query(self, kin: Kinematics, node: Indices, pair: Indices) -> tuple[Array, Array, Array, Array]:
         """Exact signed distances (K,), directions (K, 3) and witness points (K, 3) ×2 of (node, pair)."""
         count = len(node)
         distance = np.empty(count)
@@ -209,16 +198,11 @@ class SelfProximity:
 
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""
-        node, pair = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
-        rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
-        return SelfContacts(
-            node,
-            pair,
-            self.exact[node, pair],
-            _out_of(rotation, self.direction[node, pair]),
-            _out_of(rotation, self.first[node, pair]) + translation,
-            _out_of(rotation, self.second[node, pair]) + translation,
-        )
+        at = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
+        rotation, translation = self._base[at[0], :, :3], self._base[at[0], :, 3]
+        direction = _out_of(rotation, self.direction[at])
+        first, second = (_out_of(rotation, points[at]) + translation for points in (self.first, self.second))
+        return SelfContacts(*at, self.exact[at], direction, first, second)
 
 
 def _into(rotation: Array, vectors: Array) -> Array:

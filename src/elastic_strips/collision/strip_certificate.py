@@ -304,7 +304,7 @@ class ProtectiveHulls(Summary):
     overlap: Array
 
     @property
-    def connected(self) -> npt.NDArray[np.bool_]:
+    def connected(self) -> Mask:
         """(N−1,) whether all hulls of a node overlap those of the next."""
         return np.asarray(np.all(self.overlap > 0.0, axis=1), dtype=bool)
 

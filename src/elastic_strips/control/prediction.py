@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import Forecast, NodePrediction
+from elastic_strips.collision import Forecast
+from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, UnknownMotion
 from elastic_strips.trajectory import MotionLimits

@@ -157,7 +157,7 @@ def obstacle_entries(obstacle: Obstacle, folder: Path) -> Document:
     spec = dict(obstacle.spec)
     if obstacle.shape == "mesh":
         origin, scale = spec.pop("path", None), spec.pop("scale", None)
-        if origin is not None and os.path.isfile(origin):
+        if isinstance(origin, str) and os.path.isfile(origin):
             spec = {"file": os.path.relpath(os.path.abspath(origin), os.path.abspath(folder)), "scale": scale}
     entries: Document = {"name": obstacle.name, "shape": obstacle.shape, **spec}
     if isinstance(motion, Twist):

@@ -21,11 +21,12 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips._version import __version__
+from elastic_strips.catalogue import recorded_robot
 from elastic_strips.control.interfaces import Event
 from elastic_strips.control.record import DRIVE_NAMES, ControlRows, PlanningRows, Record, RecordError, frozen
 from elastic_strips.errors import InputError, RobotError, missing_extra
 from elastic_strips.files import atomic_write, check_writable, open_input
-from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
+from elastic_strips.robot import BaseKind, RobotModel, load_robot
 from elastic_strips.validation import check_type
 
 from .nodes import Node, Source

@@ -75,7 +75,7 @@ class PlanarFootprint:
 
     def inner_below(self, height: float) -> float:
         """That of the bodies that reach below ``height`` [m]."""
-        at = self._lowest() < height
+        at = -self._extents(-1.0) < height
         return float(self._outlines()[at].min(axis=1).max(initial=0.0))
 
     @property
@@ -102,10 +102,6 @@ class PlanarFootprint:
                 for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
             ]
         )
-
-    def _lowest(self) -> Array:
-        """(G,) lowest points of the bodies [m]."""
-        return -self._extents(-1.0)
 
     def _extents(self, sense: float) -> Array:
         """(G,) how far [m] each body reaches upwards (1) or downwards (−1)."""

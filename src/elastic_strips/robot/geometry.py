@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Indices
 
 from .coal_shapes import (
     SIGNS,
@@ -206,7 +205,7 @@ def self_pairs(
     pieces: Sequence[LinkGeometry],
     home: Array,
     disabled: Iterable[Iterable[str]] | None,
-) -> npt.NDArray[np.intp]:
+) -> Indices:
     """Pairs (S, 2) of pieces to keep apart.
 
     Pieces of one joint never move relative to each other and those of neighbouring joints touch by design: both are

@@ -114,24 +114,13 @@ class ConfigurationSpace(Summary):
                 )
             idx_q.append(joint.idx_q)
             circular.append(joint.nq == 2)
-            if joint.nq == 2:
-                lower.append(-np.inf)
-                upper.append(np.inf)
-            else:
-                lower.append(float(model.lowerPositionLimit[joint.idx_q]))
-                upper.append(float(model.upperPositionLimit[joint.idx_q]))
+            lower.append(-np.inf if joint.nq == 2 else float(model.lowerPositionLimit[joint.idx_q]))
+            upper.append(np.inf if joint.nq == 2 else float(model.upperPositionLimit[joint.idx_q]))
         lo, up = np.asarray(lower, float), np.asarray(upper, float)
         lo.setflags(write=False)
         up.setflags(write=False)
-        return ConfigurationSpace(
-            nq=model.nq,
-            nv=model.nv,
-            planar=planar,
-            idx_q=np.asarray(idx_q, dtype=np.intp),
-            circular=np.asarray(circular, dtype=bool),
-            lower=lo,
-            upper=up,
-        )
+        columns, turning = np.asarray(idx_q, dtype=np.intp), np.asarray(circular, dtype=bool)
+        return ConfigurationSpace(model.nq, model.nv, planar, columns, turning, lo, up)
 
     @property
     def base_nv(self) -> int:

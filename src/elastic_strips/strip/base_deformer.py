@@ -11,15 +11,9 @@ from typing import Any, Generic
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.collision import (
-    BodySet,
-    Certificate,
-    Certifier,
-    MotionBounds,
-    NodePrediction,
-    ObstacleProximity,
-    SelfProximity,
-)
+from elastic_strips.collision import BodySet, Certificate, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.collision.candidates import NodePrediction
+from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.collision import Certificate, ProtectiveHulls, protective_hulls
+from elastic_strips.collision import Certificate, ProtectiveHulls
+from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.collision import Contacts, SelfContacts, SelfProximity
+from elastic_strips.collision import SelfProximity
+from elastic_strips.collision.narrowphase import Contacts
+from elastic_strips.collision.self_distance import SelfContacts
 from elastic_strips.robot import ConfigurationSpace, Kinematics
 
 from .solver import System

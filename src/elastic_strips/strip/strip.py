@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import chart_clearance
+from elastic_strips.collision.strip_certificate import chart_clearance
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene

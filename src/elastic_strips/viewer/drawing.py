@@ -10,7 +10,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Obstacle, Part, Scene
+from elastic_strips.scene import Obstacle, Scene
+from elastic_strips.scene.parts import Part
 from elastic_strips.strip.report import DeformReport, DeformStatus
 
 from . import commands, geometry

@@ -263,7 +263,7 @@ def unit_shape(obstacle: Obstacle) -> tuple[str, Array] | None:
     """Say which unit mesh, scaled by which factors along its axes, an obstacle is; None if it is none of them."""
     if obstacle.shape not in UNIT_MESHES or len(obstacle.parts) != 1:
         return None
-    shape = obstacle.parts[0].geometry
+    shape = obstacle.parts[0].members[0]
     if obstacle.shape == "box":
         return "box", 2.0 * np.asarray(shape.halfSide)
     if obstacle.shape == "sphere":

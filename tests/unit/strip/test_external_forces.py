@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 from brute_force import configuration, link_distances, make_obstacle, random_chart, self_distances
 
-from elastic_strips.collision import BodySet, Contacts, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.collision.narrowphase import Contacts
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
 from elastic_strips.strip.forces import add_repulsion, add_self_repulsion, repulsive_magnitude, repulsive_potential

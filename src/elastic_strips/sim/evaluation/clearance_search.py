@@ -20,8 +20,10 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.robot import LinkGeometry, RobotModel
-from elastic_strips.scene import Part, World
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.geometry import LinkGeometry
+from elastic_strips.scene import World
+from elastic_strips.scene.parts import Part
 
 _SIGNS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 

@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import BodySet, ObstacleProximity, ProtectiveHulls, protective_hulls
+from elastic_strips.collision import BodySet, ObstacleProximity, ProtectiveHulls
+from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
