@@ -112,16 +112,6 @@ class ObstacleProximity:
             columns = None
         elif len(moved_nodes):
             self._drift(kin, ends, moved_nodes)
-        self._take_over(kin, ends, prediction, columns, moved_nodes)
-
-    def _take_over(
-        self,
-        kin: Kinematics,
-        ends: Array,
-        prediction: NodePrediction | None,
-        columns: Indices | None,
-        moved_nodes: Indices | None,
-    ) -> None:
         self._predict(prediction, columns)
         self._remember(kin, ends, moved_nodes)
         self.refine(kin)
@@ -195,7 +185,9 @@ class ObstacleProximity:
             return False
         ends = self.bodies.capsule_ends(kin)
         self._rebuild(ends, candidates.scene, low[new], high[new])
-        self._take_over(kin, ends, self.moving.prediction, None, None)
+        self._predict(self.moving.prediction, None)
+        self._remember(kin, ends, None)
+        self.refine(kin)
         return True
 
     def _rebuild(self, ends: Array, scene: Scene, *more: Array) -> None:

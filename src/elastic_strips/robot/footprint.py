@@ -95,19 +95,17 @@ class PlanarFootprint:
 
     def _outlines(self) -> Array:
         """(G, DIRECTIONS) how far [m] each body reaches from the base's origin along the outline directions."""
-        around = outline_directions()
-        return np.array(
-            [
-                support(piece.geometry, around @ pose.rotation) + around @ pose.translation
-                for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
-            ]
-        )
+        return self._supports(outline_directions())
 
     def _extents(self, sense: float) -> Array:
         """(G,) how far [m] each body reaches upwards (1) or downwards (−1)."""
+        return self._supports(np.array([[0.0, 0.0, sense]]))[:, 0]
+
+    def _supports(self, directions: Array) -> Array:
+        """(G, K) how far [m] each body reaches from the base's origin along ``directions`` (K, 3)."""
         return np.array(
             [
-                support(piece.geometry, sense * pose.rotation[2:]).item() + sense * pose.translation[2]
+                support(piece.geometry, directions @ pose.rotation) + directions @ pose.translation
                 for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
             ]
         )

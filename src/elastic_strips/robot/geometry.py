@@ -71,7 +71,7 @@ def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:
         return Capsule(points[0].copy(), points[0].copy(), radius)
     center = points.mean(axis=0)
     axes = np.vstack((np.linalg.svd(points - center, full_matrices=False)[2], np.eye(3)))
-    best: tuple[float, Capsule] | None = None
+    found: list[tuple[float, Capsule]] = []
     for axis in axes:
         along = points @ axis
         flat = points - along[:, None] * axis
@@ -85,10 +85,8 @@ def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:
             low = high = 0.5 * (low + high)
             r = float(np.sqrt(rho**2 + (along - low) ** 2).max())
         volume = np.pi * r * r * (high - low) + 4.0 / 3.0 * np.pi * r**3
-        if best is None or volume < best[0]:
-            best = (volume, Capsule(middle + low * axis, middle + high * axis, r + radius + 1e-9))
-    assert best is not None
-    return best[1]
+        found.append((volume, Capsule(middle + low * axis, middle + high * axis, r + radius + 1e-9)))
+    return min(found, key=lambda each: each[0])[1]
 
 
 def _transformed(points: Array, T: Array) -> Array:

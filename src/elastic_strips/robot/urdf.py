@@ -103,15 +103,9 @@ def fault(source: Path, element: etree._Element, text: str) -> RobotError:
 
 
 def floats(
-    element: etree._Element,
-    key: str,
-    count: int,
-    source: Path,
-    what: str,
-    default: str | None = None,
-    *,
+    element: etree._Element, key: str, count: int, source: Path, what: str, default: str | None = None, *,
     bound: float = math.inf,
-) -> list[float]:
+) -> list[float]:  # fmt: skip
     """The numbers of an attribute.
 
     Args:

@@ -211,7 +211,31 @@ class Sphere(Obstacle):
         self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion)
 
 
-class Cylinder(Obstacle):
+class _Round(Obstacle):
+    """A solid that is round about its z axis, of a radius and a length."""
+
+    __slots__ = ()
+    _form: type[coal.CollisionGeometry]
+    _caps = False  # whether half spheres add to the length
+
+    def __init__(
+        self,
+        radius: float,
+        length: float,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        kind = self._form.__name__
+        r, z = check_length(f"{kind} radius", radius), check_length(f"{kind} length", length)
+        half = 0.5 * z + r if self._caps else 0.5 * z
+        solid = primitive(self._form(r, z), (r, r, half), half if self._caps else math.hypot(r, half))
+        self._fill(kind.lower(), {"radius": r, "length": z}, solid, at, quat, name, motion)
+
+
+class Cylinder(_Round):
     """A cylinder about its z axis; the origin is at half its length.
 
     Args:
@@ -220,23 +244,10 @@ class Cylinder(Obstacle):
     """
 
     __slots__ = ()
-
-    def __init__(
-        self,
-        radius: float,
-        length: float,
-        *,
-        at: ArrayLike = _ORIGIN,
-        quat: ArrayLike = _UPRIGHT,
-        name: str | None = None,
-        motion: Motion | None = None,
-    ) -> None:
-        r, z = check_length("Cylinder radius", radius), check_length("Cylinder length", length)
-        solid = primitive(coal.Cylinder(r, z), (r, r, 0.5 * z), math.hypot(r, 0.5 * z))
-        self._fill("cylinder", {"radius": r, "length": z}, solid, at, quat, name, motion)
+    _form = coal.Cylinder
 
 
-class Capsule(Obstacle):
+class Capsule(_Round):
     """A capsule about its z axis; the origin is at its centre.
 
     Args:
@@ -245,23 +256,11 @@ class Capsule(Obstacle):
     """
 
     __slots__ = ()
-
-    def __init__(
-        self,
-        radius: float,
-        length: float,
-        *,
-        at: ArrayLike = _ORIGIN,
-        quat: ArrayLike = _UPRIGHT,
-        name: str | None = None,
-        motion: Motion | None = None,
-    ) -> None:
-        r, z = check_length("Capsule radius", radius), check_length("Capsule length", length)
-        solid = primitive(coal.Capsule(r, z), (r, r, 0.5 * z + r), 0.5 * z + r)
-        self._fill("capsule", {"radius": r, "length": z}, solid, at, quat, name, motion)
+    _form = coal.Capsule
+    _caps = True
 
 
-class Cone(Obstacle):
+class Cone(_Round):
     """A cone about its z axis, apex at +z; the origin is at half its height.
 
     Args:
@@ -270,20 +269,7 @@ class Cone(Obstacle):
     """
 
     __slots__ = ()
-
-    def __init__(
-        self,
-        radius: float,
-        length: float,
-        *,
-        at: ArrayLike = _ORIGIN,
-        quat: ArrayLike = _UPRIGHT,
-        name: str | None = None,
-        motion: Motion | None = None,
-    ) -> None:
-        r, z = check_length("Cone radius", radius), check_length("Cone length", length)
-        solid = primitive(coal.Cone(r, z), (r, r, 0.5 * z), math.hypot(r, 0.5 * z))
-        self._fill("cone", {"radius": r, "length": z}, solid, at, quat, name, motion)
+    _form = coal.Cone
 
 
 class ConvexHull(Obstacle):

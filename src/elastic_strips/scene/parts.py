@@ -203,7 +203,7 @@ def merge_cells(cells: _Index, span: _Index) -> tuple[_Index, _Index]:
     Runs along one axis are joined, then equal runs along the next, then the last; of the six orders the best one
     counts. No box crosses a multiple of ``span`` (3,).
     """
-    best: tuple[_Index, _Index] | None = None
+    found: list[tuple[_Index, _Index]] = []
     flat = (cells == cells[:1]).all(axis=0)
     tried: set[tuple[int, ...]] = set()
     for order in permutations(range(3)):
@@ -214,10 +214,8 @@ def merge_cells(cells: _Index, span: _Index) -> tuple[_Index, _Index]:
         low, high = cells, cells + 1
         for done, axis in enumerate(order):
             low, high = _join(low, high, axis, order[:done], span)
-        if best is None or len(low) < len(best[0]):
-            best = low, high
-    assert best is not None
-    return best
+        found.append((low, high))
+    return min(found, key=lambda boxes: len(boxes[0]))
 
 
 def _join(low: _Index, high: _Index, axis: int, merged: tuple[int, ...], span: _Index) -> tuple[_Index, _Index]:

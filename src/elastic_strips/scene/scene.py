@@ -296,6 +296,9 @@ class World(Summary):
         appears: Name → time [s]; an obstacle that is not named has always been there.
         vanishes: Name → time [s] at which it is gone; an obstacle that is not named stays for ever.
 
+    Attributes:
+        event_times: Times [s], ascending, at which something appears or vanishes.
+
     Raises:
         SceneError: A name that the scene has not, a time that is no finite number, an obstacle that vanishes before
             or when it appears.
@@ -304,7 +307,7 @@ class World(Summary):
     scene: Scene
     appears: Mapping[str, float] = field(default_factory=dict)
     vanishes: Mapping[str, float] = field(default_factory=dict)
-    _events: tuple[float, ...] = field(init=False, repr=False)  # times at which something appears or vanishes
+    event_times: tuple[float, ...] = field(init=False, repr=False)
     _latest: dict[int, Scene] = field(init=False, repr=False)  # number of events passed → newest snapshot made
 
     def __post_init__(self) -> None:
@@ -320,7 +323,7 @@ class World(Summary):
                     f"obstacle {name!r} vanishes at {end:g} s; it must be later than it appears, {begin:g} s"
                 )
         events = sorted({*self.appears.values(), *self.vanishes.values()})
-        object.__setattr__(self, "_events", tuple(events))
+        object.__setattr__(self, "event_times", tuple(events))
         object.__setattr__(self, "_latest", {})
 
     def at(self, t: float) -> Scene:
@@ -330,7 +333,7 @@ class World(Summary):
         that it shares what did not move and `Scene.rows_changed_since` costs next to nothing.
         """
         t = check_time("time", t)
-        phase = bisect_right(self._events, t)
+        phase = bisect_right(self.event_times, t)
         latest = self._latest.get(phase)
         if latest is None:
             there = [o for o in self.scene if self.exists(o.name or "", t)]
@@ -369,11 +372,6 @@ class World(Summary):
     def names_moving(self) -> tuple[str, ...]:
         """Names of the obstacles that have a motion, known or not."""
         return tuple(o.name or "" for o in self.scene if o.motion is not None)
-
-    @property
-    def event_times(self) -> tuple[float, ...]:
-        """Times [s], ascending, at which something appears or vanishes."""
-        return self._events
 
     def speed_bound(self, name: str | None = None, *, start: float | None = None, end: float | None = None) -> float:
         """Largest speed [m/s] of any point of an obstacle while it exists between ``start`` and ``end`` [s].
