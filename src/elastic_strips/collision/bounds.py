@@ -2,7 +2,7 @@
 
 The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of
 freedom: 1 for sliding, the distance from the axis for turning. Static radii hold for all postures within the joint
-limits; tight ones for one posture and the way to the next.
+limits; tight ones for one posture and the motion to the next.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class MotionBounds:
             joint = int(tree.parents[joint])
 
     def travel(self, v: Array) -> Array:
-        """Bounds (N, G) [m] on the way of any point of each body along tangent vectors ``v`` (N, nv)."""
+        """Bounds (N, G) [m] on the travel of any point of each body along tangent vectors ``v`` (N, nv)."""
         speed = np.abs(v)
         out = speed @ self.radius
         if self.planar:
@@ -156,10 +156,10 @@ class MotionBounds:
         return out
 
     def tight_travel(self, kin: Kinematics, node: Indices, body: Indices, v: Array) -> Array:
-        """Tighter bounds (K,) [m] for single bodies on the way from ``node`` along tangent vectors ``v`` (K, nv).
+        """Tighter bounds (K,) [m] for single bodies on the motion from ``node`` along tangent vectors ``v`` (K, nv).
 
         The distance of a point from an axis changes only by the joints between them, so it is at most what it is at the
-        node, plus what those joints move the point on the way.
+        node, plus what those joints move the point meanwhile.
         """
         bodies, tree = self.bodies, self.bodies.tree
         ends = bodies.ends_at(kin, node, body)

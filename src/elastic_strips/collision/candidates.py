@@ -300,9 +300,9 @@ class MovingParts:
         turn = candidates.rotation[columns] - rotation[columns]
         center, half = candidates.box_center[columns], candidates.box_half[columns]
         reach = np.linalg.norm(center, axis=1) + np.linalg.norm(half, axis=1)
-        way = np.sqrt(np.einsum("nci,nci->nc", step, step))
-        way += reach * np.sqrt(0.5 * np.einsum("cij,cij->c", turn, turn))
-        return columns, way, uncertainty - uncertainty_before
+        travel = np.sqrt(np.einsum("nci,nci->nc", step, step))
+        travel += reach * np.sqrt(0.5 * np.einsum("cij,cij->c", turn, turn))
+        return columns, travel, uncertainty - uncertainty_before
 
     def travel(self) -> Array | None:
         """(N−1, P) bound [m] on how far parts come towards the robot from node to node; None where nothing moves."""

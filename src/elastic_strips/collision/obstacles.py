@@ -21,7 +21,7 @@ from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
 
 _FAR = 1e9
 _MOVING_TOLERANCE = 2e-3
-"""What is predicted is never as exact as that [m]: distances to moving parts are asked again only beyond."""
+"""What is predicted is never as exact as that [m]: distances to moving parts are measured again only beyond."""
 
 
 class ObstacleProximity:
@@ -30,12 +30,12 @@ class ObstacleProximity:
     Args:
         bodies: what of the robot is measured.
         influence: distances below this [m] are computed exactly.
-        tolerance: an exact distance is asked again once its body or part has moved by more than this [m].
+        tolerance: an exact distance is measured again once its body or part has moved by more than this [m].
         slack: how far [m] the strip may drift before the candidates are collected anew.
 
     Attributes:
         bound: (N, G, P) lower bounds [m].
-        exact: (N, G, P) distances [m] where they were asked for, else ∞.
+        exact: (N, G, P) distances [m] where they were measured, else ∞.
         direction, witness: (N, G, P, 3) away from the obstacle, and nearest point on the robot.
         margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
     """
@@ -126,9 +126,9 @@ class ObstacleProximity:
             before, former = moving.prediction, moving.columns
             moved = moving.advance(prediction, candidates, columns)
             if moved is not None:
-                at, way, uncertainty = moved
-                self.bound[:, :, at] -= (way + uncertainty)[:, None, :]
-                self._since[:, :, at] += (way + np.abs(uncertainty))[:, None, :]
+                at, travel, uncertainty = moved
+                self.bound[:, :, at] -= (travel + uncertainty)[:, None, :]
+                self._since[:, :, at] += (travel + np.abs(uncertainty))[:, None, :]
             if before is not None and before.ignored.any():  # nothing is known of these
                 self._mark(before.ignored, former, -_FAR, _FAR)
         self._limit = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
@@ -230,7 +230,7 @@ class ObstacleProximity:
             self._chart[moved] = kin.chart[moved]
 
     def refine(self, kin: Kinematics) -> None:
-        """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
+        """Make every pair exact whose bound is below the influence distance and that moved since it was measured."""
         need = (self.bound < self.influence) & (self._since > self._limit)
         node, body, part = nonzero(need)
         self._ask(kin, node, body, part, self.influence)
@@ -282,8 +282,8 @@ class ObstacleProximity:
 
     def contacts(self) -> Contacts:
         """All pairs within the influence distance, exact to the tolerance."""
-        at = nonzero((self.exact < self.influence) & (self._since <= self._limit))
-        return Contacts(*at, self.exact[at], self.direction[at], self.witness[at])
+        node, body, part = at = nonzero((self.exact < self.influence) & (self._since <= self._limit))
+        return Contacts(node, body, part, self.exact[at], self.direction[at], self.witness[at])
 
     def clearance(self) -> Array:
         """Lower bound (N, G) [m] of each body's distance to any obstacle, capped at the influence distance."""

@@ -65,7 +65,7 @@ class SelfProximity:
         bounds: motion radii of ``bodies``.
         influence: distances below this [m] are computed exactly.
         repulsion: (S,) distances [m] below which the pairs push each other apart; at most ``influence``.
-        tolerance: an exact distance is asked again after this much relative motion [m].
+        tolerance: an exact distance is measured again after this much relative motion [m].
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class SelfProximity:
         self.refine(kin, self.influence)
 
     def refine(self, kin: Kinematics, reach: float) -> None:
-        """Make every pair exact whose bound is below ``reach`` and that moved since it was asked."""
+        """Make every pair exact whose bound is below ``reach`` and that moved since it was measured."""
         node, pair = nonzero((self.bound < reach) & (self._since > self.tolerance))
         self._ask(kin, node, pair, reach)
 
@@ -151,7 +151,7 @@ class SelfProximity:
         self.exact[node, pair] = distance
         self.bound[node, pair] = distance - GJK_EXCESS
         self._since[node, pair] = 0.0
-        # kept in the base's frame: the base carries all links alike, and does not make them ask again
+        # kept in the base's frame: the base carries all links alike, and needs no new measurement
         rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
         self.direction[node, pair] = _into(rotation, direction)
         self.first[node, pair] = _into(rotation, first - translation)
@@ -198,11 +198,11 @@ class SelfProximity:
 
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""
-        at = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
-        rotation, translation = self._base[at[0], :, :3], self._base[at[0], :, 3]
+        node, pair = at = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
+        rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
         direction = _out_of(rotation, self.direction[at])
         first, second = (_out_of(rotation, points[at]) + translation for points in (self.first, self.second))
-        return SelfContacts(*at, self.exact[at], direction, first, second)
+        return SelfContacts(node, pair, self.exact[at], direction, first, second)
 
 
 def _into(rotation: Array, vectors: Array) -> Array:

@@ -169,7 +169,7 @@ class Certifier:
     def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
         """Have the candidates hold all that long segments may come near; for short ones what is near the nodes will do.
 
-        A point of a long segment is no further from the nearest of some configurations on it than half the way from
+        A point of a long segment is no further from the nearest of some configurations on it than half the travel from
         one to the next.
         """
         if len(scene) == 0:

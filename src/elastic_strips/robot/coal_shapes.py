@@ -170,7 +170,7 @@ def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
 
 
 def contains(geometry: coal.CollisionGeometry, points: Array) -> bool:
-    """Whether points (V, 3) in a shape's frame surely all lie inside it; asked of up to 400 points only."""
+    """Whether points (V, 3) in a shape's frame surely all lie inside it; False for more than 400 points."""
     kind, size = shape_of(geometry)
     if len(points) > 400:
         return False

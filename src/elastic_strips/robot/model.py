@@ -87,7 +87,7 @@ class RobotModel(Summary):
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
-        """Visual geometry; read when it is first asked for, since it is most of what a URDF takes to load.
+        """Visual geometry; read at the first use, since it is most of what a URDF takes to load.
 
         The collision geometry where there is none, or where it cannot be read (a warning).
         """

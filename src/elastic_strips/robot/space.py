@@ -197,7 +197,7 @@ class ConfigurationSpace(Summary):
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
         """Chart rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
 
-        Which way a half turn goes is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
+        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
         rounding makes of it.
         """
         return self.integrate(a, np.asarray(s, dtype=float)[..., None] * self.difference(a, b))
@@ -205,7 +205,7 @@ class ConfigurationSpace(Summary):
     def half_turn(self, v: Array) -> Mask:
         """(…) whether the base or a continuous joint turns by half a turn along tangent vectors ``v`` (…, nv).
 
-        Between two such configurations there are two ways, and rounding decides which one Pinocchio takes; so nothing
+        Between two such configurations there are two paths, and rounding decides which one Pinocchio takes; so nothing
         is certified on them. Within 1e-5 of π.
         """
         turned = np.abs(v[..., self.base_nv :][..., self.circular]).max(axis=-1, initial=0.0) >= _HALF_TURN

@@ -59,7 +59,7 @@ class Motion(abc.ABC):
 
         Args:
             radius: Distance from the obstacle's origin [m].
-            start: Begin of the interval of time that is asked about [s]; ``None`` is minus infinity.
+            start: Begin of the interval of time [s]; ``None`` is minus infinity.
             end: End of the interval [s]; ``None`` is plus infinity.
         """
 

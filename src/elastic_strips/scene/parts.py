@@ -254,8 +254,7 @@ def _blocks(lows: Array, highs: Array, block: _Index) -> list[Part]:
     far = np.linalg.norm(np.abs(middles - np.repeat(center, counts, axis=0)) + 0.5 * sizes, axis=1)
     radius = np.maximum.reduceat(far, starts).tolist()
     middles.flags.writeable = False
-    cache: dict[tuple[float, ...], coal.Box] = {}
-    members = list(zip(_boxes(sizes, cache), middles, strict=True))
+    members = list(zip(_boxes(sizes), middles, strict=True))
     bounds = [*starts.tolist(), len(lows)]
     return [
         Part(None, _IDENTITY, center[i], half[i], radius[i], tuple(members[bounds[i] : bounds[i + 1]]))
@@ -263,13 +262,10 @@ def _blocks(lows: Array, highs: Array, block: _Index) -> list[Part]:
     ]
 
 
-def _boxes(sizes: Array, cache: dict[tuple[float, ...], coal.Box]) -> list[coal.Box]:
+def _boxes(sizes: Array) -> list[coal.Box]:
     """Coal boxes of ``sizes`` (m, 3) [m]; equal ones (to 1e-12 m) are one object."""
-    result = []
-    for key in map(tuple, np.round(sizes, 12).tolist()):
-        box = cache.get(key)
-        if box is None:
-            box = cache[key] = coal.Box(*key)
-            box.computeLocalAABB()
-        result.append(box)
-    return result
+    keys = list(map(tuple, np.round(sizes, 12).tolist()))
+    boxes = {key: coal.Box(*key) for key in dict.fromkeys(keys)}
+    for box in boxes.values():
+        box.computeLocalAABB()
+    return [boxes[key] for key in keys]

@@ -395,12 +395,7 @@ class World(Summary):
             begin = max(low, self.appears.get(obstacle.name or "", -math.inf))
             stop = min(high, self.vanishes.get(obstacle.name or "", math.inf))
             if obstacle.motion is not None and begin <= stop:
-                fastest = max(
-                    fastest,
-                    obstacle.speed_bound(
-                        start=None if begin == -math.inf else begin, end=None if stop == math.inf else stop
-                    ),
-                )
+                fastest = max(fastest, obstacle.speed_bound(start=begin, end=stop))
         return fastest
 
     def __reduce__(self) -> tuple[object, ...]:
