@@ -108,7 +108,9 @@ class Pairs(Protocol):
     The measures give distances (K,) [m] of ``pair`` (K,) at nodes (K,) of ``kin``; ``place`` (K,) is where on the path.
     """
 
-    def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array: ...
+    def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
+        """Cheap distances, never above the true ones."""
+        ...
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         """Distances, less what Coal may say too much."""
@@ -213,9 +215,11 @@ class OpenIntervals:
         return self.low.astype(np.intp)
 
     def take(self, which: Mask | Indices) -> OpenIntervals:
+        """Some of the intervals."""
         return OpenIntervals(*(getattr(self, name)[which] for name in self.__slots__))
 
     def joined(self, other: OpenIntervals) -> OpenIntervals:
+        """These intervals, and then the others."""
         return OpenIntervals(*(np.concatenate((getattr(self, x), getattr(other, x))) for x in self.__slots__))
 
     def open(self, clearance: float) -> Mask:

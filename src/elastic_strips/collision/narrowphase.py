@@ -55,6 +55,7 @@ class ShapePair(NamedTuple):
 
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
+        """The functors of two shapes."""
         shapes = for_penetration(one, two)
         deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
         return ShapePair(coal.ComputeDistance(one, two), deep, fine, (one, two, *shapes))

@@ -52,6 +52,11 @@ class KinematicTree(Summary):
 
     @staticmethod
     def from_model(model: pin.Model, space: ConfigurationSpace) -> KinematicTree:
+        """The tree of a Pinocchio model with this configuration space.
+
+        Raises:
+            RobotError: the batched kinematics differ from Pinocchio's.
+        """
         n = model.njoints
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))

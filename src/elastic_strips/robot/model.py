@@ -69,10 +69,12 @@ class RobotModel(Summary):
 
     @property
     def nq(self) -> int:
+        """Size of a configuration."""
         return self.space.nq
 
     @property
     def nv(self) -> int:
+        """Number of degrees of freedom."""
         return self.space.nv
 
     @property
@@ -95,6 +97,7 @@ class RobotModel(Summary):
 
     @property
     def control_point_names(self) -> tuple[str, ...]:
+        """Names (C) of the control points."""
         return self.control_point_set.names
 
     def same_as(self, other: RobotModel) -> bool:

@@ -32,6 +32,7 @@ class BaseKind(str, Enum):
 
     @property
     def planar(self) -> bool:
+        """Whether the root moves in the plane."""
         return self is not BaseKind.FIXED
 
     @staticmethod

@@ -1,7 +1,7 @@
 """The validating URDF reader: every fault is one error that names the file and the element.
 
-Pinocchio's own parser reports a fault as a line on standard error or a crash in C++, and some trifles as one; so a
-description is checked here first, and Pinocchio and Coal build their models from a copy in which trifles are mended.
+Pinocchio's own parser reports a fault as a line on standard error or a crash in C++, and some small faults too; so a
+description is checked here first, and Pinocchio and Coal build their models from a copy with small faults mended.
 """
 
 from __future__ import annotations
@@ -263,7 +263,7 @@ class UrdfSource:
 
     Attributes:
         path: the file.
-        document: the description as Pinocchio gets it: trifles mended, mesh files by their paths.
+        document: the description as Pinocchio gets it: small faults mended, mesh files by their paths.
         links, joints: all names.
         parents: link → (joint, link) that carry it; the root has none.
         joint_limits: joint → (lower, upper) of revolute and prismatic joints.
