@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -72,6 +72,8 @@ class DeformReport(Summary):
         tunnel: protective hulls, or None where they were not requested.
         constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
     """
+
+    connectivity_counts: ClassVar[bool] = False  # whether a strip whose protective hulls do not overlap is refused
 
     strip: Strip
     status: DeformStatus

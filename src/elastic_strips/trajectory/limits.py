@@ -12,7 +12,6 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -99,7 +98,7 @@ def _read_wheels(robot: RobotModel) -> _Wheels:
     return found[0]
 
 
-def _skeleton(root: Any) -> str:
+def _skeleton(root: etree._Element) -> str:
     """The URDF's joints alone: what else it holds may not be strict."""
     bare = deepcopy(root)
     bare.set("name", bare.get("name") or "robot")
@@ -113,7 +112,7 @@ def _skeleton(root: Any) -> str:
     return etree.tostring(bare, encoding="unicode")
 
 
-def _radius(root: Any, link_name: str, path: Path) -> float | None:
+def _radius(root: etree._Element, link_name: str, path: Path) -> float | None:
     """Radius [m] of a wheel's link: of its round collision shape, then of its visual one, then of its meshes."""
     link = next((link for link in root.findall("link") if link.get("name") == link_name), None)
     if link is None:
