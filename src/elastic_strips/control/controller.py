@@ -21,7 +21,8 @@ from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
-from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory, stationary
+from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
+from elastic_strips.trajectory.trajectory import stationary
 from elastic_strips.validation import check_able, check_count, check_number, check_type
 
 from .estimation import StateEstimator

@@ -105,7 +105,9 @@ class PlanningProblem:
         self.params = self.deformer.params
         self.start, self.goal = check_endpoints(robot, scene, start, goal, self.params)
         self.endpoints = np.stack((self.start, self.goal))
-        self.region = Region.of(robot, scene, self.start, self.goal, bounds)
+        self.region = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
+        if self.region is None and bounds is not None:
+            raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
         self.spacing = min(_SPACING, self.params.max_spacing)
 
     def failure(self, report: DeformReport) -> str:
@@ -233,19 +235,6 @@ class Region:
         self.endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
         self.given = None if bounds is None else _checked_bounds(bounds, self.endpoints)
         self.cover = self._cover(robot, scene, start, goal) if self.given is None else self.given
-
-    @staticmethod
-    def of(robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None) -> Region | None:
-        """The region of a robot whose base moves; None for a fixed base.
-
-        Raises:
-            ParameterError, ConfigurationError: bounds for a fixed base, or as :class:`Region`.
-        """
-        if robot.space.planar:
-            return Region(robot, scene, start, goal, bounds)
-        if bounds is not None:
-            raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
-        return None
 
     def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> _Box:
         footprints = [PlanarFootprint.of(robot, q) for q in (start, goal, robot.home_q)]

@@ -67,6 +67,9 @@ class _Member:
         self.origin = found.strip.chart[0].copy()  # where the robot was when it was planned
         self.broken = self.better = 0  # ticks in a row, of those in which it was deformed
 
+    def __str__(self) -> str:
+        return f"a strip of {self.report.strip.length:.2f} m"
+
     def deform(self, scene: Scene) -> None:
         self.report = self.deformer.step(self.report.strip, scene)
         self.broken = 0 if self.report.usable else self.broken + 1
@@ -271,7 +274,7 @@ class StripSet:
         for member in self._members:
             member.better = 0
         if old is None:
-            events.append(f"took up a strip of {to.report.strip.length:.2f} m: {why}")
+            events.append(f"took up {to}: {why}")
             return
         events.append(f"switched from {self._sides(scene, old, to)}: {why}")
 
@@ -302,7 +305,7 @@ class StripSet:
                     why = f"it leads {np.degrees(angle):.0f}° off the current one: the robot has passed where they part"
             if why:
                 self._members.remove(member)
-                events.append(f"dropped {self._beside(member)}: {why}")
+                events.append(f"dropped {member}: {why}")
 
     def _lacks(self) -> bool:
         """Whether to call the planner: where the current strip is broken, or, less and less often, for more strips."""
@@ -319,7 +322,7 @@ class StripSet:
         for member in sorted(members, key=lambda m: (m is not self._current, m.cost)):
             if any(member.homotopy_class == other.homotopy_class for other in kept):
                 self._members.remove(member)
-                events.append(f"dropped {self._beside(member)}: it passes on the same sides as a better one")
+                events.append(f"dropped {member}: it passes on the same sides as a better one")
             else:
                 kept.append(member)
         return kept
@@ -365,10 +368,6 @@ class StripSet:
         self._futile = 0 if new else self._futile + 1
         if self._current is None and self._members:
             self._current = min(self._members, key=lambda m: m.cost)
-
-    @staticmethod
-    def _beside(member: _Member) -> str:
-        return f"a strip of {member.report.strip.length:.2f} m"
 
     def _report(self, events: list[str], fresh: list[_Member], *, planned: bool) -> StripSetReport:
         for event in events:
