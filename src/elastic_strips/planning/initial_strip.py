@@ -97,8 +97,8 @@ _FOLD = 0.3  # largest motion of a joint between two rows while the base stands 
 def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLike, *, spacing: float) -> Array:
     """Rows (N, nv) along waypoints of the base, from start to goal.
 
-    A differential drive follows them forwards. Near an end the path is bent into its heading, or, where that is quite
-    another one, the drive turns in place there. The joints move evenly along the path, and so does the heading of an
+    A differential drive follows them forwards. Near an end the path is bent into its heading, or, where that differs
+    much, the drive turns in place there. The joints move evenly along the path, and so does the heading of an
     omnidirectional base.
 
     Args:

@@ -26,7 +26,7 @@ _MAX_PAIRED = 400
 
 
 class Validity:
-    """Workspace: tells whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
+    """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
     Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
     parts (voxels) stand in one Coal tree that each link asks.
@@ -35,7 +35,7 @@ class Validity:
         robot: the robot.
         scene: the obstacles.
         margin: distance to keep to obstacles [m].
-        low, high: (2,) region of the base that will be asked about [m]; parts that the robot cannot reach from there
+        low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
             are left out. None takes all.
         reach: how far [m] the robot extends from its base.
     """
@@ -115,7 +115,7 @@ _OMPL = threading.Lock()
 _WIDEN = 2.0  # [m] the base may go so far beyond start and goal
 _TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
 _BASE_STEP = 0.07  # spacing of validity checks [m]
-_JOINT_STEP = 0.2  # and in joint space [rad]; the certificate, not the planner, vouches for what lies between
+_JOINT_STEP = 0.2  # and in joint space [rad]; what lies between is proven by the certificate, not the planner
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,8 +184,8 @@ def ompl_path(
     for name, q in (("start", start), ("goal", goal)):
         if not valid(q):
             return PathResult(None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, False)
-    patience = threading.TIMEOUT_MAX if deadline is None else min(max(deadline.left, 0.0), threading.TIMEOUT_MAX)
-    if not _OMPL.acquire(timeout=patience):
+    wait = threading.TIMEOUT_MAX if deadline is None else min(max(deadline.left, 0.0), threading.TIMEOUT_MAX)
+    if not _OMPL.acquire(timeout=wait):
         return PathResult(None, "another thread's search with OMPL took all the time", valid.checks, False)
     try:
         left = timeout if deadline is None else min(timeout, deadline.left)

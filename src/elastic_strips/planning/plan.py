@@ -112,7 +112,7 @@ def plan_report(
     grid: bool = True,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
-    """Plan an initial strip, or several that pass the obstacles on different sides, and tell how it went.
+    """Plan an initial strip, or several that pass the obstacles on different sides, and report how it went.
 
     Where several are asked for, the straight line, paths over a grid that differ in class, and paths of OMPL are
     relaxed until there are enough. A fixed base has one class only.
@@ -370,7 +370,7 @@ def plan(
     grid's or OMPL's path.
 
     Where none of them gives a certified strip, the best one is returned *as it is*, a warning is logged, and every
-    report on it says where it is broken; :func:`plan_report` tells all.
+    report on it says where it is broken; :func:`plan_report` has the details.
 
     Args:
         robot, scene, start, goal, seed, params, timeout, bounds: as in :func:`plan_report`.

@@ -25,8 +25,8 @@ from .grid_path import FLOOR
 
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
-_FAR = 200.0  # [m] a goal farther away is told of
-_HUGE, _THICK = 200.0, 1.0  # [m] an obstacle of such a size is told of, unless it is a wall or a floor
+_FAR = 200.0  # [m] a warning is logged for a goal farther away
+_HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
 _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
 _SPACING = 0.13  # [m] between the nodes of a first strip, at most
@@ -130,7 +130,7 @@ def check_endpoints(
 ) -> tuple[Array, Array]:
     """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
 
-    What is suspiciously far away or large is told of in a warning: lengths are in metres.
+    A warning is logged for what is suspiciously far away or large: lengths are in metres.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.

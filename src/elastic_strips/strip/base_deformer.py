@@ -144,7 +144,7 @@ class Workspace:
             scene: the obstacles.
             to_move: the nodes are about to move, and all is measured again then. With a prediction, and the same
                 obstacles as before, the distances that are known do for the forces: what moves as predicted is where
-                it was reckoned with.
+                the prediction had it.
         """
         current = strip is self._strip
         if not current:

@@ -1,4 +1,4 @@
-"""Orientation constraint: an axis of the robot that points in a direction while the strip gives way."""
+"""Orientation constraint: an axis of the robot that points in a given direction at every node of a strip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tick hands out: the strip, its status with the reason, its certificate, what it cost."""
+"""Reports: the result of a tick, with the strip, its status and the reason, its certificate, and what it cost."""
 
 from __future__ import annotations
 

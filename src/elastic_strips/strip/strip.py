@@ -113,7 +113,7 @@ class Strip(Summary):
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
 
-    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose way
+    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose arc
     is not defined, as far below as the robot could reach). Infinite without obstacles; what is more than 10 km away
     counts as 10 km away.
 

@@ -142,7 +142,7 @@ def _radius(root: etree._Element, link_name: str, path: Path) -> float | None:
 
 
 _UNLIMITED = 1e6
-"""Speeds [rad/s or m/s] above this are a description's way to say that there is no limit."""
+"""Speeds [rad/s or m/s] above this mean in a description that there is no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

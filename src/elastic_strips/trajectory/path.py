@@ -92,7 +92,7 @@ def polyline(
 
 
 def _stops(y: Array, s: Array, heading: Array | None) -> Indices:
-    """Nodes where the way turns too sharply for wheels and joints to follow without a stop; and the last one.
+    """Nodes where the path turns too sharply for wheels and joints to follow without a stop; and the last one.
 
     A change between forwards and backwards is one of them, unless the base turns so fast about it that no wheel and no
     joint changes its speed abruptly.
@@ -254,7 +254,7 @@ def follow(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, curv
         vx = twist[..., 0] + weights[:, :, 0] @ rate.T / width
         vy = twist[..., 1] + weights[:, :, 1] @ rate.T / width
         cos, sin = np.cos(angle), np.sin(angle)
-        px, py = cos * vx - sin * vy, sin * vx + cos * vy  # the base's way per length
+        px, py = cos * vx - sin * vy, sin * vx + cos * vy  # the base's motion per length
         miss = target - start[:2] - width * np.cumsum(np.stack([px @ part, py @ part], axis=1), axis=0)
         worst = float(np.abs(miss).max())
         if worst < least:
@@ -266,8 +266,8 @@ def follow(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, curv
         jacobian = np.empty((count, 2, len(parts)))
         for i, (axis, c) in enumerate(parts):
             along = part * (rate[:, c] if axis < 2 else value[:, c] * (width / lever))
-            ways = ((cos, sin), (-sin, cos), (-py, px))[axis]
-            jacobian[:, 0, i], jacobian[:, 1, i] = ways[0] @ along, ways[1] @ along
+            directions = ((cos, sin), (-sin, cos), (-py, px))[axis]
+            jacobian[:, 0, i], jacobian[:, 1, i] = directions[0] @ along, directions[1] @ along
         square = jacobian @ jacobian.transpose(0, 2, 1) + 1e-6 * np.eye(2)
         step = (np.linalg.solve(square, ask[..., None]).transpose(0, 2, 1) @ jacobian)[:, 0]
         weights = weights.copy()
@@ -299,7 +299,7 @@ _RANGE_SLACK = 1e-6  # [rad or m]
 
 
 class RetimingError(ElasticStripsError):
-    """A path cannot be driven as asked: no room to brake, a start velocity off the path, limits that cannot be kept."""
+    """A path cannot be driven as requested: no room to brake, a start off the path, or limits that are too low."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -350,7 +350,7 @@ def smooth_path(
         heading: (m,) direction of the velocity at the start, in which the path begins; None from rest.
         bend: (m,) second derivative by length with which it begins; None for any.
         lead: nodes nearer to the start than this are no knots [m].
-        window: about the length of way in which the base is led back to the strip [m].
+        window: about the length of path in which the base is led back to the strip [m].
 
     Raises:
         RetimingError: the heading points away from the path, or would take a joint out of its range.

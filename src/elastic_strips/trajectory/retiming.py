@@ -27,15 +27,15 @@ _LEADS = ((0.04, 0.5), (0.08, 1.0))
 """Nearest knot to the start and length of the windows [m]; the second turns more gently into the polyline."""
 
 _STILL = 5e-4  # part of the speed limits below which a start counts as rest
-_SLOW = 0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the way
+_SLOW = 0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the path
 _SHARPEST = 10.0  # bend at the start [1/m] up to which it is continued
 _GROWTH = 1.3
-_NOWHERE = 1e-6  # shorter ways are none [m]
+_NOWHERE = 1e-6  # shorter paths are none [m]
 
 
 @dataclass(frozen=True, slots=True)
 class _Start:
-    """Time [s], velocity (m,) of drive and joints, whether that is one, and the bend (m,) of the way, where known."""
+    """Time [s], velocity (m,) of drive and joints, whether that is one, and the bend (m,) of the path, where known."""
 
     time: float
     velocity: Array
@@ -94,7 +94,7 @@ class Retimer:
         Args:
             chart: (K, nv) nodes; it starts exactly at the first one.
             v_start: (nv,) velocity there: body twist, joint rates; None or about zero: from rest.
-            a_start: (nv,) acceleration there, with which the way goes on bending as it did before: replanning from a
+            a_start: (nv,) acceleration there, with which the path goes on bending as it did before: replanning from a
                 state of a trajectory then seldom fails. None where unknown.
             distance: how far to go [m]: the base's travel, a joint's turn counted as 0.25 m/rad.
             start_time: time of the first sample [s].
@@ -132,7 +132,7 @@ class Retimer:
         return joined(pieces)
 
     def brake(self, trajectory: Trajectory, t: float) -> Trajectory:
-        """The earliest stop on the way of a trajectory from time ``t`` on: :func:`brake` with these limits."""
+        """The earliest stop on the path of a trajectory from time ``t`` on: :func:`brake` with these limits."""
         return brake(trajectory, t, limits=self.limits, dt=self.dt)
 
     def _nodes(self, chart: npt.ArrayLike) -> Array:
@@ -217,7 +217,7 @@ class Retimer:
             highest = (self._speed / rate).min(axis=1)  # path speed
         bound = (margin[0] * speed * highest) ** 2
         x = float(((start.velocity * self.weight) ** 2).sum())
-        if x > bound[0]:  # too fast: brake to the bound, hard but not so hard that there is only one way to
+        if x > bound[0]:  # too fast: brake to the bound, hard but not so hard that there is only one profile to
             falling = braked(path.grid, path.y1, path.y2, acceleration, x, 0.9)
             bound = np.maximum(bound, np.minimum(falling, (now * highest) ** 2))
         profile = fastest(path.grid, path.y1, path.y2, bound, acceleration, x)
@@ -268,7 +268,7 @@ _STOPPED = 1e-9  # squared part of the trajectory's own speed that counts as non
 def brake(trajectory: Trajectory, t: float, *, limits: MotionLimits | None = None, dt: float = 0.01) -> Trajectory:
     """The trajectory from time ``t`` [s] on, slowed down as fast as the limits allow until it stands.
 
-    The way stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
+    The path stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
     Where that gains nothing (it brakes already, or stands) this is what is left of the trajectory; either way it ends
     at rest if the trajectory does.
 
@@ -316,7 +316,7 @@ class _Timed:
         """The profile over τ that falls from rate 1 as fast as |ÿτ̇² + ẏτ̈| ≤ a allows; None where it does not reach 0.
 
         At a rate below 1 the trajectory's acceleration is within its limit, so a constant rate is always allowed; and
-        of two ways down the lower one stays below the other, so each step may take the hardest braking there is.
+        of two profiles the lower one stays below the other, so each step may take the hardest braking there is.
         """
         time, v = self.time.copy(), self.v.copy()
         v[0] = v[0] + (self.begin - time[0]) * self.a[0]

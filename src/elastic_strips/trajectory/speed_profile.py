@@ -1,4 +1,4 @@
-"""Speed profiles: the fastest way along a path that keeps every limit (TOPP-RA), by toppra's linear programs."""
+"""Speed profiles: the fastest motion along a path that keeps every limit (TOPP-RA), by toppra's linear programs."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float,
         lower, upper = float((-room[i] - slope[i] * x[i]).max()), float((room[i] - slope[i] * x[i]).min())
         if lower < 0.0:
             u = min(part * lower, 0.5 * (lower + upper))
-        else:  # in a bend that takes so much that the way has to be hurried on
+        else:  # in a bend that takes so much that the robot has to speed up
             u = lower + (1.0 - part) * (upper - lower)
         x[i + 1] = max(x[i] + 2.0 * h[i] * u, 0.0)
     return x

@@ -44,7 +44,7 @@ class Trajectory(Summary):
     """A timed motion: samples joined by exact arcs of the base and straight lines of the joints.
 
     Between two samples the robot moves on the arc that joins them, evenly in time: what a certificate proves about
-    the samples and the arcs is proved about every reference that :meth:`at` hands out.
+    the samples and the arcs is proved about every reference that :meth:`at` returns.
 
     Attributes:
         robot: whose motion this is.

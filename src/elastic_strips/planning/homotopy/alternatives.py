@@ -80,7 +80,7 @@ class AlternativesSearch:
     were not enough. What relaxes into a class that is there already replaces it where it is cheaper.
 
     Args:
-        problem: what is asked.
+        problem: start, goal, scene, time and bounds.
         count: so many strips at most.
         without: classes among ``clusters`` that are not wanted, because they are there already.
         clusters: of the scene, about start and goal; found where None.

@@ -1,7 +1,7 @@
 """Homotopy classes: on which sides of the obstacles a path of the base goes, and paths over a grid of each class.
 
 A ray goes from a point of each obstacle upwards (towards +y) to infinity. The rays that a path crosses, in order and
-with the sense of the crossing, spell a word; a crossing and the next one back cancel. Two paths with the same ends have
+with the sense of the crossing, form a word; a crossing and the next one back cancel. Two paths with the same ends have
 the same reduced word if and only if one can be deformed into the other without passing over one of those points.
 """
 

@@ -38,8 +38,8 @@ class StripSetParams:
             before it is dropped, or the current one planned anew.
         divergence_distance: how far ahead [m] it is looked where a strip leads, once the robot has gone as far since it
             was planned.
-        divergence_angle: a strip is dropped then that leads another way than a certified current one by more than this
-            [rad]: the robot has passed where they part.
+        divergence_angle: a strip is dropped then whose direction differs from that of a certified current one by more
+            than this [rad]: the robot has passed where they part.
         plan_every: a planner is called at most once in so many ticks; 0 calls none.
         timeout: of a planner's call within a tick [s].
     """
@@ -419,7 +419,7 @@ def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> D
     rows = np.vstack((first, rest[skip:]))
     if strip.robot.base_kind is BaseKind.DIFF_DRIVE:
         rows, slip = project_rolling(strip.robot.space, rows)
-        if slip > SLIP_LIMIT:  # it cannot be driven; the next tick starts from nothing that is held
+        if slip > SLIP_LIMIT:  # it cannot be driven; the next tick starts without known distances
             endpoints = strip.robot.space.from_chart(rows[[0, -1]])
             endpoints[-1] = strip.q[-1]
             return replace(report, strip=Strip.from_chart(strip.robot, rows, ends=endpoints), slip=slip)
