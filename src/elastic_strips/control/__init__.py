@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .controller import Controller, Tick
 from .estimation import EstimatorParams, StateEstimator
-from .interfaces import Command, Event, Measurement, Perception, RunState
+from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
 from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
 from .prediction import predict
@@ -25,7 +25,6 @@ __all__ = [
     "LocalPlanner",
     "Measurement",
     "ObstacleAssumptions",
-    "Perception",
     "PlanOutcome",
     "PlanResult",
     "Record",

@@ -325,7 +325,7 @@ class Controller(ControlLoop):
             self._take_in(measurement)
             step = self.robot.space.difference(before, self.estimate)
             self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
-            if measurement.odometry_lost:
+            if measurement.drive is None:
                 self.log("fault", "odometry lost")
         if scene is not None:
             self._newest, self._trouble = scene, ""
@@ -380,7 +380,7 @@ class Controller(ControlLoop):
             contact, self._contact = self._contact, ""
             supervisor.log(t, "fault", contact)
             self._ready.clear()
-            supervisor.brake(self.planner.timer.brake(supervisor.active, self._begin(t)), contact, t)
+            supervisor.brake(self.planner.timer.hard.brake(supervisor.active, self._begin(t)), contact, t)
             return
         if self._trouble or self._newest is None:
             supervisor.reject(self._trouble, t)

@@ -113,11 +113,6 @@ class StateEstimator:
         return 0.0 if self._lost_since is None else self._time - self._lost_since
 
     @property
-    def fix_age(self) -> float:
-        """Time [s] since what the newest fix tells of (or the reset)."""
-        return self._time - self._fix_time
-
-    @property
     def deviation(self) -> tuple[float, float]:
         """Standard deviations that the filter gives its pose at the last fix: position [m], heading [rad]; 0 for a
         fixed base."""
@@ -127,7 +122,7 @@ class StateEstimator:
 
     def reset(self, chart: Array, time: float = 0.0) -> None:
         """Start anew from a known chart row (nv,) at a time [s]."""
-        self._time = self._fix_time = float(time)
+        self._time = float(time)
         values = [float(x) for x in chart]
         self._joints = np.array(values[self._first :])
         pose = (values[0], values[1], values[2]) if self._k else (0.0, 0.0, 0.0)
@@ -204,7 +199,6 @@ class StateEstimator:
         self._pose = compose(shift, self._pose)
         self._past = deque(((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * _SLACK), _KEEP)
         self._at_fix = (at, moved, past[2])
-        self._fix_time = at
         if found:
             self._lost_since = self._back_at = None
 

@@ -1,4 +1,4 @@
-"""Replanning: when a strip has to be planned anew, and how; other ways that are kept at hand."""
+"""Replanning: when a strip has to be planned anew, and how; alternative strips."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Replanner:
 
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
         self.robot, self.params, self.seed, self.grid = robot, params, seed, grid
-        self.deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
+        self.deform = params.strip
         self.halted = self.pending = False
         self.due = 0.0
         self.count = 0
@@ -110,9 +110,9 @@ class Replanner:
         return None, reason
 
 
-def standing(scene: Scene) -> Scene:
-    """What a planner of still scenes gets: the obstacles that stand."""
-    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _STANDING]
+def standing(scene: Scene, below: float = _STANDING) -> Scene:
+    """What a planner of still scenes gets: obstacles slower than ``below`` [m/s], as if they stood."""
+    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < below]
     return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
 
 
@@ -132,7 +132,7 @@ def _moves(scene: Scene, name: str) -> bool:
 
 _log = logging.getLogger(__name__)
 _SLOW = 0.3
-"""What is slower than this [m/s] counts, where it is, as closing a way; what is faster has soon passed."""
+"""An obstacle slower than this [m/s] blocks a path where it is; a faster one has soon passed."""
 _FAMILY_TIMEOUT = 2.0
 _EVERY = 5  # planning ticks from one tick of the family to the next
 
@@ -171,7 +171,7 @@ class SwitchingReplanner(Replanner):
         first = super().plan(scene, start, goal, path=path)
         self.family = StripSet(self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed)
         try:
-            found = self.family.plan(slow(scene), start)
+            found = self.family.plan(standing(scene, _SLOW), start)
         except ConfigurationError:  # something slow stands in start or goal, and may go away
             return first
         best = found.best
@@ -188,7 +188,7 @@ class SwitchingReplanner(Replanner):
         self._ticks += 1
         if self.family is not None and self._ticks % _EVERY == 0 and not self.pending:
             try:
-                self.family.step(slow(scene), result.report.strip.q[0], decide=False)
+                self.family.step(standing(scene, _SLOW), result.report.strip.q[0], decide=False)
             except ElasticStripsError as error:  # no reason to lose what was proposed
                 _log.warning("the other ways were not deformed: %s", error)
         due = super().watch(t, result, scene, at_rest=at_rest)
@@ -203,7 +203,7 @@ class SwitchingReplanner(Replanner):
         family, why = self.family, self._why
         if family is not None:
             try:
-                found = family.leave(slow(scene), start, why)
+                found = family.leave(standing(scene, _SLOW), start, why)
             except ElasticStripsError as error:
                 return None, f"failed: {error}"
             if found.best is not None:
@@ -213,11 +213,5 @@ class SwitchingReplanner(Replanner):
         strip, reason = super().plan_anew(scene, start, goal)
         if strip is not None and family is not None:
             with suppress(ElasticStripsError):  # for the next time; what is followed now is the planner's
-                family.plan(slow(scene), start, timeout=_FAMILY_TIMEOUT)
+                family.plan(standing(scene, _SLOW), start, timeout=_FAMILY_TIMEOUT)
         return strip, reason
-
-
-def slow(scene: Scene) -> Scene:
-    """What stands or moves slowly, as if it stood."""
-    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _SLOW]
-    return Scene([o.observed(o.pose, None) for o in still], time=scene.time)

@@ -17,7 +17,6 @@ from elastic_strips.errors import ParameterError, missing_extra
 if TYPE_CHECKING:
     from .tree import Tree
 
-
 Answer = tuple["bool | None", str]
 
 
@@ -74,10 +73,9 @@ class SequencingLayer:
         if max_attempts < 1:
             raise ParameterError(f"SequencingLayer: max_attempts={max_attempts!r} must be at least 1")
         self.order, self.reason = Order.WAIT, "not started"
-        self._steps = tuple(steps)
         self._age, self._attempts = max_scene_age, max_attempts
         self._board = Blackboard()
-        self._tree = self._build()
+        self._tree = self._build(steps)
 
     def tick(self, board: Blackboard) -> Order:
         """Take in the blackboard, and decide."""
@@ -97,13 +95,13 @@ class SequencingLayer:
         """The tree in Graphviz' language; ``dot -Tsvg`` draws it."""
         return self._tree.dot()
 
-    def _build(self) -> Tree:
+    def _build(self, steps: Sequence[str]) -> Tree:
         try:
-            from .tree import Step, Tree
+            from .tree import Tree
         except ImportError as error:
             raise missing_extra("the sequencing layer", "py_trees", "control") from error
         return Tree(
-            [Step(name, partial(self._there, k)) for k, name in enumerate(self._steps)],
+            [(name, partial(self._there, k)) for k, name in enumerate(steps)],
             [("scene is fresh", self._fresh), ("robot knows where it is", self._localized)],
             usable=self._usable,
             ask=self._ask,

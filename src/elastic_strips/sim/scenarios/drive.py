@@ -26,7 +26,6 @@ from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
 from elastic_strips.sim.tracking_bound import Displacement
-from elastic_strips.strip import DeformParams
 from elastic_strips.summary import Summary
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_choice, check_count, check_type
@@ -127,8 +126,7 @@ def make_simulation(
     check_count("alternatives", alternatives, low=1)
     problem = _Problem.of(scenario, robot, seed, plant)
     if params is None:
-        values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
-        deform = DeformParams().replaced(**values)
+        deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
         params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
         if sensors is not None:
             params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE)
