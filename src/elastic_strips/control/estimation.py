@@ -29,7 +29,7 @@ def exp(twist: Pose) -> Pose:
     return s * vx - k * vy, k * vx + s * vy, turn
 
 
-def log(pose: Pose) -> Pose:
+def _log(pose: Pose) -> Pose:
     """The twist that leads to a pose in unit time, by the shorter turn."""
     x, y, turn = pose
     turn = math.atan2(math.sin(turn), math.cos(turn))
@@ -44,7 +44,7 @@ def compose(a: Pose, b: Pose) -> Pose:
     return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], a[2] + b[2]
 
 
-def inverse(a: Pose) -> Pose:
+def _inverse(a: Pose) -> Pose:
     """The pose of the world in the frame of ``a``."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], -a[2]
@@ -187,7 +187,7 @@ class StateEstimator:
             self._P[:3, :3] = np.eye(3)
         p = self.params
         _, pose, _ = past
-        error = np.array(log(compose(inverse(pose), (fix[0], fix[1], fix[2]))))
+        error = np.array(_log(compose(_inverse(pose), (fix[0], fix[1], fix[2]))))
         noise = np.array([p.fix_noise**2, p.fix_noise**2, p.fix_angle_noise**2])
         gain = np.linalg.solve(self._P[:3, :3] + np.diag(noise), self._P[:3]).T  # (3 + k, 3), P is symmetric
         delta = (gain @ error).tolist()
@@ -195,7 +195,7 @@ class StateEstimator:
         self._slip = [max(-0.1, min(0.1, s + d)) for s, d in zip(self._slip, delta[3:], strict=True)]
         # carry the correction along the odometry since: all later poses move rigidly with the one corrected
         moved = compose(pose, exp((delta[0], delta[1], delta[2])))
-        shift = compose(moved, inverse(pose))
+        shift = compose(moved, _inverse(pose))
         self._pose = compose(shift, self._pose)
         self._past = deque(((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * _SLACK), _KEEP)
         self._at_fix = (at, moved, past[2])
@@ -210,7 +210,7 @@ class StateEstimator:
                 if later is None or at - entry[0] <= _SLACK:
                     return entry
                 s = (at - entry[0]) / (later[0] - entry[0])
-                way = log(compose(inverse(entry[1]), later[1]))
+                way = _log(compose(_inverse(entry[1]), later[1]))
                 pose = compose(entry[1], exp((s * way[0], s * way[1], s * way[2])))
                 return at, pose, tuple(a + s * (b - a) for a, b in zip(entry[2], later[2], strict=True))
             later = entry
@@ -220,7 +220,7 @@ class StateEstimator:
         """Covariance from the last fix to the time of a new one; errors live in the base's own frame."""
         p, k = self.params, self._k
         dt = max(past[0] - self._at_fix[0], 0.0)
-        x, y, turn = compose(inverse(self._at_fix[1]), past[1])
+        x, y, turn = compose(_inverse(self._at_fix[1]), past[1])
         cos, sin = math.cos(turn), math.sin(turn)
         F = np.eye(3 + k)
         F[:2, :3] = [[cos, sin, sin * x - cos * y], [-sin, cos, cos * x + sin * y]]

@@ -8,7 +8,8 @@ from typing import Any
 
 from elastic_strips.arrays import ArrayLike
 from elastic_strips.control import DriveParams, DriveResult
-from elastic_strips.control.tasks import ConstraintEvent, HybridControl, Order, Task, TaskPlan, deliberate
+from elastic_strips.control.tasks import HybridControl, Order, Task, TaskPlan, deliberate
+from elastic_strips.control.tasks.hybrid import ConstraintEvent
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World

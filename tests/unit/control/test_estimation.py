@@ -104,7 +104,10 @@ def test_fixes_are_worth_their_while(silvermate):
     limits = limits_of(silvermate)
     with_fixes, without = [], []
     for seed in range(6):
-        for params, out in ((PlantParams(), with_fixes), (PlantParams(odometry=OdometryParams(fix_period=math.inf)), without)):
+        for params, out in (
+            (PlantParams(), with_fixes),
+            (PlantParams(odometry=OdometryParams(fix_period=math.inf)), without),
+        ):
             errors, _ = run(silvermate, KinematicPlant(silvermate, limits, params, seed), curve(silvermate, 800))
             out.append(np.hypot(errors[-1, 0], errors[-1, 1]))
     assert np.mean(without) > 5.0 * np.mean(with_fixes)

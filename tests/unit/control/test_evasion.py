@@ -9,10 +9,11 @@ import pytest
 from drivable import limits_of, most_used
 
 from elastic_strips.collision import Forecast
-from elastic_strips.control import Controller, DriveParams, predict
+from elastic_strips.control import Controller, DriveParams
 from elastic_strips.control.evasion import EvasivePlanner, lattice, motion_to, roll_to_rest
 from elastic_strips.control.lookahead import ObstacleLookahead
 from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
+from elastic_strips.control.prediction import predict
 from elastic_strips.control.progress import reconnect
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line

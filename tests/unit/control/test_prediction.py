@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.control import DriveParams, ObstacleAssumptions, predict
-from elastic_strips.control.prediction import ArrivalTimes, as_expected
+from elastic_strips.control import DriveParams, ObstacleAssumptions
+from elastic_strips.control.prediction import ArrivalTimes, as_expected, predict
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, UnknownMotion, World
 from elastic_strips.sim import Fault, NoisyGroundTruth, PerceptionError, PerceptionParams

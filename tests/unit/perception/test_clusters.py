@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from ray_caster import box_segments, cast, scan
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import LaserScan, SceneEstimatorParams, rays_of, scan_scene
+from elastic_strips.perception import LaserScan, SceneEstimatorParams, scan_scene
 from elastic_strips.perception.clusters import cluster_obstacles, clusters_of, fit_circle
+from elastic_strips.perception.readings import rays_of
 from elastic_strips.scene import Box, Cylinder
 
 PARAMS = SceneEstimatorParams()

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
-from elastic_strips.control import ObstacleAssumptions, predict
+from elastic_strips.control import ObstacleAssumptions
+from elastic_strips.control.prediction import predict
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Cylinder, Scene, Sphere, Twist, UnknownMotion
 from elastic_strips.trajectory import MotionLimits, Retimer, TrajectoryCertifier

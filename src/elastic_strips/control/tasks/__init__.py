@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .hybrid import ConstraintEvent, ConstraintMonitor, ConstraintState, HybridControl, PathService, deliberate
+from .hybrid import HybridControl, PathService, deliberate
 from .sequencing import Blackboard, Order, SequencingLayer
 from .tasks import (
     DeliberativeLayer,
@@ -10,7 +10,6 @@ from .tasks import (
     DriveTo,
     InverseKinematics,
     ReachHand,
-    ReachResult,
     StepKind,
     Task,
     TaskPlan,
@@ -29,12 +28,8 @@ __all__ = [
     "StepKind",
     "InverseKinematics",
     "ReachHand",
-    "ReachResult",
     "SequencingLayer",
     "TaskStep",
     "Task",
-    "ConstraintEvent",
-    "ConstraintState",
-    "ConstraintMonitor",
     "deliberate",
 ]

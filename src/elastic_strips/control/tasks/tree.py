@@ -10,14 +10,14 @@ from py_trees.common import Status
 from py_trees.composites import Selector
 from py_trees.composites import Sequence as All
 
-Question = Callable[[], tuple["bool | None", str]]
+_Question = Callable[[], tuple["bool | None", str]]
 """Whether something holds (None: not yet), and what is going on."""
 
 
 class _Leaf(Behaviour):
     """A question that is asked anew in every tick."""
 
-    def __init__(self, name: str, question: Question) -> None:
+    def __init__(self, name: str, question: _Question) -> None:
         super().__init__(name)
         self._question = question
 
@@ -45,12 +45,12 @@ class Tree:
 
     def __init__(
         self,
-        steps: Sequence[tuple[str, Question]],
-        conditions: Sequence[tuple[str, Question]],
+        steps: Sequence[tuple[str, _Question]],
+        conditions: Sequence[tuple[str, _Question]],
         *,
-        usable: Question,
-        ask: Question,
-        follow: Question,
+        usable: _Question,
+        ask: _Question,
+        follow: _Question,
     ) -> None:
         self.root = All("task", memory=True)
         for number, (name, there) in enumerate(steps, 1):

@@ -10,7 +10,8 @@ import numpy as np
 
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
-from elastic_strips.control import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import SwitchingReplanner
 from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.planning import StripSetParams
