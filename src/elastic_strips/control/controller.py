@@ -123,9 +123,9 @@ class ControlLoop:
 class Controller(ControlLoop):
     """Workspace: drives a robot along an elastic strip to its goals.
 
-    At every control period :meth:`step` takes what was measured and what was sensed, and returns what the motors are
-    to do. At every ``plan_every``-th the strip gives way to the scene, and the motion ahead is certified to its stop.
-    Whatever fails, the active trajectory is driven to its end, and the reason is in :attr:`events`.
+    In every control period :meth:`step` takes measurements and scenes, and returns the command of the motors. In every
+    ``plan_every``-th the strip is deformed, and a motion along it is certified up to its stop. Whatever fails, the
+    active trajectory is driven to its end, and the reason is in :attr:`events`.
 
     Args:
         robot: the robot.
@@ -354,7 +354,7 @@ class Controller(ControlLoop):
     # the planning loop
 
     def _planning_tick(self, t: float) -> None:
-        """Whatever fails in it: the active trajectory is driven to its end, and the reason is told."""
+        """Plan; whatever fails in it, the active trajectory is driven to its end, and the reason is logged."""
         began = perf_counter()
         supervisor = self.supervisor
         self.result = None

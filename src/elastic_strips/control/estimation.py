@@ -85,7 +85,7 @@ class EstimatorParams:
 class StateEstimator:
     """Dead reckoning on encoders, corrected by fixes; joints straight from their encoders.
 
-    Encoder travel gives the way since the last measurement as an exact arc. A fix tells of a past pose: it is compared
+    Encoder travel gives the exact arc since the last measurement. A fix tells of a past pose: it is compared
     with the odometry kept of that time, and the correction is carried to now along the odometry since. The gain is an
     extended Kalman filter's whose state is the pose and the slip of each drive coordinate, so that a wheel that slips
     steadily is reckoned with.
@@ -150,12 +150,12 @@ class StateEstimator:
         else:
             if self._lost_since is not None and self._back_at is None:
                 self._back_at = measurement.time
-            travel = measurement.drive.tolist()
-            self._sum = [s + u for s, u in zip(self._sum, travel, strict=True)]
-            way = self._travelled([u * (1.0 - s) for u, s in zip(travel, self._slip, strict=True)])
-            self._pose = compose(self._pose, exp(way))
+            drive = measurement.drive.tolist()
+            self._sum = [s + u for s, u in zip(self._sum, drive, strict=True)]
+            travel = self._travelled([u * (1.0 - s) for u, s in zip(drive, self._slip, strict=True)])
+            self._pose = compose(self._pose, exp(travel))
             if dt > 0.0:
-                self._twist = (way[0] / dt, way[1] / dt, way[2] / dt)
+                self._twist = (travel[0] / dt, travel[1] / dt, travel[2] / dt)
         self._past.append((self._time, self._pose, tuple(self._sum)))
         if measurement.pose is not None and measurement.pose_time is not None:
             self._blend(measurement.pose_time, measurement.pose.tolist())
@@ -183,7 +183,7 @@ class StateEstimator:
             return  # older than what is kept; nothing older than the last fix is
         self._predict(past)
         found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - _SLACK
-        if found:  # the way since the loss is unknown
+        if found:  # the travel since the loss is unknown
             self._P[:3, :3] = np.eye(3)
         p = self.params
         _, pose, _ = past
@@ -210,8 +210,8 @@ class StateEstimator:
                 if later is None or at - entry[0] <= _SLACK:
                     return entry
                 s = (at - entry[0]) / (later[0] - entry[0])
-                way = _log(compose(_inverse(entry[1]), later[1]))
-                pose = compose(entry[1], exp((s * way[0], s * way[1], s * way[2])))
+                travel = _log(compose(_inverse(entry[1]), later[1]))
+                pose = compose(entry[1], exp((s * travel[0], s * travel[1], s * travel[2])))
                 return at, pose, tuple(a + s * (b - a) for a, b in zip(entry[2], later[2], strict=True))
             later = entry
         return None
@@ -224,8 +224,8 @@ class StateEstimator:
         cos, sin = math.cos(turn), math.sin(turn)
         F = np.eye(3 + k)
         F[:2, :3] = [[cos, sin, sin * x - cos * y], [-sin, cos, cos * x + sin * y]]
-        way = np.array([b - a for a, b in zip(self._at_fix[2], past[2], strict=True)])
-        F[:3, 3:] = -self._to_twist * way
+        travel = np.array([b - a for a, b in zip(self._at_fix[2], past[2], strict=True)])
+        F[:3, 3:] = -self._to_twist * travel
         F[1, 3:] += 0.5 * x * F[2, 3:]  # the heading's error grows evenly, and the base drives along it
         keep = math.exp(-dt / p.slip_time)
         for i in range(k):

@@ -1,8 +1,7 @@
-"""EvasivePlanner: which short motion of the base gets the robot out of the way of what comes.
+"""EvasivePlanner: short motions of the base that avoid moving obstacles.
 
-A few hundred manoeuvres are rolled out some seconds ahead and compared by what they risk and by how far they get
-towards the goal. That is a choice, no proof: the motion that begins the best one, and ends at rest, is driven only with
-a certificate, like any other.
+A few hundred manoeuvres are rolled out some seconds ahead and compared by risk and by progress towards the goal. The
+comparison proves nothing: the motion that begins the best one, and ends at rest, is driven only with a certificate.
 """
 
 from __future__ import annotations
@@ -212,7 +211,7 @@ _LONGER = (0.0, 0.2, 0.5, 0.9)
 _GAIN = 0.1
 """What another path has to gain [s] before a robot that is threatened, or moves, takes it."""
 _PACE = 0.75
-"""Part of the largest speed and acceleration that the strip is followed with, as it is foreseen."""
+"""Part of the largest speed and acceleration that the strip is assumed to be followed with."""
 _STEADY = 0.15
 """What the manoeuvre that was chosen last is ahead of the others by [s]: it goes on unless another is better."""
 
@@ -244,7 +243,7 @@ class EvasivePlanner:
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._last: Array | None = None
         self._lookahead: ObstacleLookahead | None = None
-        self._way = np.zeros((0, 2))
+        self._path = np.zeros((0, 2))
         self._rest = np.zeros(0)
         self._delay = 0.0
 
@@ -327,8 +326,8 @@ class EvasivePlanner:
             self._last = None
             return False
         self._lookahead, self._delay = lookahead, start.time - scene.time
-        self._way = strip[:, :2]
-        step = np.hypot(*np.diff(self._way, axis=0).T)
+        self._path = strip[:, :2]
+        step = np.hypot(*np.diff(self._path, axis=0).T)
         self._rest = np.append(np.cumsum(step[::-1])[::-1], 0.0)
         return True
 
@@ -413,7 +412,7 @@ class EvasivePlanner:
     def _to_go(self, pose: Array) -> Array:
         """(N,) time [s] to the goal along the strip, from poses (N, 3): back to it, along it, and turning."""
         top = 0.8 * float(self.limits.drive_speed[:2].min())
-        offset = self._way[None] - pose[:, None, :2]
+        offset = self._path[None] - pose[:, None, :2]
         length = _DETOUR * np.sqrt(np.square(offset).sum(axis=2)) + self._rest
         node = length.argmin(axis=1)
         ahead = np.searchsorted(-self._rest, -np.maximum(self._rest[node] - 1.0, 0.0))

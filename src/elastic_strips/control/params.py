@@ -9,8 +9,8 @@ from elastic_strips.strip import DeformParams, OrientationConstraint
 from elastic_strips.validation import check_number, check_numbers, check_type
 
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
-"""Parameters of strips that are driven: nodes may be further apart, and what is tight need not be decided to the last
-millimetre, for what is driven has its own certificate."""
+"""Parameters of strips that are driven: nodes may be further apart and the certificate coarser, for motions have a
+certificate of their own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

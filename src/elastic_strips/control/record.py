@@ -364,7 +364,7 @@ class DriveResult(Summary):
         state, reason: what the robot was doing at the end, and why.
         stops: (time [s], reason) of every stop short of the goal.
         events: in order of time.
-        replans: how often the way was planned anew.
+        replans: how often a strip was planned anew.
         statistics: durations of the planning ticks.
         seconds: duration of the run by the wall clock [s].
     """

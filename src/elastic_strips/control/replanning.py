@@ -32,7 +32,7 @@ class Replanner:
         robot: whose strips.
         params: of the drive.
         seed: of the planner.
-        grid: whether a way over a grid may be used.
+        grid: whether a path over a grid may be used.
 
     Attributes:
         halted: whether the robot has to stop because what stands keeps the strip broken.
@@ -85,8 +85,8 @@ class Replanner:
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
         """Another strip, or None, and what happened.
 
-        Somebody who stands may walk on: a strip close by has been of no use, and the next one leads past at a
-        distance, or on another side, where there is room for that.
+        What stands but can move is passed at a larger distance by the next strip, or on another side, where there is
+        room for that.
         """
         berth = min(_BERTH * self.count, _MOST_BERTH)
         self.count += 1
@@ -156,7 +156,7 @@ class SwitchingReplanner(Replanner):
     ) -> None:
         super().__init__(robot, params, seed=seed, grid=grid)
         self.family: StripSet | None = None
-        # planners are called at rest only; who stands can turn on the spot, so that no other way is left behind
+        # planners are called at rest only, and a robot at rest can turn on the spot: no strip is left behind
         self._kept = replace(family or StripSetParams(), plan_every=0, divergence_angle=np.pi)
         self._ticks, self._why = 0, ""
 

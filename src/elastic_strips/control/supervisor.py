@@ -94,7 +94,7 @@ class Supervisor:
     def brake(self, motion: Trajectory, reason: str, now: float) -> bool:
         """Take a motion that comes to rest earlier on the path of the active one, which is certified no longer.
 
-        It needs no certificate: whatever comes, to stand early on the path that is driven anyway is safer.
+        It needs no certificate: on the path that is driven anyway, an earlier stop is always the safer one.
 
         Args:
             motion: the active trajectory, braked from a time after ``now`` on.
