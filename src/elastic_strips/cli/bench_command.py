@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import click
 
@@ -21,6 +21,7 @@ from elastic_strips.sim.bench import (
     with_table,
 )
 from elastic_strips.sim.bench.drive import bench_drive, bench_faults, bench_reaction, bench_soak
+from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
 
@@ -321,7 +322,7 @@ def soak(robot: str, hours: float, json_file: str | None) -> None:
     _write(json_file, figures)
 
 
-def _drive_rows(figures: dict[str, Any]) -> None:
+def _drive_rows(figures: Figures) -> None:
     _row("reached", f"{100 * figures['reached']:.1f} %")
     unseen = figures["collisions"] - figures["collisions_seen"]
     _row("contacts at speed", f"{figures['collisions']}" + (f", {unseen} with what no laser saw" if unseen else ""))
@@ -335,7 +336,7 @@ def _drive_rows(figures: dict[str, Any]) -> None:
              f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
 
 
-def _problem_rows(figures: dict[str, Any]) -> None:
+def _problem_rows(figures: Figures) -> None:
     _row("success", f"{100 * figures['success']:.1f} % without any contact")
     _row("passively safe", f"{100 * figures['success_passive']:.1f} % reached without a contact at speed")
     _row("collisions", f"{100 * figures['collisions']:.1f} % of the runs at speed, "
@@ -356,7 +357,7 @@ def _row(label: str, text: str) -> None:
     click.echo(f"  {label:<22} {text}")
 
 
-def _write(json_file: str | None, figures: dict[str, Any]) -> None:
+def _write(json_file: str | None, figures: Figures) -> None:
     if json_file is not None:
         click.echo(f"figures {write_json(json_file, figures)}")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -44,6 +45,11 @@ from .options import (
     sensors_option,
 )
 from .view_options import browser_option, open_viewer, write_page
+
+if TYPE_CHECKING:
+    from elastic_strips.sim.baselines import BaseController
+
+    _AnySimulation = Simulation[Controller] | Simulation[BaseController]
 
 
 @click.command()
@@ -119,20 +125,18 @@ def drive(
     viewer = open_viewer(no_browser=no_browser, title=problem.name) if view else None
     with viewer or nullcontext(), LateProgress(f"{problem.name}: driving") as bar:
 
-        def watch(driven: Simulation[Any]) -> None:
+        def watch(driven: _AnySimulation) -> None:
             bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
             if viewer is not None:
                 viewer.update(
                     _shown(driven), driven.world.at(driven.time), q=model.space.from_chart(driven.plant.chart)
                 )
 
-        driven: Simulation[Any]
-        common = {"robot": model, "seed": number, "plant": plant, "sensors": config, "watch": watch}
-        common["realtime"] = realtime or view
         if method == STRIP:
-            driven = make_simulation(problem, evade=evade, alternatives=alternatives, faults=wrong, **common)
+            make = partial(make_simulation, problem, evade=evade, alternatives=alternatives, faults=wrong)
         else:
-            driven = make_base_simulation(problem, method, **common)
+            make = partial(make_base_simulation, problem, method)
+        driven = make(robot=model, seed=number, plant=plant, sensors=config, watch=watch, realtime=realtime or view)
         if viewer is not None:
             viewer.show(model, problem.world.at(0.0), _shown(driven))
             click.echo(f"viewer  {viewer.url}")
@@ -157,7 +161,7 @@ def drive(
     return EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else EXIT_NOT_DONE
 
 
-def _shown(driven: Simulation[Any]) -> Strip | DeformReport:
+def _shown(driven: _AnySimulation) -> Strip | DeformReport:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
     controller = driven.controller
     if not isinstance(controller, Controller):
@@ -166,7 +170,7 @@ def _shown(driven: Simulation[Any]) -> Strip | DeformReport:
 
 
 @contextmanager
-def _stopping(driven: Simulation[Any]) -> Iterator[list[int]]:
+def _stopping(driven: _AnySimulation) -> Iterator[list[int]]:
     """The first Ctrl-C brings the robot to rest; a second one ends the program."""
     interrupted: list[int] = []
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,9 +12,10 @@ from elastic_strips.control import Record
 from elastic_strips.errors import InputError, RobotError
 from elastic_strips.files import read_input_text
 from elastic_strips.io import read_record, record_robot
+from elastic_strips.io.obstacle_document import obstacle_from_piece
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel, load_robot, recorded_robot
-from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
+from elastic_strips.scene import Scene
 from elastic_strips.sim.scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
 from elastic_strips.strip import Strip
 
@@ -120,20 +121,10 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
             raise RobotError(f"the result names no URDF of {document['robot']!r}")
         base, locked = document["base"], document["locked"]
         model = load_robot(name, base=base, locked=locked)
-        scene = Scene([_obstacle(entry) for entry in document["obstacles"]])
+        scene = Scene([obstacle_from_piece(piece) for piece in document["obstacles"]])
         strip = Strip(model, document["strip"]["q"])
     except InputError as error:
         raise type(error)(f"{path}: {error}") from None
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: the result is damaged: {type(error).__name__}: {error}") from None
     return model, scene, strip
-
-
-_WHOLE_SIZE = {"box": Box, "convex": ConvexHull}
-_SIZES = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule, "cone": Cone}
-
-
-def _obstacle(entry: dict[str, Any]) -> Obstacle:
-    place = {"at": entry["pose"][:3], "quat": entry["pose"][3:], "name": entry["name"]}
-    shape, size = entry["shape"], entry["size"]
-    return _WHOLE_SIZE[shape](size, **place) if shape in _WHOLE_SIZE else _SIZES[shape](*size, **place)

@@ -151,7 +151,7 @@ def _csv(line: str, columns: list[str], height: float) -> LoggedScan:
 def _logged(entry: object, height: float) -> LoggedScan:
     """The scan and pose of a line that is a JSON object, or a row of a table."""
     entries = Node(entry, "", Source(Path("scan"))).mapping((*_NEEDED, *_OPTIONAL), needed=_NEEDED)
-    numbers = {key: entries[key].number(low=-math.inf, high=math.inf, unit="") for key in _NEEDED[:-1]}
+    numbers = {key: entries[key].finite() for key in _NEEDED[:-1]}
     ranges = [math.nan if r.value is None else _float(r.value, r.key, finite=False) for r in entries["ranges"].items()]
     parts = [entries[key].number(low=-math.inf, high=math.inf) for key in _POSE if key in entries]
     if parts and (len(parts) < 3 or "pose" in entries):

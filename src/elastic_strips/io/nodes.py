@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 import yaml
@@ -31,7 +31,7 @@ MAX_NODES = 2_000_000
 MAX_DEPTH = 32
 
 T = TypeVar("T")
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INT = re.compile(r"[-+]?[0-9]{1,18}\Z")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
 _WORDS = {
@@ -174,6 +174,10 @@ class Node:
             self.fail(f"must be a number, not {self.kind}")
         return self.checked(check_number, "", self.value, low=low, high=high, unit=unit)
 
+    def finite(self) -> float:
+        """A finite number, without a unit."""
+        return self.number(low=-math.inf, high=math.inf, unit="")
+
     def integer(self, *, low: int = -(2**53), high: int = 2**53) -> int:
         """An integer in [low, high]."""
         if isinstance(self.value, bool) or not isinstance(self.value, int):
@@ -262,7 +266,7 @@ class _Collection:
     pending: tuple[str, int] | None = None  # key and line of the dict's entry whose value comes next
 
 
-def _data(events: Iterable[Any], source: Source) -> object:
+def _data(events: Iterable[object], source: Source) -> object:
     """Build the data from the event stream, and the source's lines; no recursion, so no depth of nesting can hurt."""
     stack: list[_Collection] = []
     root: list[object] = []
@@ -313,7 +317,7 @@ def _data(events: Iterable[Any], source: Source) -> object:
     return root[0]
 
 
-def _key(event: Any, owner: _Collection, source: Source, line: int) -> tuple[str, int]:
+def _key(event: yaml.NodeEvent, owner: _Collection, source: Source, line: int) -> tuple[str, int]:
     if not isinstance(event, yaml.ScalarEvent):
         source.fail("a key must be a word, not a list or a mapping", line)
     key = event.value
