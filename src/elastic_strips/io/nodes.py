@@ -1,4 +1,4 @@
-"""IO room, nodes: what an input document (YAML or JSON) says, with the place of every value; typed access to it.
+"""IO room, nodes: the values of an input document (YAML or JSON) with their places, and typed access to them.
 
 Of YAML only plain data is read: no tags, no aliases (so no alias bombs), no duplicate keys, one document, bounded size
 and depth. Numbers are YAML 1.2's: ``1e-3`` is a number, ``yes`` a string.
@@ -201,7 +201,7 @@ class Node:
             self.fail(f"is empty; at least one list of {count} numbers is needed")
         for k, row in enumerate(self.value):
             if not isinstance(row, list) or len(row) != count or not all(map(_is_number, row)):
-                self.items()[k].vector(count)  # which says what is wrong
+                self.items()[k].vector(count)  # which raises the error
         try:
             result = np.array(self.value, dtype=np.float64)
         except OverflowError:  # an integer that no float can hold
@@ -226,19 +226,22 @@ def load_yaml(path: str | os.PathLike[str], *, error: type[InputError] = SceneEr
     return parse_yaml(read_input_text(source.path, "YAML file", MAX_YAML_BYTES, error), source)
 
 
-def load_json(path: str | os.PathLike[str], name: str, *, error: type[InputError] = ScenarioError) -> Node:
+def load_json(
+    path: str | os.PathLike[str], name: str = "", *, what: str = "JSON file", error: type[InputError] = ScenarioError
+) -> Node:
     """Read one JSON file.
 
     Args:
         path: The file, or the folder that holds a file called ``name``.
         name: See ``path``.
+        what: What to call the file in messages.
         error: Type of the error that is raised about the file or its content.
 
     Returns:
         The root node; its lines are not known.
     """
     source = Source(Path(path, name) if os.path.isdir(path) else Path(path), error)
-    text = read_input_text(source.path, "JSON file", MAX_JSON_BYTES, error)
+    text = read_input_text(source.path, what, MAX_JSON_BYTES, error)
     try:
         return Node(json.loads(text), "", source)
     except (ValueError, RecursionError) as problem:

@@ -1,4 +1,4 @@
-"""IO room, npy source: arrays from ``.npy`` and ``.npz`` files; what they claim is checked before memory is taken."""
+"""IO room, npy source: arrays from ``.npy`` and ``.npz`` files; their sizes are checked before memory is allocated."""
 
 from __future__ import annotations
 
@@ -51,21 +51,14 @@ def read_npy(stream: IO[bytes], size: int, limit: int) -> NDArray[np.generic]:
         raise NpyError(f"has {given} bytes; {dtype} of the shape {shape} has {needed}")
     if needed > limit:
         raise NpyError(f"has {needed} bytes; at most {limit} are read")
-    data = np.empty(needed, dtype=np.uint8)
-    at = 0
-    while at < needed:
-        piece = stream.read(min(1_000_000, needed - at))
-        if not piece:
-            raise NpyError(f"is cut off after {at} of {needed} bytes")
-        data[at : at + len(piece)] = np.frombuffer(piece, dtype=np.uint8)
-        at += len(piece)
-    array = data.view(dtype).reshape(shape, order="F" if fortran else "C")
-    array.flags.writeable = False
-    return array
+    data = stream.read(needed)
+    if len(data) < needed:
+        raise NpyError(f"is cut off after {len(data)} of {needed} bytes")
+    return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if fortran else "C")
 
 
 class NpzArrays(Mapping[str, NDArray[np.generic]]):
-    """The arrays of a ``.npz`` file by name, each read when it is asked for; all together are bounded.
+    """The arrays of a ``.npz`` file by name, each read when it is looked up; their total size is bounded.
 
     Raises:
         NpyError: compressed otherwise than numpy does it, or too large in all.

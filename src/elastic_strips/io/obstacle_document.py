@@ -18,26 +18,9 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.errors import InputError, SceneError, nearest_name
 from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
-from elastic_strips.scene import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Keyframes,
-    Mesh,
-    Motion,
-    Obstacle,
-    Points,
-    Scene,
-    Sphere,
-    Twist,
-    UnknownMotion,
-    Voxels,
-    World,
-)
-from elastic_strips.scene.motion import MAX_SPEED
-from elastic_strips.scene.obstacle import check_name
+from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Voxels, World
+from elastic_strips.scene.motion import MAX_SPEED, Keyframes, Motion, Twist, UnknownMotion
+from elastic_strips.scene.obstacle import Obstacle, check_name
 from elastic_strips.scene.quantities import (
     MAX_LENGTH,
     MIN_LENGTH,
@@ -333,7 +316,9 @@ def world_documents(world: World, time: Array) -> tuple[list[TrackedPiece], list
     taken: set[str] = set()
     for obstacle in world.scene:
         name = obstacle.name or ""
+        appears, vanishes = world.appears.get(name), world.vanishes.get(name)
         moves = obstacle.motion is not None and not obstacle.motion.still
+        track = len(moving) if moves else None
         for document in obstacle_documents(Scene([obstacle], time=obstacle.time)):
             while document["name"] in taken:  # "a#0" may be a piece of "a", or an obstacle's name
                 document["name"] += "'"
@@ -341,14 +326,7 @@ def world_documents(world: World, time: Array) -> tuple[list[TrackedPiece], list
             if moves:
                 relative = np.asarray(np.linalg.solve(obstacle.pose, _pose_matrix(document["pose"])), dtype=float)
                 document["pose"] = _pose_entry(relative[:3, :3], relative[:3, 3])
-            documents.append(
-                {
-                    **document,
-                    "appears": world.appears.get(name),
-                    "vanishes": world.vanishes.get(name),
-                    "track": len(moving) if moves else None,
-                }
-            )
+            documents.append({**document, "appears": appears, "vanishes": vanishes, "track": track})
         if moves:
             moving.append(obstacle)
     poses = np.array([[o.at(float(t)).pose for o in moving] for t in time]).reshape(len(time), len(moving), 4, 4)

@@ -45,32 +45,22 @@ _UNITS = {
 }
 
 
-def _chart_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
-    """Names of the columns of a chart row (nv): x, y, yaw of a base that moves, then the joints."""
-    base = ("x", "y", "yaw") if record.drive_names else ()
-    return tuple(prefix + name for name in (*base, *record.joint_names))
-
-
-def _velocity_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
-    """Names of the columns of a velocity (nv)."""
-    base = ("vx", "vy", "omega") if record.drive_names else ()
-    return tuple(prefix + name for name in (*base, *(f"{joint}_rate" for joint in record.joint_names)))
+def _row_columns(record: Record) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the columns of a configuration (nv) and of a velocity (nv): a base that moves, then the joints."""
+    rates = tuple(f"{joint}_rate" for joint in record.joint_names)
+    if not record.drive_names:
+        return record.joint_names, rates
+    return ("x", "y", "yaw", *record.joint_names), ("vx", "vy", "omega", *rates)
 
 
 def _control_columns(record: Record) -> tuple[str, ...]:
     """Names of all columns of a control row, in the order of a CSV file."""
-    return (
-        "time",
-        "state",
-        *_chart_columns(record),
-        *_velocity_columns(record),
-        *_chart_columns(record, "reference_"),
-        *_velocity_columns(record, "reference_"),
-        *_chart_columns(record, "estimate_"),
-        *(f"command_{name}" for name in record.drive_names),
-        *(f"command_{name}_rate" for name in record.joint_names),
-        *(f"motor_{name}" for name in record.drive_names),
-    )
+    configuration, velocity = _row_columns(record)
+    reference = (f"reference_{name}" for name in (*configuration, *velocity))
+    estimate = (f"estimate_{name}" for name in configuration)
+    commands = (f"command_{name}" for name in (*record.drive_names, *(f"{joint}_rate" for joint in record.joint_names)))
+    motors = (f"motor_{name}" for name in record.drive_names)
+    return ("time", "state", *configuration, *velocity, *reference, *estimate, *commands, *motors)
 
 
 def record_columns(record: Record) -> dict[str, npt.NDArray[np.generic]]:
@@ -191,6 +181,7 @@ def record_robot(record: Record, robot: str | None = None) -> RobotModel:
 
 def _packed(record: Record) -> bytes:
     documents, names, position, quaternion = world_documents(record.world, record.control.time)
+    configuration, velocity = _row_columns(record)
     planning = record.planning
     metadata = {
         "format": FORMAT,
@@ -205,8 +196,8 @@ def _packed(record: Record) -> bytes:
         "states": list(record.states),
         **{name: list(getattr(planning, name)) for name in _TABLES},
         "columns": {
-            "chart": _chart_columns(record),
-            "velocity": _velocity_columns(record),
+            "chart": configuration,
+            "velocity": velocity,
             "drive": record.drive_names,
             "joints": record.joint_names,
         },

@@ -15,7 +15,7 @@ from elastic_strips.arrays import Array, Document
 from elastic_strips.catalogue import PRESETS
 from elastic_strips.collision import BrokenSegment
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
-from elastic_strips.io import obstacle_documents
+from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene

@@ -8,7 +8,8 @@ from typing import Any
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError
-from elastic_strips.io import PoseSpec, ScenarioSpec
+from elastic_strips.io import PoseSpec
+from elastic_strips.io.scene_file import ScenarioSpec
 from elastic_strips.robot import BaseKind, RobotModel, load_robot
 from elastic_strips.scene import Scene, World
 from elastic_strips.strip import DeformParams
