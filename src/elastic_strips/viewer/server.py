@@ -1,4 +1,4 @@
-"""Server: a process of its own that hands the newest picture to every browser that asks, on the loopback only.
+"""Server: a process of its own that sends the newest picture to every browser that connects, on the loopback only.
 
 ``ServerProcess`` runs this file as a script. The process knows neither robots nor scenes and needs no port besides the
 browser's: page and commands arrive on standard input, and when that ends, because the parent closed it or died, the
@@ -228,7 +228,7 @@ async def _serve(port: int) -> None:
             clients.discard(self)
 
         def on_message(self, message: str | bytes) -> None:
-            """Browsers have nothing to say."""
+            """Browsers send nothing."""
 
         def push(self) -> None:
             if not self.sending and len(self.pending):
