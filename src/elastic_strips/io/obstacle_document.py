@@ -6,6 +6,7 @@ convex pieces that they consist of (`obstacle_documents`, `world_documents`, `wo
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -252,7 +253,7 @@ def obstacle_documents(scene: Scene) -> list[PieceDocument]:
     documents: list[PieceDocument] = []
     table = scene.table
     counts = np.bincount(table.obstacle_index, minlength=len(scene)) if len(scene) else np.zeros(0, dtype=int)
-    number: dict[int, int] = {}
+    numbers = [itertools.count() for _ in scene]
     for row, part in enumerate(table.parts):
         owner = int(table.obstacle_index[row])
         rotation, translation = table.rotation[row], table.translation[row]
@@ -261,11 +262,9 @@ def obstacle_documents(scene: Scene) -> list[PieceDocument]:
         else:
             pieces = [(part.geometry, translation)]
         for geometry, at in pieces:
-            k = number.get(owner, 0)
-            number[owner] = k + 1
             single = counts[owner] == 1 and len(pieces) == 1
             shape, size = _shape_document(geometry)
-            name = scene.names[owner] if single else f"{scene.names[owner]}#{k}"
+            name = scene.names[owner] if single else f"{scene.names[owner]}#{next(numbers[owner])}"
             documents.append({"name": name, "shape": shape, "size": size, "pose": _pose_entry(rotation, at)})
     return documents
 

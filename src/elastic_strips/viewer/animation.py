@@ -146,8 +146,8 @@ def _frames(duration: float) -> tuple[int, float]:
 
 def _robot_tracks(drawing: Drawing, matrices: Floats) -> list[Track]:
     """Let the robot's bodies move: (F, B, 16) matrices."""
-    moved = [commands.motion_tracks(path, matrices[:, b]) for b, path in enumerate(drawing.body_paths)]
-    return [track for tracks in moved for track in tracks]
+    paths = enumerate(drawing.body_paths)
+    return [track for b, path in paths for track in commands.motion_tracks(path, matrices[:, b])]
 
 
 def _obstacle_poses(obstacle: Obstacle, times: Array) -> Floats:
@@ -238,7 +238,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out += drawing.obstacles.draw(scene, alone=passing)
     poses.update(chart)
     matrices, points = poses.matrices(drawing.joints), poses.points()
-    out.append(drawing.robot_at(matrices[0]))
+    out.append(commands.transforms("/robot", drawing.body_paths, matrices[0]))
     tracks = _robot_tracks(drawing, matrices)
     out += _obstacles(drawing, record, scene, times, tracks)
     out += _traces(play, chart, state, points[:, -1], tracks)

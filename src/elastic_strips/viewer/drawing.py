@@ -76,7 +76,8 @@ class Drawing:
         chart = snapshot.robot.space.to_chart(snapshot.nodes)
         poses.update(chart)
         points = poses.points()
-        out += self._ghosts(poses, points)
+        matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
+        out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
         out += self.strip("/strip", chart, points, segment_colors(snapshot.report, len(chart) - 1))
         out += self.markers(chart)
         out += self._forces(snapshot.report)
@@ -84,7 +85,7 @@ class Drawing:
         out += self._trouble(snapshot.report, chart)
         if snapshot.q is not None:
             poses.update(snapshot.robot.space.to_chart(np.asarray(snapshot.q))[None])
-        out.append(self.robot_at(poses.matrices(self.joints, [0])[0]))
+        out.append(commands.transforms("/robot", self.body_paths, poses.matrices(self.joints, [0])[0]))
         out.append(self.card(snapshot))
         if self._first("camera") or snapshot.frame:
             out.append(self.camera(chart, snapshot.scene))
@@ -123,10 +124,6 @@ class Drawing:
         shown = [commands.visible(path, True) for path in STATIC]
         self._made -= {path for path in self._made if path.startswith("/playback")}
         return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
-
-    def robot_at(self, matrices: Floats) -> Command:
-        """Move the solid robot: (B, 16) matrices."""
-        return commands.transforms("/robot", self.body_paths, matrices)
 
     def strip(self, path: str, chart: Array, points: Array, colors: Array) -> list[Command]:
         """Draw the paths of the control points and of the base below ``path``, the base's in ``colors`` (N - 1, 3)."""
@@ -196,10 +193,6 @@ class Drawing:
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         return commands.hud({**card, "rows": rows, "legend": [*legend, THREADS]})
-
-    def _ghosts(self, poses: RobotPoses, points: Array) -> list[Command]:
-        matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
-        return [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
 
     def markers(self, chart: Array) -> list[Command]:
         """Lay rings where the first and the last of chart rows (N, nv) have their base."""
@@ -283,7 +276,8 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: 
     None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
     """
     tunnel, broken = report.tunnel, report.certificate.broken
-    if tunnel is not None and report.connectivity_counts and not tunnel.connected.all():
+    counts = getattr(report, "connectivity_counts", False)  # of the paper's reports alone
+    if tunnel is not None and counts and not tunnel.connected.all():
         j, c = np.unravel_index(int(np.argmin(tunnel.overlap)), tunnel.overlap.shape)
         return 0.5 * (tunnel.points[j, c] + tunnel.points[j + 1, c])
     if broken is None or not 0 <= broken.segment < len(chart) - 1:

@@ -119,8 +119,10 @@ class ServerProcess:
         finally:
             theirs.close()
         atexit.register(self.close)
-        line = self._first_line()
-        name, _, value = line.partition("=")
+        answer = self._process.stdout
+        assert answer is not None
+        ready, _, _ = select.select([answer], [], [], _START)
+        name, _, value = (answer.readline().decode().strip() if ready else "").partition("=")
         if name != "url":
             self.close()
             raise ServerError(f"the server does not start: {value or 'no answer'}")
@@ -169,11 +171,6 @@ class ServerProcess:
         self._socket.close()
         if process.stdout is not None:
             process.stdout.close()
-
-    def _first_line(self) -> str:
-        assert self._process.stdout is not None
-        ready, _, _ = select.select([self._process.stdout], [], [], _START)
-        return self._process.stdout.readline().decode().strip() if ready else ""
 
 
 # What the process runs
