@@ -11,17 +11,10 @@ import click
 from elastic_strips.files import atomic_write, write_json
 from elastic_strips.robot import load_robot
 from elastic_strips.sim import FAULTS
-from elastic_strips.sim.bench import (
-    bench_plan,
-    bench_replan,
-    bench_robots,
-    bench_tick,
-    robot_cases,
-    robots_table,
-    with_table,
-)
+from elastic_strips.sim.bench import bench_plan, bench_replan, bench_robots, bench_tick
 from elastic_strips.sim.bench.drive import bench_drive, bench_faults, bench_reaction, bench_soak
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
+from elastic_strips.sim.bench.robots import robot_cases, robots_table, with_table
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
 
 from .options import (

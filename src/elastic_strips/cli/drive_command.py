@@ -15,16 +15,13 @@ from elastic_strips.files import write_json
 from elastic_strips.io import check_record_file, write_record
 from elastic_strips.sim import FAULTS, Fault, Simulation
 from elastic_strips.sim.scenarios import (
-    DRIVE_METHODS,
-    PLANTS,
-    STRIP,
     DriveOutcome,
-    conclude,
     drive_document,
     get_scenario,
     make_base_simulation,
     make_simulation,
 )
+from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, conclude
 from elastic_strips.strip import Strip
 from elastic_strips.strip.report import DeformReport
 

@@ -15,7 +15,9 @@ from elastic_strips.io import read_record, record_robot
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel, load_robot, recorded_robot
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
-from elastic_strips.sim.scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
+from elastic_strips.sim.scenarios import get_scenario
+from elastic_strips.sim.scenarios.drive import DRIVE_FORMAT
+from elastic_strips.sim.scenarios.run import FORMAT, FORMAT_VERSION
 from elastic_strips.strip import Strip
 
 from .options import SEED, Finite, base_option, check_outputs, robot_option

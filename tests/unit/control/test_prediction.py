@@ -9,8 +9,9 @@ from elastic_strips.control import DriveParams, ObstacleAssumptions, predict
 from elastic_strips.control.prediction import ArrivalTimes, as_expected
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, UnknownMotion, World
-from elastic_strips.sim import Fault, NoisyGroundTruth, PerceptionError, PerceptionParams
+from elastic_strips.sim import Fault, PerceptionError, PerceptionParams
 from elastic_strips.sim.faults import FaultPlan, FaultyPerception
+from elastic_strips.sim.perception import NoisyGroundTruth
 
 ASSUMED = ObstacleAssumptions(position_error=0.01, velocity_error=0.05, acceleration=0.4, max_speed=2.0)
 

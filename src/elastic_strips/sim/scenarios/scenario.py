@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError
@@ -45,7 +44,7 @@ class Scenario(Summary):
     robot: str = "silvermate"
     base: str | None = None
     preset: str = "default"
-    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    params: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     gap: tuple[str, str] | None = None
     seed: int = 0

@@ -121,7 +121,7 @@ def test_wrong_calls(silvermate, gantry, home):
     suite.observe(0.1, home)
     with pytest.raises(ParameterError, match="must not go back"):
         suite.observe(0.05, home)
-    with pytest.raises(ParameterError, match="finite time"):
+    with pytest.raises(ParameterError, match="finite number"):
         suite.observe(math.nan, home)
     with pytest.raises(ConfigurationError, match="finite numbers"):
         suite.observe(1.0, home * math.nan)
