@@ -140,9 +140,6 @@ class Pedestrians:
         if self._movers:
             world.forget()
 
-    def __len__(self) -> int:
-        return len(self._movers)
-
     def step(self, t: float, chart: Array, v: Array) -> None:
         """Set all clocks from the time ``t`` [s] on.
 

@@ -380,6 +380,4 @@ def _resident() -> float:
         import resource
 
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    import os
-
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

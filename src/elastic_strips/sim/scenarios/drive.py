@@ -233,7 +233,7 @@ def conclude(scenario: Scenario, driven: _Driven, result: DriveResult, *, plant:
         unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
     return DriveOutcome(
         scenario, driven.robot, plant, seed, result, evaluation, separation, method=controller.method,
-        physical_contacts=touched, sensors=() if suite is None else suite.names,
+        physical_contacts=touched, sensors=() if suite is None else suite.config.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
     )  # fmt: skip

@@ -243,11 +243,6 @@ class SensorSuite:
             self._sensors.append(_Clocked(device, 1.0 / params.rate))
         self.reset(time)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the sensors."""
-        return self.config.names
-
     def reset(self, t: float) -> None:
         """Begin at ``t`` [s]: all sensors fire then, and readings on their way are lost. The noise goes on.
 
