@@ -4,13 +4,14 @@ Run `python urdf/check_description.py [--samples 20000]`; needs pin, coal, yourd
 """
 
 # ruff: noqa: T201
+import argparse
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
-import argparse
+
 import coal
 import numpy as np
 import pinocchio as pin
-import sys
 import trimesh
 import yourdfpy
 

@@ -130,7 +130,7 @@ def robot_names() -> tuple[str, ...]:
 
 def own_robots() -> tuple[str, ...]:
     """Names of the robots that the scenarios are made for: with a home posture and a hand of their own."""
-    return tuple(name for name, robot in _catalogue().items() if robot.hand_frame or robot.urdf.parent == urdf_dir())
+    return tuple(name for name, robot in _catalogue().items() if robot.hand_frame or robot.urdf.parent == _urdf_dir())
 
 
 def robot_summary(name: str) -> str:
@@ -157,7 +157,7 @@ def find_robot(name: str) -> KnownRobot:
     if sharing:
         raise RobotError(f"robot {name!r} is ambiguous; give one of {', '.join(sharing)}")
     close = difflib.get_close_matches(name, [*known, *_shared()], n=3, cutoff=0.5)
-    missing = "" if example_robot_data() is not None else " The package example-robot-data is not installed."
+    missing = "" if _example_robot_data() is not None else " The package example-robot-data is not installed."
     raise RobotError(
         f"unknown robot {name!r}{nearest_name(name, {*own_robots(), *close})} 'elastic-strips list --robots' shows "
         f"all; or give the path of a URDF file.{missing}"
@@ -182,7 +182,7 @@ def recorded_robot(name: str, urdf: str | None) -> str | None:
 
 @cache
 def _catalogue() -> dict[str, KnownRobot]:
-    folder = urdf_dir()
+    folder = _urdf_dir()
     known = {}
     for name, file, hand, summary in _OWN:
         srdf = folder / f"{file}.srdf"
@@ -190,7 +190,7 @@ def _catalogue() -> dict[str, KnownRobot]:
             name, summary, "diff_drive", folder / f"{file}.urdf", srdf if srdf.is_file() else None, (folder,),
             hand_frame=hand,
         )  # fmt: skip
-    share = example_robot_data()
+    share = _example_robot_data()
     if share is None:
         return known
     root = share / "example-robot-data/robots"
@@ -199,7 +199,7 @@ def _catalogue() -> dict[str, KnownRobot]:
         "tiago", "PAL Robotics TIAGo of example-robot-data: differential drive, lift, 7-DOF arm", "diff_drive", tiago,
         None, (share,), tuple(_TIAGO_HOME), _TIAGO_HOME, "hand_palm_link",
     )  # fmt: skip
-    files = _urdf_files()
+    files = sorted(root.glob("*/*/*.urdf"))
     stems = Counter(urdf.stem for urdf in files)
     for urdf in files:
         if urdf == tiago:
@@ -214,7 +214,7 @@ def _catalogue() -> dict[str, KnownRobot]:
 @cache
 def _shared() -> dict[str, tuple[str, ...]]:
     """Names that are no robot's own: of folders, and of files where several are called so."""
-    share = example_robot_data()
+    share = _example_robot_data()
     shared: dict[str, list[str]] = {}
     for robot in _catalogue().values():
         if share is not None and share in robot.urdf.parents:
@@ -222,12 +222,6 @@ def _shared() -> dict[str, tuple[str, ...]]:
             for name in {folder, folder.removesuffix("_simple"), robot.urdf.stem}:
                 shared.setdefault(name, []).append(robot.name)
     return {name: tuple(sorted(names)) for name, names in shared.items()}
-
-
-@cache
-def _urdf_files() -> tuple[Path, ...]:
-    share = example_robot_data()
-    return () if share is None else tuple(sorted((share / "example-robot-data/robots").glob("*/*/*.urdf")))
 
 
 def _folder(urdf: Path, root: Path) -> str:
@@ -246,7 +240,7 @@ def _srdf_of(urdf: Path) -> Path | None:
     return files[0] if len(files) == 1 else None
 
 
-def urdf_dir() -> Path:
+def _urdf_dir() -> Path:
     """Return the directory that holds the URDFs that come with elastic_strips.
 
     A wheel carries a copy inside the package; an editable install reads the checkout's top-level ``urdf/``.
@@ -266,7 +260,7 @@ def urdf_dir() -> Path:
 
 
 @cache
-def example_robot_data() -> Path | None:
+def _example_robot_data() -> Path | None:
     """Return the ``share`` folder that holds example-robot-data; None where the package is not installed."""
     import cmeel
 

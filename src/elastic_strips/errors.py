@@ -9,11 +9,11 @@
     │   ├── ScenarioError              a scenario, a drive problem, their files
     │   ├── ConfigurationError         a configuration of a robot
     │   ├── ParameterError             a parameter
-    │   ├── RecordError                the record of a run (elastic_strips.execution)
+    │   ├── RecordError                the record of a run (elastic_strips.control)
     │   └── LaserLogError              a laser log (elastic_strips.io)
     ├── MissingExtraError (also an ImportError): a package that only some uses need is not installed
     ├── PerceptionError                no scene can be made of what was sensed (elastic_strips.sim)
-    └── RetimingError                  no timing of a path was found (elastic_strips.execution)
+    └── RetimingError                  no timing of a path was found (elastic_strips.trajectory)
 
 An *expected* failure (a blocked or broken strip) is never an error that wrong input raises: it is a status on a report,
 or, where there is nothing to report on, an error that is no `InputError`.

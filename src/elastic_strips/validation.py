@@ -20,13 +20,13 @@ _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = _SHORT.maxfr
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
 
 
-def shown(value: object, most: int = 80) -> str:
+def shown(value: object) -> str:
     """A value in an error message: on one line, and short."""
     try:
         text = " ".join(_SHORT.repr(value).split())
     except Exception:  # a value that cannot even say what it is
         text = f"<{type(value).__name__}>"
-    return text if len(text) <= most else text[: most - 3] + "..."
+    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def check_type(
@@ -43,17 +43,17 @@ def check_type(
     raise error(f"{what} must be {article} {kind.__name__}{' or None' if none else ''}, not {_told(value)}")
 
 
-def check_able(what: str, value: object, *methods: str, error: type[InputError] = ParameterError) -> None:
+def check_able(what: str, value: object, *methods: str) -> None:
     """The value has these methods; where none is named, it can be called. None passes: it stands for a default.
 
     Raises:
-        error: it has not.
+        ParameterError: it has not.
     """
     missing = [name for name in methods if not callable(getattr(value, name, None))]
     if value is None or (callable(value) if not methods else not missing):
         return
     wanted = f"have the method{'s' if len(missing) > 1 else ''} {', '.join(missing)}" if methods else "be a function"
-    raise error(f"{what} must {wanted}; it is {_told(value)}")
+    raise ParameterError(f"{what} must {wanted}; it is {_told(value)}")
 
 
 def check_choice(what: str, value: object, valid: Iterable[str], error: type[InputError] = ParameterError) -> None:

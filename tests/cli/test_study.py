@@ -9,7 +9,8 @@ import pytest
 
 import elastic_strips.sim.study
 from elastic_strips.cli import main
-from elastic_strips.sim.study import Outcome, PaperStudy, paper_study, simulate_paper
+from elastic_strips.sim.study import PaperStudy, paper_study, simulate_paper
+from elastic_strips.sim.study.simulation import Outcome
 
 
 def _call(*arguments: object) -> int:

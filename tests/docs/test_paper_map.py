@@ -161,7 +161,7 @@ def test_what_is_private_or_borrowed_is_noticed(name: str) -> None:
 
 def test_fields_without_a_default_are_found() -> None:
     resolve("strip.Strip.q")
-    resolve("collision.Contacts.distance")
+    resolve("collision.narrowphase.Contacts.distance")
     resolve("strip.DeformParams.influence")
 
 

@@ -92,7 +92,7 @@ def _cloud(path: Path) -> None:
 def _record(path: Path) -> None:
     record = io.read_record(path)
     record.world.at(float(record.control.time[-1]))
-    io.record_csv(record)
+    io.record_file.record_csv(record)
 
 
 def _ply(*, binary: bool) -> bytes:

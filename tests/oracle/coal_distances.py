@@ -8,7 +8,7 @@ import pinocchio as pin
 import result_check
 
 from elastic_strips import RobotModel, Scene
-from elastic_strips.io import obstacle_documents
+from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.scene.quantities import rotation_of
 
 Array = npt.NDArray[np.float64]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from elastic_strips.control.interfaces import RunState
-from elastic_strips.control.record import Record, Recorder
+from elastic_strips.control.record import DRIVE_NAMES, Record, Recorder
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Capsule, Cylinder, Keyframes, Obstacle, Scene, Sphere, Twist, World
 
@@ -36,7 +34,7 @@ def moving_world(extra: list[Obstacle] | None = None) -> World:
 
 
 def straight_run(
-    robot: RobotModel, world: World | Scene, *, length: float = 4.0, speed: float = 0.6, wave: float = 0.0, **keeps: Any
+    robot: RobotModel, world: World | Scene, *, length: float = 4.0, speed: float = 0.6, wave: float = 0.0
 ) -> Record:
     """Drive ``length`` [m] along x, slow down half way, go on, and stand at the end for half a second.
 
@@ -62,11 +60,11 @@ def straight_run(
     if base:
         chart[:, 1] += 1e-3 * np.sin(7.0 * phase)
     goal = reference[-1]
-    recorder = Recorder(robot, world, goal=goal, metadata={"scenario": "straight on"}, **keeps)
+    recorder = Recorder(robot, world, goal=goal, metadata={"scenario": "straight on", "seed": 0})
     for k, t in enumerate(time):
         slow = rate[k] < 0.5 * speed
         state = RunState.REACHED if k > 0 and way[k] >= length - 1e-6 else RunState.BRAKING if slow else RunState.MOVING
-        drive = {2: [v[k, 0]] * 2, 3: v[k, :3]}.get(recorder.drive_dim, [])
+        drive = {2: [v[k, 0]] * 2, 3: v[k, :3]}.get(len(DRIVE_NAMES[robot.base_kind]), [])
         recorder.control(
             t,
             chart=chart[k],
@@ -95,4 +93,4 @@ def straight_run(
             )
     recorder.event(0.0, "start", "the goal is ahead")
     recorder.event(0.4 * total, "slow", "the person crosses")
-    return recorder.finish(seed=0)
+    return recorder.finish()

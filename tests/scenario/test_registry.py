@@ -14,7 +14,7 @@ from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario, run_scenario
 from elastic_strips.catalogue import PRESETS
-from elastic_strips.io import obstacle_documents
+from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import straight_line
 from elastic_strips.sim.scenarios import RunResult, result_document, scenario_names
 from elastic_strips.strip import DeformStatus

@@ -8,10 +8,10 @@ import pytest
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, Scene, get_scenario
-from elastic_strips.io import obstacle_documents
+from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import straight_line
 from elastic_strips.sim.scenarios.halls import DOOR
-from elastic_strips.sim.study import Trial, attempt
+from elastic_strips.sim.study.comparison import Trial, attempt
 
 Array = npt.NDArray[np.float64]
 TRAPS = ("bottleneck", "dead-end")

@@ -5,23 +5,26 @@ expressed in the frame of the URDF link that shows it and has one colour, which 
 """
 
 from pathlib import Path
-from scipy.interpolate import PchipInterpolator
-from shapes import Mesh
-from shapes import Z_TO_X
-from shapes import Z_TO_Y
-from shapes import band
-from shapes import box
-from shapes import fillet
-from shapes import limb
-from shapes import merge
-from shapes import moved
-from shapes import patch
-from shapes import revolve
-from shapes import rings
-from shapes import sphere
-from shapes import superellipse
-from shapes import write_obj
+
 import numpy as np
+from scipy.interpolate import PchipInterpolator
+from shapes import (
+    Z_TO_X,
+    Z_TO_Y,
+    Mesh,
+    band,
+    box,
+    fillet,
+    limb,
+    merge,
+    moved,
+    patch,
+    revolve,
+    rings,
+    sphere,
+    superellipse,
+    write_obj,
+)
 
 OUT = Path(__file__).resolve().parent
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+
 import numpy as np
 
 CREASE = np.cos(np.deg2rad(38.0))  # edges sharper than this stay sharp

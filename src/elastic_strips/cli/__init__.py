@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 @contextmanager
 def interruptible_imports() -> Iterator[None]:
-    """Ctrl-C ends the process here and now: nothing is begun yet, and a ``KeyboardInterrupt`` amid an import may be
+    """Ctrl-C ends the process at once: nothing has started yet, and a ``KeyboardInterrupt`` during an import may be
     lost in a callback of the interpreter, or printed by one."""
     try:
         mine = signal.getsignal(signal.SIGINT) is signal.default_int_handler

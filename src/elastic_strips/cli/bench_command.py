@@ -4,44 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import click
 
 from elastic_strips.files import atomic_write, write_json
 from elastic_strips.robot import load_robot
 from elastic_strips.sim import FAULTS
-from elastic_strips.sim.bench import (
-    bench_plan,
-    bench_replan,
-    bench_robots,
-    bench_tick,
-    robot_cases,
-    robots_table,
-    with_table,
-)
+from elastic_strips.sim.bench import bench_plan, bench_replan, bench_tick
 from elastic_strips.sim.bench.drive import bench_drive, bench_faults, bench_reaction, bench_soak
+from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
+from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
 
-from .options import (
-    EXIT_DONE,
-    EXIT_NOT_DONE,
-    SEED,
-    Finite,
-    LateProgress,
-    OutputFile,
-    evade_option,
-    json_option,
-    processes_option,
-    robot_option,
-    sensors_of,
-    sensors_option,
-)
+from . import options
 
 _F = TypeVar("_F", bound=Callable[..., object])
-_json = json_option("Write all figures.")
-_json_runs = json_option("Write all figures and runs.")
+_json = options.json_option("Write all figures.")
+_json_runs = options.json_option("Write all figures and runs.")
 _root = click.option(
     "--root", required=True, metavar="DIR", type=click.Path(exists=True, file_okay=False),
     help="Folder with the data: DIR/barn, DIR/dynabarn, DIR/bridge.",
@@ -58,7 +39,7 @@ def bench() -> None:
 
 
 @bench.command(short_help="From nothing to a certified strip.")
-@robot_option("silvermate")
+@options.robot_option("silvermate")
 @_seeds(100, "Number of corridors.")
 @click.option("--scenario", default="corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
 @click.option("--grid/--no-grid", default=True, show_default=True, help="Try a way over a grid before OMPL.")
@@ -66,7 +47,7 @@ def bench() -> None:
 def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | None) -> None:
     """Plan the corridor (or another scenario) of many seeds: how often, how fast, how clear."""
     model = load_robot(robot)
-    with LateProgress("planning", seeds) as bar:
+    with options.LateProgress("planning", seeds) as bar:
         figures = bench_plan(model, seeds, bar.step, scenario=scenario, grid=grid)
     what = "corridors" if scenario == "corridor" else f"seeds of {scenario}"
     click.echo(f"{figures['robot']} ({figures['base']}), {seeds} {what}")
@@ -83,13 +64,13 @@ def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | Non
 
 
 @bench.command(short_help="Certified again after an obstacle moved.")
-@robot_option("silvermate")
+@options.robot_option("silvermate")
 @_seeds(100, "Number of corridors.")
 @_json
 def replan(robot: str, seeds: int, json_file: str | None) -> None:
     """Push the nearest obstacle 5 cm towards each planned strip, 4 times."""
     model = load_robot(robot)
-    with LateProgress("replanning", seeds) as bar:
+    with options.LateProgress("replanning", seeds) as bar:
         figures = bench_replan(model, seeds, bar.step)
     click.echo(f"{figures['robot']}, {figures['pushes']} pushes on {seeds} corridors")
     _row("certified again", f"{100 * figures['certified']:.1f} %")
@@ -106,7 +87,7 @@ def replan(robot: str, seeds: int, json_file: str | None) -> None:
 
 
 @bench.command(short_help="One control tick, and how it scales.")
-@robot_option("silvermate")
+@options.robot_option("silvermate")
 @click.option("--ticks", type=click.IntRange(20, 100_000), default=200, show_default=True, help="Measured ticks.")
 @click.option("--scaling/--no-scaling", default=True, help="Also against the numbers of nodes and obstacles.")
 @_json
@@ -116,7 +97,7 @@ def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
     In the same run, for the ratio: pin.computeDistances over every pair on the same strip.
     """
     model = load_robot(robot)
-    with LateProgress("ticking", 10 if scaling else 1) as bar:
+    with options.LateProgress("ticking", 10 if scaling else 1) as bar:
         figures = bench_tick(model, ticks, bar.step, scaling=scaling)
     click.echo(
         f"{figures['robot']}, {figures['nodes']} nodes, {figures['obstacles']} obstacles, {figures['links']} links"
@@ -140,9 +121,11 @@ def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
 @click.option(
     "--data", metavar="DIR", type=click.Path(exists=True, file_okay=False), help="Every URDF of a folder, too."
 )
-@click.option("--timeout", type=Finite(0.01, 3600), default=10.0, show_default=True, help="Longest planning [s].")
 @click.option(
-    "--table", "table_file", type=OutputFile(), metavar="FILE.md",
+    "--timeout", type=options.Finite(0.01, 3600), default=10.0, show_default=True, help="Longest planning [s]."
+)
+@click.option(
+    "--table", "table_file", type=options.OutputFile(), metavar="FILE.md",
     help="Write the table there, between its marks if the file has them.",
 )  # fmt: skip
 @_json
@@ -154,7 +137,7 @@ def robots(
     Each goes from home to another posture, past a sphere in its way.
     """
     cases = robot_cases(names, data)
-    with LateProgress("trying robots", len(cases)) as bar:
+    with options.LateProgress("trying robots", len(cases)) as bar:
         figures = bench_robots(cases, bar.step, timeout=timeout)
     text = robots_table(figures)
     click.echo(text, nl=False)
@@ -166,15 +149,15 @@ def robots(
 
 
 @bench.command(short_help="Drive among moving obstacles, many seeds.")
-@robot_option("silvermate")
+@options.robot_option("silvermate")
 @click.option("--scenario", default="moving-corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
 @_seeds(50, "Number of runs.", 1_000_000)
-@click.option("--first", type=SEED, default=0, show_default=True, help="First seed.")
+@click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
 @click.option("--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True, help="The machine.")
-@evade_option
+@options.evade_option
 @click.option("--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True, help="What steers.")
-@sensors_option
-@processes_option
+@options.sensors_option
+@options.processes_option
 @_json_runs
 def drive(
     robot: str,
@@ -189,8 +172,8 @@ def drive(
     json_file: str | None,
 ) -> None:
     """Drive a scenario of many seeds in the closed loop; each run is evaluated from its true states."""
-    config = sensors_of(sensors)
-    with LateProgress("driving", seeds) as bar:
+    config = options.sensors_of(sensors)
+    with options.LateProgress("driving", seeds) as bar:
         figures = bench_drive(
             robot,
             range(first, first + seeds),
@@ -215,13 +198,13 @@ def drive(
 
 
 @bench.command(short_help="Put faults into many runs.")
-@robot_option("silvermate")
+@options.robot_option("silvermate")
 @_seeds(50, "Runs of each fault.")
-@processes_option
+@options.processes_option
 @_json_runs
 def faults(robot: str, seeds: int, processes: int | None, json_file: str | None) -> None:
     """Every kind of fault at a random time: the robot has to end at rest or at the goal, without a contact at speed."""
-    with LateProgress("putting in faults", seeds * len(FAULTS)) as bar:
+    with options.LateProgress("putting in faults", seeds * len(FAULTS)) as bar:
         figures = bench_faults(robot, range(seeds), bar.step, processes=processes)
     for kind, row in figures["kinds"].items():
         _row(
@@ -236,15 +219,15 @@ def faults(robot: str, seeds: int, processes: int | None, json_file: str | None)
 def _problem(kind: str, text: str) -> None:
     @bench.command(kind, short_help=text, help=text)
     @_root
-    @robot_option("jackal-box")
+    @options.robot_option("jackal-box")
     @_seeds(1, "Runs of each world.", 1000)
     @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
-    @processes_option
+    @options.processes_option
     @_json_runs
     def command(
         root: str, robot: str, seeds: int, ids: tuple[int, ...], processes: int | None, json_file: str | None
     ) -> None:
-        with LateProgress(kind) as bar:
+        with options.LateProgress(kind) as bar:
             figures = bench_problems(
                 kind, root, bar.step, robot=robot, seeds=seeds, ids=ids or None, processes=processes
             )
@@ -265,12 +248,12 @@ _problem("dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal."
 
 @bench.command(short_help="The bridge: the arm has to duck.")
 @_root
-@robot_option("bridge-arm")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the planner.")
+@options.robot_option("bridge-arm")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
 @_json_runs
 def bridge(root: str, robot: str, seed: int, json_file: str | None) -> None:
     """Plan both legs under the bridge, and drive them."""
-    with LateProgress("bridge") as bar:
+    with options.LateProgress("bridge") as bar:
         bar.step()
         figures = bench_bridge(root, robot=robot, seed=seed)
     for leg in figures["legs"]:
@@ -286,14 +269,16 @@ def bridge(root: str, robot: str, seed: int, json_file: str | None) -> None:
 
 
 @bench.command(short_help="How soon a new obstacle is answered.")
-@robot_option("silvermate")
+@options.robot_option("silvermate")
 @_seeds(50, "Number of corridors.")
-@click.option("--depth", type=Finite(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m].")
+@click.option(
+    "--depth", type=options.Finite(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m]."
+)
 @_json_runs
 def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> None:
     """A post appears on the strip while the robot drives, planned at 100 Hz: ticks until a new certified strip is
     followed."""
-    with LateProgress("reacting", seeds) as bar:
+    with options.LateProgress("reacting", seeds) as bar:
         figures = bench_reaction(load_robot(robot), range(seeds), bar.step, depth=depth)
     ticks, ms = figures["ticks"], figures["ms"]
     _row("reacted", f"{figures['reacted']} of {figures['count']}")
@@ -304,12 +289,12 @@ def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> Non
 
 
 @bench.command(short_help="Drive for a long time; watch memory and ticks.")
-@robot_option("silvermate")
-@click.option("--hours", type=Finite(0.01, 1000), default=1.0, show_default=True, help="Of simulated time.")
+@options.robot_option("silvermate")
+@click.option("--hours", type=options.Finite(0.01, 1000), default=1.0, show_default=True, help="Of simulated time.")
 @_json_runs
 def soak(robot: str, hours: float, json_file: str | None) -> None:
     """Drive to and fro among moving obstacles in one process."""
-    with LateProgress("soaking") as bar:
+    with options.LateProgress("soaking") as bar:
         figures = bench_soak(load_robot(robot), hours, bar.step)
     memory = figures["memory_mb"]
     _row("driven", f"{figures['hours']:.2f} h, {figures['legs']} legs, {figures['stops']} stops")
@@ -321,7 +306,7 @@ def soak(robot: str, hours: float, json_file: str | None) -> None:
     _write(json_file, figures)
 
 
-def _drive_rows(figures: dict[str, Any]) -> None:
+def _drive_rows(figures: Figures) -> None:
     _row("reached", f"{100 * figures['reached']:.1f} %")
     unseen = figures["collisions"] - figures["collisions_seen"]
     _row("contacts at speed", f"{figures['collisions']}" + (f", {unseen} with what no laser saw" if unseen else ""))
@@ -335,7 +320,7 @@ def _drive_rows(figures: dict[str, Any]) -> None:
              f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
 
 
-def _problem_rows(figures: dict[str, Any]) -> None:
+def _problem_rows(figures: Figures) -> None:
     _row("success", f"{100 * figures['success']:.1f} % without any contact")
     _row("passively safe", f"{100 * figures['success_passive']:.1f} % reached without a contact at speed")
     _row("collisions", f"{100 * figures['collisions']:.1f} % of the runs at speed, "
@@ -356,7 +341,7 @@ def _row(label: str, text: str) -> None:
     click.echo(f"  {label:<22} {text}")
 
 
-def _write(json_file: str | None, figures: dict[str, Any]) -> None:
+def _write(json_file: str | None, figures: Figures) -> None:
     if json_file is not None:
         click.echo(f"figures {write_json(json_file, figures)}")
 
@@ -368,16 +353,16 @@ def study() -> None:
 
 @study.command(name="paper")
 @click.option("--out", default="study", show_default=True, metavar="FOLDER", type=click.Path(), help="Where to.")
-@processes_option
+@options.processes_option
 @click.option("--quick", is_flag=True, help="Tables and figures alone: no comparison, no parameter map.")
 def paper(out: str, processes: int | None, quick: bool) -> int:
     """Tables 1 and 2, Figs. 5 to 11, methods compared, and a map of the parameters: Markdown, HTML and pictures."""
     from elastic_strips.sim.study import paper_study  # it imports much that no other command needs
 
-    options = {"compared": (), "mapped": ""} if quick else {}
-    with LateProgress("study") as bar:
-        found = paper_study(out, processes=processes, step=bar.step, **options)
+    less = {"compared": (), "mapped": ""} if quick else {}
+    with options.LateProgress("study") as bar:
+        found = paper_study(out, processes=processes, step=bar.step, **less)
     for case, run in found.runs.items():
         click.echo(f"{case:8} {run.outcome.value:10} {run.reason}")
     click.echo(f"report   {found.report}")
-    return EXIT_DONE if found.as_the_paper_says else EXIT_NOT_DONE
+    return options.EXIT_DONE if found.as_the_paper_says else options.EXIT_NOT_DONE

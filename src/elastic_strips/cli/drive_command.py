@@ -5,52 +5,40 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
 from elastic_strips.control import Controller, RunState
 from elastic_strips.files import write_json
-from elastic_strips.io import check_record_file, write_record
+from elastic_strips.io.record_file import check_record_file, write_record
 from elastic_strips.sim import FAULTS, Fault, Simulation
 from elastic_strips.sim.scenarios import (
-    DRIVE_METHODS,
-    PLANTS,
-    STRIP,
     DriveOutcome,
-    conclude,
     drive_document,
     get_scenario,
     make_base_simulation,
     make_simulation,
 )
+from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, conclude
 from elastic_strips.strip import Strip
 from elastic_strips.strip.report import DeformReport
 
-from . import EXIT_INTERRUPTED
-from .options import (
-    EXIT_DONE,
-    EXIT_NOT_DONE,
-    SEED,
-    Finite,
-    LateProgress,
-    base_option,
-    check_outputs,
-    evade_option,
-    json_option,
-    robot_option,
-    sensors_of,
-    sensors_option,
-)
-from .view_options import browser_option, open_viewer, write_page
+from . import EXIT_INTERRUPTED, options
+
+if TYPE_CHECKING:
+    from elastic_strips.sim.baselines import BaseController
+
+    _AnySimulation = Simulation[Controller] | Simulation[BaseController]
 
 
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml")
-@robot_option(help="Another robot than the scenario's.")
-@base_option()
-@click.option("--seed", type=SEED, help="Seed of plan, plant, noise and generated scenes.")
+@options.robot_option(help="Another robot than the scenario's.")
+@options.base_option()
+@click.option("--seed", type=options.SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
     "--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
@@ -60,9 +48,9 @@ from .view_options import browser_option, open_viewer, write_page
     help="What steers: the elastic strip, or a method for a base alone, on its sensors: artificial potential field, "
     "virtual force field, vector field histogram, elastic band.",
 )  # fmt: skip
-@sensors_option
-@click.option("--time-limit", type=Finite(0.1, 36000), help="Longest run [s of simulated time].")
-@evade_option
+@options.sensors_option
+@click.option("--time-limit", type=options.Finite(0.1, 36000), help="Longest run [s of simulated time].")
+@options.evade_option
 @click.option(
     "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
@@ -72,14 +60,14 @@ from .view_options import browser_option, open_viewer, write_page
     "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
     help="Put in a fault, times in seconds. KIND: " + ", ".join(FAULTS) + ". May be given again.",
 )  # fmt: skip
-@json_option("Write the result (docs/drive-format.md).")
+@options.json_option("Write the result (docs/drive-format.md).")
 @click.option(
     "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
     help="Write everything that happened (docs/record-format.md); view replays it.",
 )  # fmt: skip
-@click.option("--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the drive.")
+@options.html_option("Write a standalone 3D page of the drive.")
 @click.option("--view", is_flag=True, help="Show it while it drives, in the browser on this machine only.")
-@browser_option
+@options.browser_option
 def drive(
     scenario: str,
     robot: str | None,
@@ -107,32 +95,30 @@ def drive(
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
-    check_outputs(scenario, json_file, record_file, html_file)
+    options.check_outputs(scenario, json_file, record_file, html_file)
     if record_file is not None:
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, "default", base)
     number = problem.seed if seed is None else seed
-    wrong, config = [Fault.parse(text) for text in faults], sensors_of(sensors)
+    wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors)
     if method != STRIP and (wrong or evade or alternatives > 1):
         raise click.UsageError(f"--fault, --evade and --alternatives are of the strip; --method {method} has none")
-    viewer = open_viewer(no_browser=no_browser, title=problem.name) if view else None
-    with viewer or nullcontext(), LateProgress(f"{problem.name}: driving") as bar:
+    viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
+    with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
-        def watch(driven: Simulation[Any]) -> None:
+        def watch(driven: _AnySimulation) -> None:
             bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
             if viewer is not None:
                 viewer.update(
                     _shown(driven), driven.world.at(driven.time), q=model.space.from_chart(driven.plant.chart)
                 )
 
-        driven: Simulation[Any]
-        common = {"robot": model, "seed": number, "plant": plant, "sensors": config, "watch": watch}
-        common["realtime"] = realtime or view
         if method == STRIP:
-            driven = make_simulation(problem, evade=evade, alternatives=alternatives, faults=wrong, **common)
+            make = partial(make_simulation, problem, evade=evade, alternatives=alternatives, faults=wrong)
         else:
-            driven = make_base_simulation(problem, method, **common)
+            make = partial(make_base_simulation, problem, method)
+        driven = make(robot=model, seed=number, plant=plant, sensors=config, watch=watch, realtime=realtime or view)
         if viewer is not None:
             viewer.show(model, problem.world.at(0.0), _shown(driven))
             click.echo(f"viewer  {viewer.url}")
@@ -151,13 +137,13 @@ def drive(
     if record_file is not None:
         click.echo(f"record  {record_file}")
     if html_file is not None:
-        write_page(lambda page: page.replay(model, result.record), html_file, title=problem.name)
+        options.write_page(lambda page: page.replay(model, result.record), html_file, title=problem.name)
     if interrupted:
         return EXIT_INTERRUPTED
-    return EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else EXIT_NOT_DONE
+    return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE
 
 
-def _shown(driven: Simulation[Any]) -> Strip | DeformReport:
+def _shown(driven: _AnySimulation) -> Strip | DeformReport:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
     controller = driven.controller
     if not isinstance(controller, Controller):
@@ -166,7 +152,7 @@ def _shown(driven: Simulation[Any]) -> Strip | DeformReport:
 
 
 @contextmanager
-def _stopping(driven: Simulation[Any]) -> Iterator[list[int]]:
+def _stopping(driven: _AnySimulation) -> Iterator[list[int]]:
     """The first Ctrl-C brings the robot to rest; a second one ends the program."""
     interrupted: list[int] = []
 

@@ -40,7 +40,7 @@ _COMMANDS = {
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
-_SAY_THEMSELVES = ("elastic_strips.planning.homotopy.alternatives", "elastic_strips.planning.plan")
+_REPORTED_BY_COMMANDS = ("elastic_strips.planning.homotopy.alternatives", "elastic_strips.planning.plan")
 """Loggers whose warnings are the reasons of reports, which the commands show."""
 
 
@@ -72,7 +72,7 @@ def cli(verbose: bool) -> None:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
         return
     handler = logging.StreamHandler()
-    handler.addFilter(lambda record: record.name not in _SAY_THEMSELVES)
+    handler.addFilter(lambda record: record.name not in _REPORTED_BY_COMMANDS)
     logging.basicConfig(level=logging.WARNING, format="warning: %(message)s", handlers=[handler])
 
 

@@ -1,27 +1,30 @@
-"""Options: what several commands have in common, and the progress bar that they show."""
+"""What several commands have in common: options, the progress bar, and the viewer that they open."""
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
-from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from elastic_strips.errors import InputError
+from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
 
 if TYPE_CHECKING:
     from elastic_strips.sim.sensors import SensorConfig
+    from elastic_strips.viewer import Viewer
 
 EXIT_DONE, EXIT_NOT_DONE = 0, 3
 """Exit codes: certified or reached; or not."""
 SEED = click.IntRange(0, 2**31 - 1)
+TITLE = "elastic strip"
+"""Headline of a picture."""
 _PATIENCE = 2.0
 _F = TypeVar("_F", bound=Callable[..., object])
 
@@ -59,6 +62,11 @@ def json_option(help: str) -> Callable[[_F], _F]:
     return click.option("--json", "json_file", metavar="FILE", type=OutputFile(), help=help)
 
 
+def html_option(help: str) -> Callable[[_F], _F]:
+    """``--html``: the name of a page, or None."""
+    return click.option("--html", "html_file", metavar="FILE", type=click.Path(), help=help)
+
+
 processes_option = click.option(
     "--processes", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
@@ -71,6 +79,10 @@ sensors_option = click.option(
     "the Silvermate's; or those of a file (docs/sensors.md).",
 )  # fmt: skip
 
+browser_option = click.option(
+    "--no-browser", is_flag=True, help="Print the address of the picture; do not open the default browser."
+)
+
 
 def sensors_of(text: str | None) -> SensorConfig | None:
     """What the option's value stands for; None where it was not given.
@@ -80,10 +92,7 @@ def sensors_of(text: str | None) -> SensorConfig | None:
     """
     if text is None:
         return None
-    from elastic_strips.sim.sensors import (
-        SensorConfig,  # for those alone who drive by sensors
-        read_sensors,
-    )
+    from elastic_strips.sim.sensors import SensorConfig, read_sensors  # for those alone who drive by sensors
 
     if text.endswith((".yaml", ".yml")):
         return read_sensors(text)
@@ -134,8 +143,54 @@ class LateProgress:
         if self._progress is not None:
             self._progress.update(self._task, completed=self._count, note=note)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._progress is not None:
             self._progress.stop()
+
+
+class ViewerFailure(ElasticStripsError):
+    """There is no picture, through no fault of the input."""
+
+
+def open_viewer(*, no_browser: bool, title: str = TITLE) -> Viewer:
+    """A live viewer; where standard output is a terminal, the default browser opens it.
+
+    Raises:
+        ViewerFailure: its server does not start.
+    """
+    from elastic_strips.viewer import Viewer  # not before something is shown: listing scenarios need not wait for it
+
+    viewer = Viewer(title=title, open_browser=not no_browser and sys.stdout.isatty())
+    if viewer.url is None:
+        viewer.close()
+        raise ViewerFailure("the viewer's server does not start (elastic-strips -v says why); --html writes a page")
+    return viewer
+
+
+def write_page(draw: Callable[[Viewer], object], file: str, *, title: str = TITLE) -> None:
+    """Write what ``draw`` shows as a standalone page.
+
+    Raises:
+        ViewerFailure: it cannot be drawn.
+        InputError: the file cannot be written.
+    """
+    from elastic_strips.viewer import Viewer
+
+    with Viewer(server=False, title=title) as viewer:
+        draw(viewer)
+        page = viewer.save_html(file)
+        if not viewer.alive:
+            raise ViewerFailure(f"{page}: the picture could not be drawn; the page is not complete")
+    click.echo(f"page    {page}")
+
+
+def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TITLE) -> None:
+    """Serve what ``draw`` shows on this machine until Ctrl-C.
+
+    Raises:
+        ViewerFailure: the server does not start.
+    """
+    with open_viewer(no_browser=no_browser, title=title) as viewer:
+        draw(viewer)
+        click.echo(f"viewer  {viewer.url}  (Ctrl-C ends)")
+        viewer.wait()

@@ -7,22 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from elastic_strips.files import write_json
-from elastic_strips.robot import RobotModel
-from elastic_strips.sim.scenarios import RunResult, Scenario, get_scenario, result_document, run_scenario
+from elastic_strips.sim.scenarios import RunResult, get_scenario, result_document, run_scenario
 from elastic_strips.strip import DeformReport
 
-from .options import (
-    EXIT_DONE,
-    EXIT_NOT_DONE,
-    SEED,
-    Finite,
-    LateProgress,
-    base_option,
-    check_outputs,
-    json_option,
-    robot_option,
-)
-from .view_options import browser_option, serve, write_page
+from . import options
 
 if TYPE_CHECKING:
     from elastic_strips.viewer import Viewer
@@ -33,16 +21,16 @@ if TYPE_CHECKING:
 @click.option(
     "--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default."
 )
-@robot_option(help="Another robot than the scenario's.")
-@base_option()
-@click.option("--seed", type=SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
-@click.option("--timeout", type=Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s].")
-@json_option("Write the result (docs/result-format.md).")
+@options.robot_option(help="Another robot than the scenario's.")
+@options.base_option()
+@click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option(
-    "--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone 3D page of the result."
+    "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
 )
+@options.json_option("Write the result (docs/result-format.md).")
+@options.html_option("Write a standalone 3D page of the result.")
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
-@browser_option
+@options.browser_option
 def run(
     scenario: str,
     preset: str | None,
@@ -61,24 +49,27 @@ def run(
 
     Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
     """
-    check_outputs(scenario, json_file, html_file)
+    options.check_outputs(scenario, json_file, html_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, preset, base)
-    result = _run(problem, model, preset, seed, timeout)
-    _summary(result)
-    if json_file is not None:
-        click.echo(f"result  {write_json(json_file, result_document(result))}")
-    _show(result, html_file, view, no_browser)
-    return EXIT_DONE if result.certified else EXIT_NOT_DONE
-
-
-def _run(problem: Scenario, model: RobotModel, preset: str | None, seed: int | None, timeout: float) -> RunResult:
-    with LateProgress(f"{problem.name}: deforming") as bar:
+    with options.LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:
             bar.step(f"{report.status.value}, clearance of the nodes {report.node_clearance:.3f} m")
 
-        return run_scenario(problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch)
+        result = run_scenario(problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch)
+    _summary(result)
+    if json_file is not None:
+        click.echo(f"result  {write_json(json_file, result_document(result))}")
+
+    def draw(viewer: Viewer) -> None:
+        viewer.animate(model, problem.scene, result.report, duration=10.0)
+
+    if html_file is not None:
+        options.write_page(draw, html_file)
+    if view:
+        options.serve(draw, no_browser=no_browser)
+    return options.EXIT_DONE if result.certified else options.EXIT_NOT_DONE
 
 
 def _summary(result: RunResult) -> None:
@@ -94,13 +85,3 @@ def _summary(result: RunResult) -> None:
     )
     if not result.certified and report.certificate.broken is not None:
         click.echo(f"  {report.certificate.broken}")
-
-
-def _show(result: RunResult, html_file: str | None, view: bool, no_browser: bool) -> None:
-    def draw(viewer: Viewer) -> None:
-        viewer.animate(result.robot, result.scenario.scene, result.report, duration=10.0)
-
-    if html_file is not None:
-        write_page(draw, html_file)
-    if view:
-        serve(draw, no_browser=no_browser)

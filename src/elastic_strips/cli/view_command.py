@@ -2,50 +2,47 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from elastic_strips.catalogue import recorded_robot
 from elastic_strips.control import Record
 from elastic_strips.errors import InputError, RobotError
-from elastic_strips.files import read_input_text
 from elastic_strips.io import read_record, record_robot
+from elastic_strips.io.nodes import load_json
+from elastic_strips.io.obstacle_document import obstacle_from_piece
 from elastic_strips.planning import straight_line
-from elastic_strips.robot import RobotModel, load_robot, recorded_robot
-from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Obstacle, Scene, Sphere
-from elastic_strips.sim.scenarios import DRIVE_FORMAT, FORMAT, FORMAT_VERSION, get_scenario
+from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.scene import Scene
+from elastic_strips.sim.scenarios import get_scenario
+from elastic_strips.sim.scenarios.drive import DRIVE_FORMAT
+from elastic_strips.sim.scenarios.run import FORMAT, FORMAT_VERSION
 from elastic_strips.strip import Strip
 
-from .options import SEED, Finite, base_option, check_outputs, robot_option
-from .view_options import TITLE, browser_option, serve, write_page
+from . import options
 
 if TYPE_CHECKING:
     from elastic_strips.viewer import Viewer
 
 
-_TAKES = {
-    "a scenario": ("--base", "--seed"),
-    "a result": (),
-    "a record": ("--speed", "--begin", "--end"),
-}
-MAX_RESULT_BYTES = 20_000_000
+_TAKES = {"a scenario": ("--base", "--seed"), "a result": (), "a record": ("--speed", "--begin", "--end")}
 _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 
 @click.command()
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz")
-@robot_option(help="Another robot than the scenario's. Of a result or a record: where its robot is now.")
-@base_option("Of a scenario: how the base moves; the robot's own by default.")
-@click.option("--seed", type=SEED, help="Of a scenario: seed of generated scenes.  [default: 0]")
-@click.option("--speed", type=Finite(1e-3, 1e3), help="Of a record: how many times as fast as it was.  [default: 1]")
-@click.option("--begin", type=Finite(0.0), help="Of a record: time to begin with [s].")
-@click.option("--end", type=Finite(0.0), help="Of a record: time to end with [s].")
+@options.robot_option(help="Another robot than the scenario's. Of a result or a record: where its robot is now.")
+@options.base_option("Of a scenario: how the base moves; the robot's own by default.")
+@click.option("--seed", type=options.SEED, help="Of a scenario: seed of generated scenes.  [default: 0]")
 @click.option(
-    "--html", "html_file", metavar="FILE", type=click.Path(), help="Write a standalone page instead of serving one."
+    "--speed", type=options.Finite(1e-3, 1e3), help="Of a record: how many times as fast as it was.  [default: 1]"
 )
-@browser_option
+@click.option("--begin", type=options.Finite(0.0), help="Of a record: time to begin with [s].")
+@click.option("--end", type=options.Finite(0.0), help="Of a record: time to end with [s].")
+@options.html_option("Write a standalone page instead of serving one.")
+@options.browser_option
 def view(
     what: str,
     robot: str | None,
@@ -62,13 +59,13 @@ def view(
 
     The server listens on this machine only; Ctrl-C ends it.
     """
-    check_outputs(what, html_file)
+    options.check_outputs(what, html_file)
     kind = _KINDS.get(Path(what).suffix.lower(), "a scenario")
     given = {"--base": base, "--seed": seed, "--speed": speed, "--begin": begin, "--end": end}
     for option, value in given.items():
         if value is not None and option not in _TAKES[kind]:
             raise click.UsageError(f"{option} is not for {kind}; {what} is one")
-    title = TITLE
+    title = options.TITLE
     if kind == "a record":
         record, model = _from_record(Path(what), robot)
         title = str(record.metadata.get("scenario") or Path(what).stem)
@@ -87,9 +84,9 @@ def view(
             viewer.animate(model, scene, strip, duration=10.0)
 
     if html_file is not None:
-        write_page(draw, html_file, title=title)
+        options.write_page(draw, html_file, title=title)
     else:
-        serve(draw, no_browser=no_browser, title=title)
+        options.serve(draw, no_browser=no_browser, title=title)
 
 
 def _from_record(path: Path, robot: str | None) -> tuple[Record, RobotModel]:
@@ -102,12 +99,7 @@ def _from_record(path: Path, robot: str | None) -> tuple[Record, RobotModel]:
 
 
 def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Strip]:
-    try:
-        document = json.loads(read_input_text(path, "result", MAX_RESULT_BYTES, InputError))
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON: {error}") from None
+    document = load_json(path, what="result", error=InputError).value
     if isinstance(document, dict) and document.get("format") == DRIVE_FORMAT:
         raise InputError(f"{path}: holds figures of a drive and no motion; 'elastic-strips drive --record' writes that")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
@@ -118,22 +110,11 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
         name = robot or recorded_robot(document["robot"], document["urdf"])
         if name is None:
             raise RobotError(f"the result names no URDF of {document['robot']!r}")
-        base, locked = document["base"], document["locked"]
-        model = load_robot(name, base=base, locked=locked)
-        scene = Scene([_obstacle(entry) for entry in document["obstacles"]])
+        model = load_robot(name, base=document["base"], locked=document["locked"])
+        scene = Scene([obstacle_from_piece(piece) for piece in document["obstacles"]])
         strip = Strip(model, document["strip"]["q"])
     except InputError as error:
         raise type(error)(f"{path}: {error}") from None
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: the result is damaged: {type(error).__name__}: {error}") from None
     return model, scene, strip
-
-
-_WHOLE_SIZE = {"box": Box, "convex": ConvexHull}
-_SIZES = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule, "cone": Cone}
-
-
-def _obstacle(entry: dict[str, Any]) -> Obstacle:
-    place = {"at": entry["pose"][:3], "quat": entry["pose"][3:], "name": entry["name"]}
-    shape, size = entry["shape"], entry["size"]
-    return _WHOLE_SIZE[shape](size, **place) if shape in _WHOLE_SIZE else _SIZES[shape](*size, **place)

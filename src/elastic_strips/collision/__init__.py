@@ -2,30 +2,22 @@
 certificate: proof that segments and motions keep their clearance."""
 
 from .bounds import BodySet, MotionBounds
-from .candidates import Forecast, NodePrediction
+from .candidates import Forecast
 from .certificate import BrokenSegment, Certificate, SegmentState
 from .motion_certificate import MotionCertifier
-from .narrowphase import GJK_EXCESS, Contacts
 from .obstacles import ObstacleProximity
-from .self_distance import SelfContacts, SelfProximity
-from .strip_certificate import Certifier, ProtectiveHulls, chart_clearance, protective_hulls
+from .self_distance import SelfProximity
+from .strip_certificate import ProtectiveHulls
 
 __all__ = [
     "BodySet",
     "BrokenSegment",
     "Certificate",
-    "Certifier",
-    "Contacts",
     "Forecast",
-    "GJK_EXCESS",
     "MotionBounds",
     "MotionCertifier",
-    "NodePrediction",
     "ObstacleProximity",
     "ProtectiveHulls",
     "SegmentState",
-    "SelfContacts",
     "SelfProximity",
-    "chart_clearance",
-    "protective_hulls",
 ]

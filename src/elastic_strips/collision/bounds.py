@@ -2,7 +2,7 @@
 
 The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of
 freedom: 1 for sliding, the distance from the axis for turning. Static radii hold for all postures within the joint
-limits; tight ones for one posture and the way to the next.
+limits; tight ones for one posture and the motion to the next.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
-from elastic_strips.robot import Kinematics, KinematicTree, RobotModel
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.robot.kinematics import KinematicTree
 
 _POINT_RADIUS = 1e-6
 
@@ -36,7 +36,7 @@ class BodySet:
     tree: KinematicTree
     names: tuple[str, ...]
     geometries: tuple[coal.CollisionGeometry, ...]
-    joint: npt.NDArray[np.intp]
+    joint: Indices
     rotation: Array
     translation: Array
     ends: Array
@@ -96,14 +96,12 @@ class BodySet:
         points = kin.points(np.repeat(self.joint, 2), self.ends.reshape(2 * g, 3))
         return points.reshape(n, g, 2, 3)
 
-    def ends_at(self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp]) -> Array:
+    def ends_at(self, kin: Kinematics, node: Indices, body: Indices) -> Array:
         """World capsule ends (K, 2, 3) [m] of single bodies at nodes."""
         frame = kin.T[self.joint[body], node]
         return np.matmul(frame[:, None, :, :3], self.ends[body][..., None])[..., 0] + frame[:, None, :, 3]
 
-    def placements(
-        self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp]
-    ) -> tuple[Array, Array]:
+    def placements(self, kin: Kinematics, node: Indices, body: Indices) -> tuple[Array, Array]:
         """World rotations (K, 3, 3) and translations (K, 3) of the shapes ``body`` at ``node``."""
         frame = kin.T[self.joint[body], node]
         rotation = np.matmul(frame[..., :3], self.rotation[body])
@@ -117,7 +115,6 @@ class MotionBounds:
     Attributes:
         radius: (nv, G) static radii; zero where the degree of freedom does not move the body.
             Rows 0 and 1 of a planar root are 0: its translation counts once, as ‖(v_x, v_y)‖.
-        between: (S, nv) True where a degree of freedom lies between the bodies of a self pair, once :meth:`for_pairs`.
     """
 
     def __init__(self, bodies: BodySet) -> None:
@@ -151,18 +148,18 @@ class MotionBounds:
             joint = int(tree.parents[joint])
 
     def travel(self, v: Array) -> Array:
-        """Bounds (N, G) [m] on the way of any point of each body along tangent vectors ``v`` (N, nv)."""
+        """Bounds (N, G) [m] on the travel of any point of each body along tangent vectors ``v`` (N, nv)."""
         speed = np.abs(v)
         out = speed @ self.radius
         if self.planar:
             out += np.hypot(v[:, 0], v[:, 1])[:, None]
         return out
 
-    def tight_travel(self, kin: Kinematics, node: npt.NDArray[np.intp], body: npt.NDArray[np.intp], v: Array) -> Array:
-        """Tighter bounds (K,) [m] for single bodies on the way from ``node`` along tangent vectors ``v`` (K, nv).
+    def tight_travel(self, kin: Kinematics, node: Indices, body: Indices, v: Array) -> Array:
+        """Tighter bounds (K,) [m] for single bodies on the motion from ``node`` along tangent vectors ``v`` (K, nv).
 
         The distance of a point from an axis changes only by the joints between them, so it is at most what it is at the
-        node, plus what those joints move the point on the way.
+        node, plus what those joints move the point meanwhile.
         """
         bodies, tree = self.bodies, self.bodies.tree
         ends = bodies.ends_at(kin, node, body)
@@ -184,7 +181,7 @@ class MotionBounds:
             return (tight * speed).sum(axis=1) + np.hypot(v[:, 0], v[:, 1])
         return (tight * speed).sum(axis=1)
 
-    def pair_radius(self, pairs: npt.NDArray[np.intp]) -> Array:
+    def pair_radius(self, pairs: Indices) -> Array:
         """Radii (nv, S) for the distance between two bodies: the joints that move one of them and not the other."""
         support = self.bodies.tree.support[self.bodies.joint]
         one, two = support[pairs[:, 0]], support[pairs[:, 1]]

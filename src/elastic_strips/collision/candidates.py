@@ -11,11 +11,10 @@ and lessened by how far the obstacle can be from where it is expected.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import ParameterError
@@ -42,39 +41,39 @@ class CandidateParts:
     """
 
     scene: Scene
-    rows: npt.NDArray[np.intp]
+    rows: Indices
     cover_low: Array
     cover_high: Array
-    parts: list[Part] = field(default_factory=list)
-    rotation: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    translation: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    box_center: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    box_half: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    transforms: list[coal.Transform3s] = field(default_factory=list)
-    obstacle: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    parts: list[Part]
+    rotation: Array
+    translation: Array
+    box_center: Array
+    box_half: Array
+    transforms: list[coal.Transform3s]
+    obstacle: Indices
 
     @staticmethod
-    def build(
-        scene: Scene, low: Array, high: Array, slack: float, *, always: npt.NDArray[np.intp] | None = None
-    ) -> CandidateParts:
+    def build(scene: Scene, low: Array, high: Array, slack: float, *, always: Indices | None = None) -> CandidateParts:
         """Collect the parts near the boxes ``low``, ``high`` (N, 3) of the nodes, each grown by ``slack`` [m].
 
         The parts of the obstacles ``always`` are in it wherever they are.
         """
         low, high = low - slack, high + slack
-        rows = _near_rows(scene, low, high)
+        table = scene.table
+        rows = np.zeros(0, dtype=np.intp)
+        if len(table) and len(low):
+            rows = _overlapping(table, np.arange(len(table)), low, high)
         if always is not None and len(always):
-            rows = np.union1d(rows, np.flatnonzero(np.isin(scene.table.obstacle_index, always)))
-        made, table = CandidateParts(scene, rows, low, high), scene.table
-        made.parts = [table.parts[r] for r in rows]
-        made.rotation = table.rotation[rows].copy()
-        made.translation = table.translation[rows].copy()
-        made.obstacle = table.obstacle_index[rows]
-        if len(rows):
-            made.box_center = np.array([p.center - p.T_obstacle_part[:3, 3] for p in made.parts])
-            made.box_half = np.array([p.half_extents for p in made.parts])
-        made.transforms = [coal.Transform3s(r, t) for r, t in zip(made.rotation, made.translation, strict=True)]
-        return made
+            rows = np.union1d(rows, np.flatnonzero(np.isin(table.obstacle_index, always)))
+        parts = [table.parts[r] for r in rows]
+        rotation, translation = table.rotation[rows].copy(), table.translation[rows].copy()
+        box_center = np.reshape([p.center - p.T_obstacle_part[:3, 3] for p in parts], (-1, 3))
+        box_half = np.reshape([p.half_extents for p in parts], (-1, 3))
+        transforms = [coal.Transform3s(r, t) for r, t in zip(rotation, translation, strict=True)]
+        return CandidateParts(
+            scene, rows, low, high, parts, rotation, translation, box_center, box_half, transforms,
+            table.obstacle_index[rows],
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -83,13 +82,13 @@ class CandidateParts:
         """Name of the obstacle that a part belongs to."""
         return self.scene.names[int(self.obstacle[part])]
 
-    def covered(self, low: Array, high: Array) -> npt.NDArray[np.bool_]:
+    def covered(self, low: Array, high: Array) -> Mask:
         """(M,) whether each box (M, 3) lies in one of the boxes that the nodes may use."""
         above = np.all(low[:, None] >= self.cover_low[None], axis=2)
         below = np.all(high[:, None] <= self.cover_high[None], axis=2)
         return np.asarray(np.any(above & below, axis=1), dtype=bool)
 
-    def follow(self, scene: Scene) -> npt.NDArray[np.intp] | None:
+    def follow(self, scene: Scene) -> Indices | None:
         """Move to another snapshot of the same obstacles.
 
         Returns:
@@ -120,14 +119,22 @@ class CandidateParts:
         self.scene = scene
         return columns
 
-    def capsule_distance(self, ends: Array, radius: Array, part: npt.NDArray[np.intp]) -> Array:
-        """Lower bounds (K,) [m] of the distances of capsules with ends (K, 2, 3) to the boxes of ``part`` (K,)."""
+    def capsule_distance(
+        self, ends: Array, radius: Array, part: Indices, moved: tuple[Array, Array] | None = None
+    ) -> Array:
+        """Lower bounds (K,) [m] of the distances of capsules with ends (K, 2, 3) to the boxes of ``part`` (K,).
+
+        ``moved`` has shift (K, 3) and uncertainty (K,) of the parts [m], or is None where nothing moves.
+        """
+        if moved is not None:
+            ends = ends - moved[0][:, None]
         one, two = ends[:, 0], ends[:, 1]
         along = two - one
         half = 0.5 * np.sqrt(np.einsum("ki,ki->k", along, along))
-        return self.box_distance(0.5 * (one + two), part) - half - radius
+        distance = self.box_distance(0.5 * (one + two), part) - half - radius
+        return distance if moved is None else distance - moved[1]
 
-    def box_distance(self, points: Array, part: npt.NDArray[np.intp] | slice) -> Array:
+    def box_distance(self, points: Array, part: Indices | slice) -> Array:
         """Distance [m] of world points (K, 3) to the oriented boxes of ``part`` (K,): 0 inside."""
         local = np.matmul((points - self.translation[part])[..., None, :], self.rotation[part])[..., 0, :]
         gap = np.abs(local - self.box_center[part]) - self.box_half[part]
@@ -135,7 +142,7 @@ class CandidateParts:
         return np.sqrt(np.einsum("...i,...i->...", gap, gap))
 
 
-def _overlapping(table: PartTable, rows: npt.NDArray[np.intp], low: Array, high: Array) -> npt.NDArray[np.intp]:
+def _overlapping(table: PartTable, rows: Indices, low: Array, high: Array) -> Indices:
     """Those ``rows`` whose box overlaps one of the boxes (N, 3)."""
     center, half = table.center[rows], table.half_extents[rows]
     part_low, part_high = center - half, center + half
@@ -148,13 +155,6 @@ def _overlapping(table: PartTable, rows: npt.NDArray[np.intp], low: Array, high:
         above, below = part_low[s, None] <= high[None], part_high[s, None] >= low[None]
         keep[s] = np.any(np.all(above, axis=2) & np.all(below, axis=2), axis=1)
     return rows[keep]
-
-
-def _near_rows(scene: Scene, low: Array, high: Array) -> npt.NDArray[np.intp]:
-    count = len(scene.table.parts)
-    if count == 0 or len(low) == 0:
-        return np.zeros(0, dtype=np.intp)
-    return _overlapping(scene.table, np.arange(count), low, high)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -300,9 +300,9 @@ class MovingParts:
         turn = candidates.rotation[columns] - rotation[columns]
         center, half = candidates.box_center[columns], candidates.box_half[columns]
         reach = np.linalg.norm(center, axis=1) + np.linalg.norm(half, axis=1)
-        way = np.sqrt(np.einsum("nci,nci->nc", step, step))
-        way += reach * np.sqrt(0.5 * np.einsum("cij,cij->c", turn, turn))
-        return columns, way, uncertainty - uncertainty_before
+        travel = np.sqrt(np.einsum("nci,nci->nc", step, step))
+        travel += reach * np.sqrt(0.5 * np.einsum("cij,cij->c", turn, turn))
+        return columns, travel, uncertainty - uncertainty_before
 
     def travel(self) -> Array | None:
         """(N−1, P) bound [m] on how far parts come towards the robot from node to node; None where nothing moves."""

@@ -1,9 +1,9 @@
 """The certificate: proof that a robot keeps its clearance all along a path, by one branch and bound for all of it.
 
 Between two configurations no point of a body travels further than Λ. So the body stays further than c from an obstacle
-on the whole way if d_a + d_b − 2c > Λ, with d_a, d_b lower bounds of its distance at the two ends (Schwarzer, Saha and
+all along if d_a + d_b − 2c > Λ, with d_a, d_b lower bounds of its distance at the two ends (Schwarzer, Saha and
 Latombe). Where that fails for a pair of body and obstacle part, or of two bodies, this pair alone is measured half-way,
-and the halves are asked again. At the depth floor the answer is *unknown*, never *safe*.
+and the halves are tested again. At the depth floor the answer is *unknown*, never *safe*.
 
 Who wants a proof gives three things to the :class:`Bisection`: the pairs and how they are measured, the intervals that
 are open to begin with, with what is known of them, and what the distances are wanted for.
@@ -48,7 +48,7 @@ class BrokenSegment:
         link: name of the robot's collision piece.
         obstacle: name of the obstacle, or of the other link for self-collision.
         clearance: smallest distance measured there [m]; below the required one, or too small to decide.
-        kind: ``"obstacle"``, ``"self"``, or ``"half turn"`` where the segment's way is not defined.
+        kind: ``"obstacle"``, ``"self"``, or ``"half turn"`` where the segment's path is not defined.
         certain: True where a configuration below the required clearance was found, False where the depth floor was met.
     """
 
@@ -79,7 +79,7 @@ class Certificate(Summary):
     """
 
     clearance: float
-    segments: npt.NDArray[np.bool_]
+    segments: Mask
     states: npt.NDArray[np.int8]
     broken: BrokenSegment | None
     checks: int
@@ -95,7 +95,7 @@ class Certificate(Summary):
 
 
 _LOOSE = 0.15
-"""A lower bound may lie below the distance by the capsule's length and about this [m]; decides only what is asked."""
+"""A lower bound may lie below the distance by the capsule's length and about this [m]; decides only what to measure."""
 _MARGIN = 1e-4
 """What a lower bound decides by less than this [m] is measured exactly all the same."""
 
@@ -108,7 +108,9 @@ class Pairs(Protocol):
     The measures give distances (K,) [m] of ``pair`` (K,) at nodes (K,) of ``kin``; ``place`` (K,) is where on the path.
     """
 
-    def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array: ...
+    def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
+        """Cheap distances, never above the true ones."""
+        ...
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         """Distances, less what Coal may say too much."""
@@ -135,9 +137,7 @@ class ObstaclePairs:
     def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)
         ends, moved = self.bodies.ends_at(kin, node, body), self.moving.between(place, part)
-        if moved is None:
-            return self.candidates.capsule_distance(ends, self.bodies.radius[body], part)
-        return self.candidates.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
+        return self.candidates.capsule_distance(ends, self.bodies.radius[body], part, moved)
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)
@@ -191,7 +191,7 @@ class OpenIntervals:
             from a node to a node.
         d_low, d_high: (K,) lower bounds of the distances there [m].
         exact_low, exact_high: (K,) whether these were measured exactly.
-        travel: (K,) Λ, how far the two of a pair can come nearer to each other on the way [m].
+        travel: (K,) Λ, how far the two of a pair can come nearer to each other on it [m].
     """
 
     pair: Indices
@@ -215,9 +215,11 @@ class OpenIntervals:
         return self.low.astype(np.intp)
 
     def take(self, which: Mask | Indices) -> OpenIntervals:
+        """Some of the intervals."""
         return OpenIntervals(*(getattr(self, name)[which] for name in self.__slots__))
 
     def joined(self, other: OpenIntervals) -> OpenIntervals:
+        """These intervals, and then the others."""
         return OpenIntervals(*(np.concatenate((getattr(self, x), getattr(other, x))) for x in self.__slots__))
 
     def open(self, clearance: float) -> Mask:
@@ -269,7 +271,7 @@ class Bisection:
         self._kin, self._v, self.checks = kin, v, 0
 
     def run(
-        self, pairs: Pairs, todo: OpenIntervals, search: Search, depth: int, way: Array | None = None
+        self, pairs: Pairs, todo: OpenIntervals, search: Search, depth: int, total: Array | None = None
     ) -> OpenIntervals:
         """Halve what is open, level by level; returns what still is open after ``depth`` levels.
 
@@ -278,7 +280,7 @@ class Bisection:
             todo: the intervals; one of more than a segment is halved at nodes first.
             search: what takes the distances.
             depth: most levels.
-            way: (N, pairs) how far the two of each pair can have come nearer to each other since the first node [m];
+            total: (N, pairs) how far the two of each pair can have come nearer to each other since the first node [m];
                 None where all intervals lie in one segment.
         """
         for _level in range(depth):
@@ -294,18 +296,18 @@ class Bisection:
                 break
             middle = 0.5 * (todo.low + todo.high)
             first = second = 0.5 * todo.travel
-            if way is not None and not single.all():
+            if total is not None and not single.all():
                 middle = np.where(single, middle, np.floor(middle))
                 many = np.flatnonzero(~single)
                 low, at, high = (x[many].astype(np.intp) for x in (todo.low, middle, todo.high))
                 first, second, pair = first.copy(), second.copy(), todo.pair[many]
-                first[many], second[many] = way[at, pair] - way[low, pair], way[high, pair] - way[at, pair]
+                first[many], second[many] = total[at, pair] - total[low, pair], total[high, pair] - total[at, pair]
             where = self._locate(middle)
             d = self._measure(pairs.lower_bounds, where, middle, todo.pair)
             c = search.clearance
             one, two = first - todo.d_low + 2.0 * c, second - todo.d_high + 2.0 * c  # from here on, a half is proven
             need = d < np.maximum(np.maximum(one, two), search.exact_below) + _MARGIN
-            if way is not None:  # of a long interval, only what can close a half; it is halved anyway
+            if total is not None:  # of a long interval, only what can close a half; it is halved anyway
                 need &= single | (d + pairs.loose(todo.pair) >= np.minimum(one, two)) | (d <= c)
             ask = np.flatnonzero(need)
             exact = np.zeros(len(todo), dtype=bool)

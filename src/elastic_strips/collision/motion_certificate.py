@@ -1,8 +1,8 @@
 """The certificate of a motion: the motion-bound proof over intervals of many samples at once.
 
-A pair that is far for the whole motion needs two distances, not two a sample: the way that is left to travel between
-two samples is the sum of the ways between those that lie between. Only where that does not do is the interval halved,
-first at samples, then between two of them. The first distance below the clearance ends the search.
+A pair that is far for the whole motion needs two distances, not two a sample: what a body may travel between two
+samples is the sum over the segments between them. Only where that does not suffice is the interval halved, first at
+samples, then between two of them. The first distance below the clearance ends the search.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from .self_distance import SelfProximity
 
 _SLACK = 0.6
 """How far [m] a motion may leave the boxes about the candidates before they are collected anew."""
+_MAX_DEPTH = 12
+"""Most halvings between two samples."""
 
 
 class MotionCertifier:
@@ -40,11 +42,10 @@ class MotionCertifier:
         bodies: the robot's links.
         bounds: their motion radii.
         pairs: (S, 2) pairs of bodies that must not touch.
-        max_depth: most halvings between two samples.
     """
 
-    def __init__(self, bodies: BodySet, bounds: MotionBounds, pairs: Indices, *, max_depth: int = 12) -> None:
-        self.bodies, self.bounds, self.max_depth = bodies, bounds, max_depth
+    def __init__(self, bodies: BodySet, bounds: MotionBounds, pairs: Indices) -> None:
+        self.bodies, self.bounds = bodies, bounds
         self.candidates: CandidateParts | None = None
         self._narrow = Narrowphase(bodies)
         self._self = SelfProximity(bodies, pairs, bounds, influence=0.0)
@@ -71,7 +72,7 @@ class MotionCertifier:
         clearance: float,
         self_clearance: float,
     ) -> Certificate:
-        """Certify the way through samples.
+        """Certify the motion through samples.
 
         Args:
             chart: (N, nv) samples, N ≥ 2.
@@ -103,7 +104,7 @@ class MotionCertifier:
         """Candidates: all that comes within the clearance of the motion, and all that moves."""
         ends = self.bodies.capsule_ends(self._kin)
         radius = self.bodies.radius[:, None]
-        # a point between two samples is no further from the nearer of them than half its way
+        # a point between two samples is no further from the nearer of them than half its travel
         grow = clearance + 0.5 * float(travel.max(initial=0.0)) + 1e-6
         low = (ends.min(axis=(0, 2)) - radius).min(axis=0, keepdims=True) - grow
         high = (ends.max(axis=(0, 2)) + radius).max(axis=0, keepdims=True) + grow
@@ -116,32 +117,32 @@ class MotionCertifier:
     def _prove_obstacles(self, travel: Array, clearance: float) -> BrokenSegment | None:
         candidates, count = self.candidates, len(self.bodies)
         assert candidates is not None
-        way = np.zeros((len(travel) + 1, count, len(candidates)))
-        np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=way[1:])
+        total = np.zeros((len(travel) + 1, count, len(candidates)))
+        np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=total[1:])
         approach = self._moving.travel()
         if approach is not None:
-            way[1:] += np.cumsum(approach, axis=0)[:, None, :]
+            total[1:] += np.cumsum(approach, axis=0)[:, None, :]
         pairs = ObstaclePairs(self.bodies, self._narrow, candidates, self._moving)
-        return self._prove(pairs, way.reshape(len(way), count * len(candidates)), clearance)
+        return self._prove(pairs, total.reshape(len(total), count * len(candidates)), clearance)
 
     def _prove_self(self, v: Array, clearance: float) -> BrokenSegment | None:
-        way = np.zeros((len(v) + 1, len(self._self.pairs)))
-        np.cumsum(self._self.travel(v), axis=0, out=way[1:])
-        return self._prove(SelfPairs(self._self), way, clearance)
+        total = np.zeros((len(v) + 1, len(self._self.pairs)))
+        np.cumsum(self._self.travel(v), axis=0, out=total[1:])
+        return self._prove(SelfPairs(self._self), total, clearance)
 
-    def _prove(self, pairs: Pairs, way: Array, clearance: float) -> BrokenSegment | None:
+    def _prove(self, pairs: Pairs, total: Array, clearance: float) -> BrokenSegment | None:
         """One interval for each pair, from the first sample to the last, is halved until all is proven."""
-        last, pair = len(way) - 1, np.arange(way.shape[1])
+        last, pair = len(total) - 1, np.arange(total.shape[1])
         if len(pair) == 0:
             return None
         low = np.zeros(len(pair))
         high = low + last
         d_low, d_high = (pairs.lower_bounds(self._kin, at.astype(np.intp), at, pair) for at in (low, high))
         unknown = np.zeros(len(pair), dtype=bool)
-        todo = OpenIntervals(pair, low, high, d_low, d_high, unknown, unknown, way[-1])
+        todo = OpenIntervals(pair, low, high, d_low, d_high, unknown, unknown, total[-1])
         search = _MotionSearch(pairs, clearance, last)
         todo = todo.take(todo.open(clearance))
-        left = self._bisection.run(pairs, todo, search, last.bit_length() + self.max_depth + 1, way)
+        left = self._bisection.run(pairs, todo, search, last.bit_length() + _MAX_DEPTH + 1, total)
         if search.broken is None and len(left):
             d = np.minimum(left.d_low, left.d_high)
             k = int(np.argmin(d))

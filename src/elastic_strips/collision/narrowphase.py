@@ -16,9 +16,8 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.coal_shapes import for_penetration, rounded
 from elastic_strips.scene.parts import Part
@@ -32,13 +31,13 @@ _FAILED = -1e100
 """Coal says −1.8e308 where its solver for penetration does not converge."""
 
 
-def _distance_request(*, fine_apart: bool = False, fine_deep: bool = False) -> coal.DistanceRequest:
-    """A request for a signed distance with witness points and normal, at Coal's own tolerances or at fine ones."""
+def _distance_request(*, gjk: float | None = None, epa: float | None = None) -> coal.DistanceRequest:
+    """A request for a signed distance with witness points and normal, at Coal's own tolerances or at these."""
     request = coal.DistanceRequest(True)
-    if fine_apart:
-        request.gjk_tolerance = _TOLERANCE
-    if fine_deep:
-        request.epa_tolerance = _TOLERANCE
+    if gjk is not None:
+        request.gjk_tolerance = gjk
+    if epa is not None:
+        request.epa_tolerance = epa
     return request
 
 
@@ -56,6 +55,7 @@ class ShapePair(NamedTuple):
 
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
+        """The functors of two shapes."""
         shapes = for_penetration(one, two)
         deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
         return ShapePair(coal.ComputeDistance(one, two), deep, fine, (one, two, *shapes))
@@ -66,14 +66,10 @@ class PairSolver:
 
     def __init__(self) -> None:
         self.result = coal.DistanceResult()
-        self._apart = _distance_request(fine_apart=True)
+        self._apart = _distance_request(gjk=_TOLERANCE)
         self._deep = _distance_request()
-        self._fine = _distance_request(fine_apart=True, fine_deep=True)
-        self._coarse = []
-        for tolerance in (1e-4, 1e-3, 1e-2, 0.1):
-            request = _distance_request()
-            request.epa_tolerance = tolerance
-            self._coarse.append(request)
+        self._fine = _distance_request(gjk=_TOLERANCE, epa=_TOLERANCE)
+        self._coarse = [_distance_request(epa=tolerance) for tolerance in (1e-4, 1e-3, 1e-2, 0.1)]
 
     def ask(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
         """Signed distance [m]; ``result`` then holds the normal and the witness points."""
@@ -109,9 +105,9 @@ class Contacts:
         witness: (K, 3) nearest points on the robot, world frame [m].
     """
 
-    node: npt.NDArray[np.intp]
-    body: npt.NDArray[np.intp]
-    part: npt.NDArray[np.intp]
+    node: Indices
+    body: Indices
+    part: Indices
     distance: Array
     direction: Array
     witness: Array
@@ -147,9 +143,9 @@ class Narrowphase:
     def query(
         self,
         kin: Kinematics,
-        node: npt.NDArray[np.intp],
-        body: npt.NDArray[np.intp],
-        part: npt.NDArray[np.intp],
+        node: Indices,
+        body: Indices,
+        part: Indices,
         candidates: CandidateParts,
         reach: float,
         shift: Array | None = None,

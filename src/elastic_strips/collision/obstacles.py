@@ -9,9 +9,8 @@ nothing else.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero
 from elastic_strips.scene import Scene
@@ -22,7 +21,7 @@ from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
 
 _FAR = 1e9
 _MOVING_TOLERANCE = 2e-3
-"""What is predicted is never as exact as that [m]: distances to moving parts are asked again only beyond."""
+"""What is predicted is never as exact as that [m]: distances to moving parts are measured again only beyond."""
 
 
 class ObstacleProximity:
@@ -31,12 +30,12 @@ class ObstacleProximity:
     Args:
         bodies: what of the robot is measured.
         influence: distances below this [m] are computed exactly.
-        tolerance: an exact distance is asked again once its body or part has moved by more than this [m].
+        tolerance: an exact distance is measured again once its body or part has moved by more than this [m].
         slack: how far [m] the strip may drift before the candidates are collected anew.
 
     Attributes:
         bound: (N, G, P) lower bounds [m].
-        exact: (N, G, P) distances [m] where they were asked for, else ∞.
+        exact: (N, G, P) distances [m] where they were measured, else ∞.
         direction, witness: (N, G, P, 3) away from the obstacle, and nearest point on the robot.
         margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
     """
@@ -48,20 +47,20 @@ class ObstacleProximity:
         self.slack = slack
         self.narrow = Narrowphase(bodies)
         self.candidates: CandidateParts | None = None
-        self.pairs = 0
-        self.asked = 0
         self.margin = np.zeros(0)
         self.moving = MovingParts()
         self._cover = np.zeros(0, dtype=np.intp)
         self._chart = np.zeros((0, 0))
-        self._ends = np.zeros((0, len(bodies), 2, 3))
-        self._frames = np.zeros((0, len(bodies), 3, 3))
-        self.bound = np.zeros((0, len(bodies), 0))
-        self.exact = np.zeros((0, len(bodies), 0))
-        self.direction = np.zeros((0, len(bodies), 0, 3))
-        self.witness = np.zeros((0, len(bodies), 0, 3))
-        self._since = np.zeros((0, len(bodies), 0))
         self._limit = np.zeros(0)
+        self._allocate(0, 0)
+
+    def _allocate(self, n: int, p: int) -> None:
+        """Arrays for n nodes and p parts of which nothing is known."""
+        g = len(self.bodies)
+        self.bound, self._since = np.full((n, g, p), -_FAR), np.full((n, g, p), _FAR)
+        self.exact = np.full((n, g, p), np.inf)
+        self.direction, self.witness = np.zeros((n, g, p, 3)), np.zeros((n, g, p, 3))
+        self._ends, self._frames = np.zeros((n, g, 2, 3)), np.zeros((n, g, 3, 3))
 
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
@@ -73,7 +72,7 @@ class ObstacleProximity:
         candidates = self.candidates
         return candidates is not None and self.moving.prediction is not None and candidates.scene.names == scene.names
 
-    def remap(self, source: npt.NDArray[np.intp]) -> None:
+    def remap(self, source: Indices) -> None:
         """Carry the bounds over to a strip whose node i was node ``source[i]``; −1 marks a new node.
 
         A new node starts with unknown bounds; call :meth:`update` next.
@@ -113,21 +112,11 @@ class ObstacleProximity:
             columns = None
         elif len(moved_nodes):
             self._drift(kin, ends, moved_nodes)
-        self._take_over(kin, ends, prediction, columns, moved_nodes)
-
-    def _take_over(
-        self,
-        kin: Kinematics,
-        ends: Array,
-        prediction: NodePrediction | None,
-        columns: npt.NDArray[np.intp] | None,
-        moved_nodes: npt.NDArray[np.intp] | None,
-    ) -> None:
         self._predict(prediction, columns)
         self._remember(kin, ends, moved_nodes)
         self.refine(kin)
 
-    def _predict(self, prediction: NodePrediction | None, columns: npt.NDArray[np.intp] | None) -> None:
+    def _predict(self, prediction: NodePrediction | None, columns: Indices | None) -> None:
         """Lower the bounds by how far parts have moved, or are now expected to have moved when a node is reached."""
         candidates, moving = self.candidates, self.moving
         assert candidates is not None
@@ -137,9 +126,9 @@ class ObstacleProximity:
             before, former = moving.prediction, moving.columns
             moved = moving.advance(prediction, candidates, columns)
             if moved is not None:
-                at, way, uncertainty = moved
-                self.bound[:, :, at] -= (way + uncertainty)[:, None, :]
-                self._since[:, :, at] += (way + np.abs(uncertainty))[:, None, :]
+                at, travel, uncertainty = moved
+                self.bound[:, :, at] -= (travel + uncertainty)[:, None, :]
+                self._since[:, :, at] += (travel + np.abs(uncertainty))[:, None, :]
             if before is not None and before.ignored.any():  # nothing is known of these
                 self._mark(before.ignored, former, -_FAR, _FAR)
         self._limit = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
@@ -157,7 +146,7 @@ class ObstacleProximity:
         high = (np.maximum(ends[:, :, 0], ends[:, :, 1]) + radius).max(axis=1)
         return low, high
 
-    def _keep_margin(self, ends: Array, moved: npt.NDArray[np.intp]) -> bool:
+    def _keep_margin(self, ends: Array, moved: Indices) -> bool:
         """Update how deep moved nodes are inside the candidates' boxes; False where one is not deep enough in any."""
         candidates = self.candidates
         assert candidates is not None
@@ -196,12 +185,14 @@ class ObstacleProximity:
             return False
         ends = self.bodies.capsule_ends(kin)
         self._rebuild(ends, candidates.scene, low[new], high[new])
-        self._take_over(kin, ends, self.moving.prediction, None, None)
+        self._predict(self.moving.prediction, None)
+        self._remember(kin, ends, None)
+        self.refine(kin)
         return True
 
     def _rebuild(self, ends: Array, scene: Scene, *more: Array) -> None:
         """Collect the candidates about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high."""
-        n, g = ends.shape[:2]
+        n = len(ends)
         body_low, body_high = self._boxes(ends)
         low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
@@ -211,16 +202,9 @@ class ObstacleProximity:
         self.narrow.retain(self.candidates.parts)
         inner = np.minimum(body_low - self.candidates.cover_low[:n], self.candidates.cover_high[:n] - body_high)
         self.margin, self._cover = inner.min(axis=1), np.arange(n)
-        p = len(self.candidates)
-        self.bound = np.full((n, g, p), -_FAR)
-        self._since = np.full((n, g, p), _FAR)
-        self.exact = np.full((n, g, p), np.inf)
-        self.direction = np.zeros((n, g, p, 3))
-        self.witness = np.zeros((n, g, p, 3))
-        self._frames = np.zeros((n, g, 3, 3))
-        self._ends = np.zeros_like(ends)
+        self._allocate(n, len(self.candidates))
 
-    def _drift(self, kin: Kinematics, ends: Array, moved: npt.NDArray[np.intp]) -> None:
+    def _drift(self, kin: Kinematics, ends: Array, moved: Indices) -> None:
         """Lower the bounds of moved nodes by how far any point of each body can have moved."""
         shift = np.sqrt(((ends[moved] - self._ends[moved]) ** 2).sum(axis=3)).max(axis=2)
         turn = self._rotations(kin, moved) - self._frames[moved]
@@ -233,10 +217,10 @@ class ObstacleProximity:
             self.bound[moved] -= shift[:, :, None]
             self._since[moved] += shift[:, :, None]
 
-    def _rotations(self, kin: Kinematics, nodes: npt.NDArray[np.intp]) -> Array:
+    def _rotations(self, kin: Kinematics, nodes: Indices) -> Array:
         return kin.T[self.bodies.joint[None, :], nodes[:, None]][..., :3]
 
-    def _remember(self, kin: Kinematics, ends: Array, moved: npt.NDArray[np.intp] | None) -> None:
+    def _remember(self, kin: Kinematics, ends: Array, moved: Indices | None) -> None:
         self._ends = ends
         if moved is None:
             self._frames = self._rotations(kin, np.arange(kin.n))
@@ -246,18 +230,17 @@ class ObstacleProximity:
             self._chart[moved] = kin.chart[moved]
 
     def refine(self, kin: Kinematics) -> None:
-        """Make every pair exact whose bound is below the influence distance and that moved since it was asked."""
+        """Make every pair exact whose bound is below the influence distance and that moved since it was measured."""
         need = (self.bound < self.influence) & (self._since > self._limit)
-        self.pairs = need.size
         node, body, part = nonzero(need)
         self._ask(kin, node, body, part, self.influence)
 
     def refine_at(
         self,
         kin: Kinematics,
-        node: npt.NDArray[np.intp],
-        body: npt.NDArray[np.intp],
-        part: npt.NDArray[np.intp],
+        node: Indices,
+        body: Indices,
+        part: Indices,
         reach: Array,
     ) -> None:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
@@ -267,29 +250,23 @@ class ObstacleProximity:
     def _ask(
         self,
         kin: Kinematics,
-        node: npt.NDArray[np.intp],
-        body: npt.NDArray[np.intp],
-        part: npt.NDArray[np.intp],
+        node: Indices,
+        body: Indices,
+        part: Indices,
         reach: Array | float,
     ) -> None:
         candidates = self.candidates
         assert candidates is not None
-        self.asked = 0
         if len(node) == 0:
             return
-        ends = self._ends[node, body]
         moved = self.moving.displaced(node, part)
-        if moved is None:
-            cheap = candidates.capsule_distance(ends, self.bodies.radius[body], part)
-        else:
-            cheap = candidates.capsule_distance(ends - moved[0][:, None], self.bodies.radius[body], part) - moved[1]
+        cheap = candidates.capsule_distance(self._ends[node, body], self.bodies.radius[body], part, moved)
         far = cheap >= reach
         self.bound[node[far], body[far], part[far]] = cheap[far]
         self.exact[node[far], body[far], part[far]] = np.inf
         self._since[node[far], body[far], part[far]] = _FAR
         near = ~far
         node, body, part = node[near], body[near], part[near]
-        self.asked = len(node)
         if len(node) == 0:
             return
         shift, uncertainty = (None, 0.0) if moved is None else (moved[0][near], moved[1][near])
@@ -305,15 +282,8 @@ class ObstacleProximity:
 
     def contacts(self) -> Contacts:
         """All pairs within the influence distance, exact to the tolerance."""
-        node, body, part = nonzero((self.exact < self.influence) & (self._since <= self._limit))
-        return Contacts(
-            node,
-            body,
-            part,
-            self.exact[node, body, part],
-            self.direction[node, body, part],
-            self.witness[node, body, part],
-        )
+        node, body, part = at = nonzero((self.exact < self.influence) & (self._since <= self._limit))
+        return Contacts(node, body, part, self.exact[at], self.direction[at], self.witness[at])
 
     def clearance(self) -> Array:
         """Lower bound (N, G) [m] of each body's distance to any obstacle, capped at the influence distance."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
@@ -30,8 +29,8 @@ class SelfContacts:
         first, second: (K, 3) witness points on the two bodies [m].
     """
 
-    node: npt.NDArray[np.intp]
-    pair: npt.NDArray[np.intp]
+    node: Indices
+    pair: Indices
     distance: Array
     direction: Array
     first: Array
@@ -66,13 +65,13 @@ class SelfProximity:
         bounds: motion radii of ``bodies``.
         influence: distances below this [m] are computed exactly.
         repulsion: (S,) distances [m] below which the pairs push each other apart; at most ``influence``.
-        tolerance: an exact distance is asked again after this much relative motion [m].
+        tolerance: an exact distance is measured again after this much relative motion [m].
     """
 
     def __init__(
         self,
         bodies: BodySet,
-        pairs: npt.NDArray[np.intp],
+        pairs: Indices,
         bounds: MotionBounds,
         *,
         influence: float,
@@ -82,26 +81,25 @@ class SelfProximity:
         self.repulsion = np.full(len(pairs), influence) if repulsion is None else np.minimum(repulsion, influence)
         self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance
         self.radius = bounds.pair_radius(pairs)
-        self.asked = 0
         self.queries = 0
-        s = len(pairs)
         self._chart = np.zeros((0, 0))
         self._base = np.zeros((0, 3, 4))
-        self.bound = np.zeros((0, s))
-        self.exact = np.zeros((0, s))
-        self.direction = np.zeros((0, s, 3))
-        self.first = np.zeros((0, s, 3))
-        self.second = np.zeros((0, s, 3))
-        self._since = np.zeros((0, s))
+        self._allocate(0)
         self._functors = [ShapePair.of(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
         self._solver = PairSolver()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
+
+    def _allocate(self, n: int) -> None:
+        """Arrays for n nodes of which nothing is known."""
+        s = len(self.pairs)
+        self.bound, self.exact, self._since = np.full((n, s), -_FAR), np.full((n, s), np.inf), np.full((n, s), _FAR)
+        self.direction, self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3)), np.zeros((n, s, 3))
 
     def reset(self) -> None:
         """Forget everything."""
         self._chart = np.zeros((0, 0))
 
-    def remap(self, source: npt.NDArray[np.intp]) -> None:
+    def remap(self, source: Indices) -> None:
         """Carry over to a strip whose node i was node ``source[i]``; −1 marks a new node."""
         if len(self._chart) == 0:
             return
@@ -116,12 +114,7 @@ class SelfProximity:
         """Bring bounds and exact distances up to date with the nodes of ``kin``."""
         chart = kin.chart[: kin.n]
         if self._chart.shape != chart.shape:
-            n, s = kin.n, len(self.pairs)
-            self.bound = np.full((n, s), -_FAR)
-            self._since = np.full((n, s), _FAR)
-            self.exact = np.full((n, s), np.inf)
-            self.direction = np.zeros((n, s, 3))
-            self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3))
+            self._allocate(kin.n)
         else:
             b = self.bodies.tree.space.base_nv
             delta = np.abs(chart[:, b:] - self._chart[:, b:])
@@ -134,17 +127,16 @@ class SelfProximity:
         self.refine(kin, self.influence)
 
     def refine(self, kin: Kinematics, reach: float) -> None:
-        """Make every pair exact whose bound is below ``reach`` and that moved since it was asked."""
+        """Make every pair exact whose bound is below ``reach`` and that moved since it was measured."""
         node, pair = nonzero((self.bound < reach) & (self._since > self.tolerance))
-        self._ask(kin, node, pair, np.full(len(node), reach))
+        self._ask(kin, node, pair, reach)
 
     def refine_at(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
         stale = (self.bound[node, pair] < reach) & (self._since[node, pair] > self.tolerance)
         self._ask(kin, node[stale], pair[stale], reach[stale])
 
-    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
-        self.asked = 0
+    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array | float) -> None:
         if len(node) == 0:
             return
         cheap = self.cheap(kin, node, pair)
@@ -153,14 +145,13 @@ class SelfProximity:
         self._since[node[far], pair[far]] = _FAR
         self.exact[node[far], pair[far]] = np.inf
         node, pair = node[~far], pair[~far]
-        self.asked = len(node)
         if len(node) == 0:
             return
         distance, direction, first, second = self.query(kin, node, pair)
         self.exact[node, pair] = distance
         self.bound[node, pair] = distance - GJK_EXCESS
         self._since[node, pair] = 0.0
-        # kept in the base's frame: the base carries all links alike, and does not make them ask again
+        # kept in the base's frame: the base carries all links alike, and needs no new measurement
         rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
         self.direction[node, pair] = _into(rotation, direction)
         self.first[node, pair] = _into(rotation, first - translation)
@@ -172,9 +163,7 @@ class SelfProximity:
         ends = bodies.ends_at(kin, node, one), bodies.ends_at(kin, node, two)
         return segment_distance(*ends) - bodies.radius[one] - bodies.radius[two]
 
-    def query(
-        self, kin: Kinematics, node: npt.NDArray[np.intp], pair: npt.NDArray[np.intp]
-    ) -> tuple[Array, Array, Array, Array]:
+    def query(self, kin: Kinematics, node: Indices, pair: Indices) -> tuple[Array, Array, Array, Array]:
         """Exact signed distances (K,), directions (K, 3) and witness points (K, 3) ×2 of (node, pair)."""
         count = len(node)
         distance = np.empty(count)
@@ -209,16 +198,11 @@ class SelfProximity:
 
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""
-        node, pair = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
+        node, pair = at = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))
         rotation, translation = self._base[node, :, :3], self._base[node, :, 3]
-        return SelfContacts(
-            node,
-            pair,
-            self.exact[node, pair],
-            _out_of(rotation, self.direction[node, pair]),
-            _out_of(rotation, self.first[node, pair]) + translation,
-            _out_of(rotation, self.second[node, pair]) + translation,
-        )
+        direction = _out_of(rotation, self.direction[at])
+        first, second = (_out_of(rotation, points[at]) + translation for points in (self.first, self.second))
+        return SelfContacts(node, pair, self.exact[at], direction, first, second)
 
 
 def _into(rotation: Array, vectors: Array) -> Array:

@@ -169,7 +169,7 @@ class Certifier:
     def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
         """Have the candidates hold all that long segments may come near; for short ones what is near the nodes will do.
 
-        A point of a long segment is no further from the nearest of some configurations on it than half the way from
+        A point of a long segment is no further from the nearest of some configurations on it than half the travel from
         one to the next.
         """
         if len(scene) == 0:
@@ -304,7 +304,7 @@ class ProtectiveHulls(Summary):
     overlap: Array
 
     @property
-    def connected(self) -> npt.NDArray[np.bool_]:
+    def connected(self) -> Mask:
         """(N−1,) whether all hulls of a node overlap those of the next."""
         return np.asarray(np.all(self.overlap > 0.0, axis=1), dtype=bool)
 

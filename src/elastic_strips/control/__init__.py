@@ -2,42 +2,31 @@
 
 from __future__ import annotations
 
-from .controller import Controller, Tick
-from .estimation import EstimatorParams, StateEstimator
-from .interfaces import Command, Event, Measurement, Perception, RunState
+from .controller import Controller
+from .estimation import StateEstimator
+from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
-from .params import DRIVE_STRIP, DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
-from .prediction import predict
-from .record import DriveResult, Record, Recorder, RecordError, TickStatistics
-from .strip_timer import PlanOutcome, PlanResult
+from .params import DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
+from .record import DriveResult, Record, Recorder, RecordError
 from .supervisor import Supervisor
-from .tracking import TrackingController, TrackingGains
+from .tracking import TrackingController
 
 __all__ = [
     "Command",
     "Controller",
-    "DRIVE_STRIP",
     "DriveParams",
     "DriveResult",
-    "EstimatorParams",
     "EvasionParams",
     "Event",
     "LocalPlanner",
     "Measurement",
     "ObstacleAssumptions",
-    "Perception",
-    "PlanOutcome",
-    "PlanResult",
     "Record",
     "RecordError",
     "Recorder",
     "RunState",
     "StateEstimator",
     "Supervisor",
-    "Tick",
-    "TickStatistics",
     "Tolerance",
     "TrackingController",
-    "TrackingGains",
-    "predict",
 ]

@@ -21,7 +21,8 @@ from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
-from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory, stationary
+from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
+from elastic_strips.trajectory.trajectory import stationary
 from elastic_strips.validation import check_able, check_count, check_number, check_type
 
 from .estimation import StateEstimator
@@ -123,9 +124,9 @@ class ControlLoop:
 class Controller(ControlLoop):
     """Workspace: drives a robot along an elastic strip to its goals.
 
-    At every control period :meth:`step` takes what was measured and what was sensed, and returns what the motors are
-    to do. At every ``plan_every``-th the strip gives way to the scene, and the motion ahead is certified to its stop.
-    Whatever fails, the active trajectory is driven to its end, and the reason is in :attr:`events`.
+    In every control period :meth:`step` takes measurements and scenes, and returns the command of the motors. In every
+    ``plan_every``-th the strip is deformed, and a motion along it is certified up to its stop. Whatever fails, the
+    active trajectory is driven to its end, and the reason is in :attr:`events`.
 
     Args:
         robot: the robot.
@@ -325,7 +326,7 @@ class Controller(ControlLoop):
             self._take_in(measurement)
             step = self.robot.space.difference(before, self.estimate)
             self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
-            if measurement.odometry_lost:
+            if measurement.drive is None:
                 self.log("fault", "odometry lost")
         if scene is not None:
             self._newest, self._trouble = scene, ""
@@ -354,7 +355,7 @@ class Controller(ControlLoop):
     # the planning loop
 
     def _planning_tick(self, t: float) -> None:
-        """Whatever fails in it: the active trajectory is driven to its end, and the reason is told."""
+        """Plan; whatever fails in it, the active trajectory is driven to its end, and the reason is logged."""
         began = perf_counter()
         supervisor = self.supervisor
         self.result = None
@@ -380,7 +381,7 @@ class Controller(ControlLoop):
             contact, self._contact = self._contact, ""
             supervisor.log(t, "fault", contact)
             self._ready.clear()
-            supervisor.brake(self.planner.timer.brake(supervisor.active, self._begin(t)), contact, t)
+            supervisor.brake(self.planner.timer.hard.brake(supervisor.active, self._begin(t)), contact, t)
             return
         if self._trouble or self._newest is None:
             supervisor.reject(self._trouble, t)

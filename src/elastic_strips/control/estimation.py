@@ -29,7 +29,7 @@ def exp(twist: Pose) -> Pose:
     return s * vx - k * vy, k * vx + s * vy, turn
 
 
-def log(pose: Pose) -> Pose:
+def _log(pose: Pose) -> Pose:
     """The twist that leads to a pose in unit time, by the shorter turn."""
     x, y, turn = pose
     turn = math.atan2(math.sin(turn), math.cos(turn))
@@ -44,7 +44,7 @@ def compose(a: Pose, b: Pose) -> Pose:
     return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], a[2] + b[2]
 
 
-def inverse(a: Pose) -> Pose:
+def _inverse(a: Pose) -> Pose:
     """The pose of the world in the frame of ``a``."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], -a[2]
@@ -85,7 +85,7 @@ class EstimatorParams:
 class StateEstimator:
     """Dead reckoning on encoders, corrected by fixes; joints straight from their encoders.
 
-    Encoder travel gives the way since the last measurement as an exact arc. A fix tells of a past pose: it is compared
+    Encoder travel gives the exact arc since the last measurement. A fix tells of a past pose: it is compared
     with the odometry kept of that time, and the correction is carried to now along the odometry since. The gain is an
     extended Kalman filter's whose state is the pose and the slip of each drive coordinate, so that a wheel that slips
     steadily is reckoned with.
@@ -113,11 +113,6 @@ class StateEstimator:
         return 0.0 if self._lost_since is None else self._time - self._lost_since
 
     @property
-    def fix_age(self) -> float:
-        """Time [s] since what the newest fix tells of (or the reset)."""
-        return self._time - self._fix_time
-
-    @property
     def deviation(self) -> tuple[float, float]:
         """Standard deviations that the filter gives its pose at the last fix: position [m], heading [rad]; 0 for a
         fixed base."""
@@ -127,7 +122,7 @@ class StateEstimator:
 
     def reset(self, chart: Array, time: float = 0.0) -> None:
         """Start anew from a known chart row (nv,) at a time [s]."""
-        self._time = self._fix_time = float(time)
+        self._time = float(time)
         values = [float(x) for x in chart]
         self._joints = np.array(values[self._first :])
         pose = (values[0], values[1], values[2]) if self._k else (0.0, 0.0, 0.0)
@@ -155,12 +150,12 @@ class StateEstimator:
         else:
             if self._lost_since is not None and self._back_at is None:
                 self._back_at = measurement.time
-            travel = measurement.drive.tolist()
-            self._sum = [s + u for s, u in zip(self._sum, travel, strict=True)]
-            way = self._travelled([u * (1.0 - s) for u, s in zip(travel, self._slip, strict=True)])
-            self._pose = compose(self._pose, exp(way))
+            drive = measurement.drive.tolist()
+            self._sum = [s + u for s, u in zip(self._sum, drive, strict=True)]
+            travel = self._travelled([u * (1.0 - s) for u, s in zip(drive, self._slip, strict=True)])
+            self._pose = compose(self._pose, exp(travel))
             if dt > 0.0:
-                self._twist = (way[0] / dt, way[1] / dt, way[2] / dt)
+                self._twist = (travel[0] / dt, travel[1] / dt, travel[2] / dt)
         self._past.append((self._time, self._pose, tuple(self._sum)))
         if measurement.pose is not None and measurement.pose_time is not None:
             self._blend(measurement.pose_time, measurement.pose.tolist())
@@ -188,11 +183,11 @@ class StateEstimator:
             return  # older than what is kept; nothing older than the last fix is
         self._predict(past)
         found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - _SLACK
-        if found:  # the way since the loss is unknown
+        if found:  # the travel since the loss is unknown
             self._P[:3, :3] = np.eye(3)
         p = self.params
         _, pose, _ = past
-        error = np.array(log(compose(inverse(pose), (fix[0], fix[1], fix[2]))))
+        error = np.array(_log(compose(_inverse(pose), (fix[0], fix[1], fix[2]))))
         noise = np.array([p.fix_noise**2, p.fix_noise**2, p.fix_angle_noise**2])
         gain = np.linalg.solve(self._P[:3, :3] + np.diag(noise), self._P[:3]).T  # (3 + k, 3), P is symmetric
         delta = (gain @ error).tolist()
@@ -200,11 +195,10 @@ class StateEstimator:
         self._slip = [max(-0.1, min(0.1, s + d)) for s, d in zip(self._slip, delta[3:], strict=True)]
         # carry the correction along the odometry since: all later poses move rigidly with the one corrected
         moved = compose(pose, exp((delta[0], delta[1], delta[2])))
-        shift = compose(moved, inverse(pose))
+        shift = compose(moved, _inverse(pose))
         self._pose = compose(shift, self._pose)
         self._past = deque(((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * _SLACK), _KEEP)
         self._at_fix = (at, moved, past[2])
-        self._fix_time = at
         if found:
             self._lost_since = self._back_at = None
 
@@ -216,8 +210,8 @@ class StateEstimator:
                 if later is None or at - entry[0] <= _SLACK:
                     return entry
                 s = (at - entry[0]) / (later[0] - entry[0])
-                way = log(compose(inverse(entry[1]), later[1]))
-                pose = compose(entry[1], exp((s * way[0], s * way[1], s * way[2])))
+                travel = _log(compose(_inverse(entry[1]), later[1]))
+                pose = compose(entry[1], exp((s * travel[0], s * travel[1], s * travel[2])))
                 return at, pose, tuple(a + s * (b - a) for a, b in zip(entry[2], later[2], strict=True))
             later = entry
         return None
@@ -226,12 +220,12 @@ class StateEstimator:
         """Covariance from the last fix to the time of a new one; errors live in the base's own frame."""
         p, k = self.params, self._k
         dt = max(past[0] - self._at_fix[0], 0.0)
-        x, y, turn = compose(inverse(self._at_fix[1]), past[1])
+        x, y, turn = compose(_inverse(self._at_fix[1]), past[1])
         cos, sin = math.cos(turn), math.sin(turn)
         F = np.eye(3 + k)
         F[:2, :3] = [[cos, sin, sin * x - cos * y], [-sin, cos, cos * x + sin * y]]
-        way = np.array([b - a for a, b in zip(self._at_fix[2], past[2], strict=True)])
-        F[:3, 3:] = -self._to_twist * way
+        travel = np.array([b - a for a, b in zip(self._at_fix[2], past[2], strict=True)])
+        F[:3, 3:] = -self._to_twist * travel
         F[1, 3:] += 0.5 * x * F[2, 3:]  # the heading's error grows evenly, and the base drives along it
         keep = math.exp(-dt / p.slip_time)
         for i in range(k):

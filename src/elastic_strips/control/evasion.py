@@ -1,8 +1,7 @@
-"""EvasivePlanner: which short motion of the base gets the robot out of the way of what comes.
+"""EvasivePlanner: short motions of the base that avoid moving obstacles.
 
-A few hundred manoeuvres are rolled out some seconds ahead and compared by what they risk and by how far they get
-towards the goal. That is a choice, no proof: the motion that begins the best one, and ends at rest, is driven only with
-a certificate, like any other.
+A few hundred manoeuvres are rolled out some seconds ahead and compared by risk and by progress towards the goal. The
+comparison proves nothing: the motion that begins the best one, and ends at rest, is driven only with a certificate.
 """
 
 from __future__ import annotations
@@ -62,21 +61,8 @@ class _Targets:
         return self.first[np.unique(self.kind, return_index=True)[1]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rollouts:
-    """Where the base gets in each of N manoeuvres at T times.
-
-    Attributes:
-        time: (T,) since the beginning [s], the first of them a step after it.
-        pose: (N, T, 3) x, y [m], yaw [rad].
-    """
-
-    time: Array
-    pose: Array
-
-
 def lattice(limits: MotionLimits) -> _Targets:
-    """Targets over all speeds that the base can reach, rest among them; each with several ways to go on."""
+    """Targets over all speeds that the base can reach, rest among them; each with several targets after it."""
     top = _REACH * limits.drive_speed
     if limits.drive_dim == 2:
         v, w = np.meshgrid(np.array(_DRIVES) * top.min(), np.array(_TURNS), indexing="ij")
@@ -104,8 +90,8 @@ def lattice(limits: MotionLimits) -> _Targets:
 
 def _roll_out(
     limits: MotionLimits, start: ReferenceState, targets: _Targets, *, part: float, horizon: float, dt: float
-) -> _Rollouts:
-    """Follow all targets for a while; the base goes on arcs from time to time.
+) -> Array:
+    """Poses (N, T, 3) of the base [m, rad] along all targets, at every step from the first one on.
 
     Args:
         limits: of the motors.
@@ -121,15 +107,15 @@ def _roll_out(
     for i, t in enumerate(time):
         goal = np.where((t - 0.5 * dt < targets.change)[:, None], targets.first, targets.second)
         speed[i + 1] = speed[i] + np.clip(goal - speed[i], -step, step)
-    return _Rollouts(time, _poses(limits, start, speed, dt))
+    return _poses(limits, start, speed, dt)
 
 
 def roll_to_rest(
     limits: MotionLimits, start: ReferenceState, target: Array, hold: Array, *, part: float, dt: float
-) -> tuple[_Rollouts, Array]:
+) -> tuple[Array, Array, Array]:
     """Motions as :func:`motion_to` makes them, to targets (N, k), each held for a time (N,) [s] before it brakes.
 
-    Returns them and the times (N,) [s] at which they are at rest.
+    Returns times (T,) [s] after the start, poses (N, T, 3) then, and the times (N,) [s] at which they are at rest.
     """
     change = part * limits.drive_acceleration
     longest = float(hold.max()) + float((limits.drive_speed / change).max()) + dt
@@ -150,7 +136,7 @@ def roll_to_rest(
         going = now + np.clip(target - now, -change * dt, change * dt)
         slower = np.sign(now) * np.maximum(np.abs(now) - np.abs(fall), 0.0)
         speed[i + 1] = np.where(braking[:, None], slower, going)
-    return _Rollouts(time, _poses(limits, start, speed, dt)), rest
+    return time, _poses(limits, start, speed, dt), rest
 
 
 def _poses(limits: MotionLimits, start: ReferenceState, speed: Array, dt: float) -> Array:
@@ -205,14 +191,8 @@ def motion_to(
     low, high = np.minimum(space.lower, start.chart) - 1e-6, np.maximum(space.upper, start.chart) + 1e-6
     if ((chart < low) | (chart > high))[:, base:].any():
         return None
-    return Trajectory(
-        robot,
-        limits,
-        start.time + dt * np.arange(len(v), dtype=float),
-        chart,
-        limits.to_tangent(v),
-        limits.to_tangent(a),
-    )
+    time = start.time + dt * np.arange(len(v), dtype=float)
+    return Trajectory(robot, limits, time, chart, limits.to_tangent(v), limits.to_tangent(a))
 
 
 def _within(drive: Array, top: Array) -> Array:
@@ -229,24 +209,11 @@ _TURN = 0.3
 _LONGER = (0.0, 0.2, 0.5, 0.9)
 """How much longer than necessary a manoeuvre may be followed [s], to end where nothing comes."""
 _GAIN = 0.1
-"""What another way has to gain [s] before a robot that is threatened, or moves, takes it."""
+"""What another path has to gain [s] before a robot that is threatened, or moves, takes it."""
 _PACE = 0.75
-"""Part of the largest speed and acceleration that the strip is followed with, as it is foreseen."""
+"""Part of the largest speed and acceleration that the strip is assumed to be followed with."""
 _STEADY = 0.15
 """What the manoeuvre that was chosen last is ahead of the others by [s]: it goes on unless another is better."""
-
-
-@dataclass(frozen=True, slots=True)
-class RolloutCost:
-    """What a motion is expected to cost.
-
-    Attributes:
-        risk: of touching something or coming near it; 0 where nothing comes near [s].
-        cost: risk, and the time that is left to the goal [s].
-    """
-
-    risk: float
-    cost: float
 
 
 class EvasivePlanner:
@@ -259,6 +226,9 @@ class EvasivePlanner:
         dt: distance of the samples of motions [s].
         hold: how long [s] a motion follows its manoeuvre at least before it brakes.
         clearance: distance [m] that certificates ask for.
+
+    Attributes:
+        time: (T,) [s] after the start at which costs are taken.
     """
 
     def __init__(
@@ -270,10 +240,10 @@ class EvasivePlanner:
         self._footprint = PlanarFootprint(robot)
         self._holds = hold + np.array(_LONGER)
         self._lattice: _Targets | None = lattice(limits) if limits.drive_dim else None
-        self._time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
+        self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._last: Array | None = None
         self._lookahead: ObstacleLookahead | None = None
-        self._way = np.zeros((0, 2))
+        self._path = np.zeros((0, 2))
         self._rest = np.zeros(0)
         self._delay = 0.0
 
@@ -303,15 +273,15 @@ class EvasivePlanner:
         else:
             motion = result.motion if result.outcome is PlanOutcome.BRAKE and result.motion is not None else active
             rows = np.array([motion.at(start.time + t).chart for t in self.time])
-        along = self.cost(rows)
-        threatened = along.risk > self.params.risk_threshold
+        risk, cost = self.cost(rows)
+        threatened = risk > self.params.risk_threshold
         broken = result.report.certificate.broken
         by_standing = broken is not None and broken.obstacle in scene and scene.obstacle(broken.obstacle).motion is None
         if not threatened and (result.accepted or by_standing):
             self._last = None
             return result
         gain = _GAIN if threatened or start.v.any() else self.params.min_gain
-        for motion, _ in self.options(start, along.cost - gain):
+        for motion in self.options(start, cost - gain):
             certificate = certifier.certify(motion, scene, possible)
             if certificate.certified:
                 return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate, reason="")
@@ -343,7 +313,7 @@ class EvasivePlanner:
             scene: sensed.
             possible: its moving obstacles, with the bounds of the errors.
             start: where the next motion begins, and when.
-            strip: (M, nv) the way to the goal from there.
+            strip: (M, nv) the path to the goal from there.
         """
         self._lookahead = None
         if self._lattice is None or not len(possible):
@@ -356,23 +326,22 @@ class EvasivePlanner:
             self._last = None
             return False
         self._lookahead, self._delay = lookahead, start.time - scene.time
-        self._way = strip[:, :2]
-        step = np.hypot(*np.diff(self._way, axis=0).T)
+        self._path = strip[:, :2]
+        step = np.hypot(*np.diff(self._path, axis=0).T)
         self._rest = np.append(np.cumsum(step[::-1])[::-1], 0.0)
         return True
 
-    @property
-    def time(self) -> Array:
-        """(T,) times [s] after the start at which costs are taken."""
-        return self._time
+    def cost(self, rows: Array) -> tuple[float, float]:
+        """Risk and cost [s] of chart rows (T, nv) at :attr:`time` after the start.
 
-    def cost(self, rows: Array) -> RolloutCost:
-        """What chart rows (T, nv) at :attr:`time` after the start come to."""
+        The risk is that of touching something or coming near it, 0 where nothing comes near; the cost is the risk and
+        the time that is left to the goal.
+        """
         pose = rows[None, :, :3]
         risk = self._risk(pose)
-        return RolloutCost(float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0]))
+        return float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0])
 
-    def options(self, start: ReferenceState, better: float) -> Iterator[tuple[Trajectory, RolloutCost]]:
+    def options(self, start: ReferenceState, better: float) -> Iterator[Trajectory]:
         """Motions that begin manoeuvres whose cost is below ``better``, the best first.
 
         Each follows its manoeuvre for a while, and then brakes to rest where nothing can be by then, as it seems.
@@ -387,17 +356,15 @@ class EvasivePlanner:
         targets = targets.take(np.take(room.any(axis=1), targets.kind))
         if not len(targets):
             return
-        rollouts = _roll_out(self.limits, start, targets, part=part, horizon=params.horizon, dt=step)
-        risk = self._risk(rollouts.pose)
-        cost = risk + self._to_go(rollouts.pose[:, -1])
+        pose = _roll_out(self.limits, start, targets, part=part, horizon=params.horizon, dt=step)
+        risk = self._risk(pose)
+        cost = risk + self._to_go(pose[:, -1])
         if last is not None:  # what was begun goes on unless another is better
             same = (np.abs(targets.first - last) < 1e-9).all(axis=1)
             cost[same] -= _STEADY
         best = np.argsort(cost, kind="stable")[: params.shortlist]
         best = best[cost[best] < better]
-        aside = self._standing_risk(rollouts.pose[best])
-        risk[best] += aside
-        cost[best] += aside
+        cost[best] += self._standing_risk(pose[best])
         best = best[np.argsort(cost[best], kind="stable")]
         tried: set[int] = set()
         for i in best[cost[best] < better].tolist():
@@ -407,18 +374,11 @@ class EvasivePlanner:
             if len(tried) >= params.tries:
                 break
             tried.add(kind)
-            motion = motion_to(
-                self.robot,
-                self.limits,
-                start,
-                kinds[kind],
-                part=part,
-                duration=float(self._holds[hold[kind]]),
-                dt=self.dt,
-            )
+            duration = float(self._holds[hold[kind]])
+            motion = motion_to(self.robot, self.limits, start, kinds[kind], part=part, duration=duration, dt=self.dt)
             if motion is not None:
                 self._last = kinds[kind]
-                yield motion, RolloutCost(float(risk[i]), float(cost[i]))
+                yield motion
         self._last = None
 
     def _room(self, start: ReferenceState, kinds: Array) -> Mask:
@@ -426,17 +386,17 @@ class EvasivePlanner:
         assert self._lookahead is not None
         count = len(self._holds)
         hold = np.tile(self._holds, len(kinds))
-        motions, rest = roll_to_rest(
+        time, pose, rest = roll_to_rest(
             self.limits, start, np.repeat(kinds, count, axis=0), hold, part=self.params.acceleration, dt=0.1
         )
-        apart = self._lookahead.possible(motions.pose, self._delay + motions.time) - self.clearance
-        over = motions.time > rest[:, None] + 0.25
+        apart = self._lookahead.possible(pose, self._delay + time) - self.clearance
+        over = time > rest[:, None] + 0.25
         return ((apart > 0.0) | over).all(axis=1).reshape(-1, count)
 
     def _risk(self, pose: Array) -> Array:
         """(N,) cost [s] of coming near what moves: what is further off in time is less sure, and counts less."""
         assert self._lookahead is not None
-        params, t = self.params, self._time
+        params, t = self.params, self.time
         apart = self._lookahead.near(pose, self._delay + t, params.lookahead) - self.clearance
         near = np.clip(1.0 - apart / (params.radius + params.radius_growth * t), 0.0, 1.5)
         weight = params.step * np.exp(-t / params.discount_time)
@@ -446,19 +406,19 @@ class EvasivePlanner:
         """(N,) cost [s] of touching what stands."""
         assert self._lookahead is not None
         apart = self._lookahead.from_standing(pose[:, 1::2])
-        weight = 2.0 * self.params.step * np.exp(-self._time[1::2] / self.params.discount_time)
+        weight = 2.0 * self.params.step * np.exp(-self.time[1::2] / self.params.discount_time)
         return (_TOUCHING * (apart < self.clearance)) @ weight
 
     def _to_go(self, pose: Array) -> Array:
         """(N,) time [s] to the goal along the strip, from poses (N, 3): back to it, along it, and turning."""
         top = 0.8 * float(self.limits.drive_speed[:2].min())
-        offset = self._way[None] - pose[:, None, :2]
+        offset = self._path[None] - pose[:, None, :2]
         length = _DETOUR * np.sqrt(np.square(offset).sum(axis=2)) + self._rest
         node = length.argmin(axis=1)
         ahead = np.searchsorted(-self._rest, -np.maximum(self._rest[node] - 1.0, 0.0))
         ahead = np.minimum(ahead, len(self._rest) - 1)
         to = offset[np.arange(len(pose)), ahead]
         turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
-        turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is a way too
+        turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is possible too
         turn = turn * np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is none left
         return length[np.arange(len(pose)), node] / top + (_TURN * turn if self.limits.drive_dim == 2 else 0.0)

@@ -1,15 +1,13 @@
-"""Interfaces: what goes into a controller and what comes out of it: measurements, scenes, commands, states, events."""
+"""Interfaces: what goes into a controller and what comes out of it: measurements, commands, states, events."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
 
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.scene import Scene
 from elastic_strips.trajectory import MotionLimits
 
 
@@ -35,11 +33,6 @@ class Measurement:
     pose_time: float | None = None
     contact: str = ""
 
-    @property
-    def odometry_lost(self) -> bool:
-        """Whether no encoder travel came."""
-        return self.drive is None
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
@@ -58,18 +51,6 @@ class Command:
     def rest(limits: MotionLimits) -> Command:
         """All motors stand."""
         return Command(np.zeros(len(limits.drive_speed)), np.zeros(len(limits.joint_speed)))
-
-
-class Perception(Protocol):
-    """What tells a controller about the world: sensors with their filters, or what stands for them."""
-
-    def known(self) -> Scene:
-        """What is known before the robot sets out."""
-        ...
-
-    def sense(self, t: float) -> Scene:
-        """The newest scene at time ``t`` [s]; its ``time`` says how old it is."""
-        ...
 
 
 class RunState(IntEnum):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,23 +16,10 @@ from elastic_strips.strip.report import DeformReport
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 
 from .evasion import EvasivePlanner
-from .params import DriveParams, ObstacleAssumptions
-from .prediction import ArrivalTimes, as_expected, predict, usual_pace
+from .params import DriveParams
+from .prediction import ArrivalTimes, as_expected, predict
 from .progress import reconnect, trim_passed
 from .strip_timer import PlanOutcome, PlanResult, Stopwatch, StripTimer
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Proof:
-    """A motion that was certified, and what against."""
-
-    motion: Trajectory
-    scene: Scene
-    forecast: Forecast
-
-    def covers(self, motion: Trajectory, scene: Scene, assumptions: ObstacleAssumptions) -> bool:
-        """Whether it is of this very motion, and a newer scene is what it allowed for."""
-        return self.motion is motion and as_expected(scene, self.scene, self.forecast, assumptions)
 
 
 class LocalPlanner:
@@ -52,10 +39,9 @@ class LocalPlanner:
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
         self.robot, self.limits, self.params = robot, limits, params
-        deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
-        self.deformer = Deformer(robot, deform, constraint=params.constraint)
-        self.timer = StripTimer(robot, limits, params, self.deformer.spacing_weight, deform.self_clearance)
-        self.arrival = ArrivalTimes(robot, usual_pace(robot, limits))
+        self.deformer = Deformer(robot, params.strip, constraint=params.constraint)
+        self.timer = StripTimer(robot, limits, params, self.deformer.spacing_weight)
+        self.arrival = ArrivalTimes(robot, limits)
         self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
             hold = 2 * params.plan_every * params.control_dt
@@ -65,7 +51,7 @@ class LocalPlanner:
         self.strip = strip
         self.report: DeformReport | None = None
         self._last: PlanResult | None = None
-        self._proof: _Proof | None = None
+        self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # a certified motion, and what against
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._off_strip = False
@@ -124,10 +110,9 @@ class LocalPlanner:
         self._age = 0
         possible = predict(scene, self.params.assumptions)
         report = self._deform(now, scene, start, watch)
-        result = self.timer.motion(
-            start, active, scene, possible, report, watch,
-            off_strip=self._off_strip, surprised=partial(self._surprised, active, scene),
-        )  # fmt: skip
+        result = self.timer.motion(start, active, scene, possible, report, watch, off_strip=self._off_strip)
+        if not result.accepted and start.v.any():
+            result = self._on_active(result, start, active, scene, possible, watch)
         if self.evasion is not None:
             result = self.evasion.improved(result, start, active, scene, possible, self.timer.certifier, self.arrival)
             watch.lap("evasion")
@@ -135,12 +120,40 @@ class LocalPlanner:
         if result.outcome is PlanOutcome.BRAKE:
             self._proof = None
         elif result.accepted and result.motion is not None:
-            self._proof = _Proof(result.motion, scene, possible)
+            self._proof = result.motion, scene, possible
         return result
+
+    def _on_active(
+        self, result: PlanResult, start: ReferenceState, active: Trajectory, scene: Scene, possible: Forecast,
+        watch: Stopwatch,
+    ) -> PlanResult:  # fmt: skip
+        """What becomes of the active trajectory where the robot moves and there is no new motion.
+
+        It goes on to its end. Only where the scene is not what it was certified for, and it is certified no longer,
+        the robot brakes at once.
+        """
+        surprised, tried = self._surprised(active, scene), result.certificate is not None
+        if tried and not surprised:
+            return result
+        rest = active.tail(start.time)
+        certificate = self.timer.certifier.certify(rest, scene, possible)
+        watch.lap("motion certificate")
+        if certificate.certified and tried:
+            return result
+        result = replace(result, motion=rest, certificate=certificate)
+        if certificate.certified:  # the robot has to stop here, and is doing so
+            return replace(result, outcome=PlanOutcome.UNCHANGED)
+        result = replace(result, reason=f"the held motion is no longer certified: {certificate.broken}")
+        if not surprised:  # what it was certified with is still a proof
+            return result
+        return replace(result, outcome=PlanOutcome.BRAKE, motion=self.timer.hard.brake(active, start.time))
 
     def _surprised(self, active: Trajectory, scene: Scene) -> bool:
         """Whether a scene is not what the certificate of a motion allowed for, or nobody knows what that was."""
-        return self._proof is None or not self._proof.covers(active, scene, self.params.assumptions)
+        if self._proof is None:
+            return True
+        motion, before, forecast = self._proof
+        return motion is not active or not as_expected(scene, before, forecast, self.params.assumptions)
 
     def _deform(self, now: float, scene: Scene, start: ReferenceState, watch: Stopwatch) -> DeformReport:
         """One tick of the strip from where the robot will be; more of them where it has just lost its certificate."""
@@ -158,10 +171,8 @@ class LocalPlanner:
         watch.lap("strip")
         self._ticks += 1
         before, last = self.report, self._last
-        waits = (
-            last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE) and scene.names == self._names
-        )
-        if before is not None and waits and prediction is not None and self._ticks % 2:
+        waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
+        if before is not None and waits and scene.names == self._names and prediction is not None and self._ticks % 2:
             report = replace(before, strip=strip)  # it waits or brakes: only the motion is tried again
         else:
             report = self.deformer.step(

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.strip import DeformParams, OrientationConstraint
 from elastic_strips.validation import check_number, check_numbers, check_type
 
-DRIVE_STRIP: dict[str, Any] = {"max_nodes": 200, "max_spacing": 0.3, "min_spacing": 0.1, "certificate_depth": 5}
-"""Parameters of strips that are driven: nodes may be further apart, and what is tight need not be decided to the last
-millimetre, for what is driven has its own certificate."""
+DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
+"""Parameters of strips that are driven: nodes may be further apart and the certificate coarser, for motions have a
+certificate of their own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,8 +76,7 @@ class EvasionParams:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m];
-    inf: however far."""
+    """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m]; inf: any."""
 
     position: float = 0.05
     yaw: float = 0.05
@@ -104,9 +102,8 @@ class DriveParams:
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
         sample_dt: step of planned motions; between samples base and joints go on exact arcs and lines.
-        tracking_error: how far any point of the robot may be from where the planned motion has it; see
-            :data:`~elastic_strips.control.DEFAULT_TRACKING_ERROR` for what was measured along whole trajectories. In
-            the closed loop, with motors that have no reserves: at most 0.012 m in 40 runs among moving obstacles.
+        tracking_error: how far any point of the robot may be from where the planned motion has it. In the closed loop,
+            with motors that have no reserves: at most 0.012 m in 40 runs among moving obstacles.
         margin: clearance that is kept beyond the tracking error.
         settle_time: how long the robot may creep on after a planned motion has ended.
         recover_iterations: further iterations of a tick in which the strip has lost its certificate.
@@ -124,7 +121,7 @@ class DriveParams:
         time_limit: longest run.
     """
 
-    deform: DeformParams = field(default_factory=lambda: DeformParams(**DRIVE_STRIP))
+    deform: DeformParams = DRIVE_STRIP
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
     evasion: EvasionParams | None = None
     constraint: OrientationConstraint | None = None
@@ -165,6 +162,11 @@ class DriveParams:
     def clearance(self) -> float:
         """Distance [m] that planned motions prove to obstacles: tracking error and margin."""
         return self.tracking_error + self.margin
+
+    @property
+    def strip(self) -> DeformParams:
+        """Parameters of the strip, with the clearance that planned motions need."""
+        return self.deform.replaced(clearance=max(self.deform.clearance, self.clearance))
 
     @property
     def tolerance(self) -> Tolerance:

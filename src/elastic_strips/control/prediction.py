@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import Forecast, NodePrediction
+from elastic_strips.collision import Forecast
+from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, UnknownMotion
 from elastic_strips.trajectory import MotionLimits
@@ -81,11 +82,19 @@ class ArrivalTimes:
 
     Args:
         robot: whose strip.
-        pace: (nv,) usual speed of each degree of freedom [m/s, rad/s].
+        limits: of its motors; the usual pace is three quarters of what they can do.
     """
 
-    def __init__(self, robot: RobotModel, pace: Array) -> None:
-        self.space, self.pace = robot.space, pace
+    def __init__(self, robot: RobotModel, limits: MotionLimits) -> None:
+        self.space = space = robot.space
+        pace = np.empty(space.nv)
+        pace[space.base_nv :] = limits.joint_speed
+        if limits.drive_dim == 2:
+            top = float(limits.drive_speed.min())
+            pace[:3] = top, top, 2.0 * top / limits.track
+        elif limits.drive_dim == 3:
+            pace[:3] = limits.drive_speed
+        self.pace = 0.75 * pace  # (nv,) [m/s, rad/s]
 
     def __call__(self, chart: Array) -> Array:
         """(N,) times [s] from the first node of ``chart`` (N, nv) on."""
@@ -95,16 +104,3 @@ class ArrivalTimes:
     def prediction(self, forecast: Forecast, delay: float, chart: Array) -> NodePrediction:
         """The forecast at the nodes, the first of which is reached ``delay`` [s] after the snapshot."""
         return forecast.predict(delay + self(chart))
-
-
-def usual_pace(robot: RobotModel, limits: MotionLimits) -> Array:
-    """(nv,) usual speeds: three quarters of what the motors can do."""
-    space = robot.space
-    pace = np.empty(space.nv)
-    pace[space.base_nv :] = limits.joint_speed
-    if limits.drive_dim == 2:
-        top = float(limits.drive_speed.min())
-        pace[:3] = top, top, 2.0 * top / limits.track
-    elif limits.drive_dim == 3:
-        pace[:3] = limits.drive_speed
-    return 0.75 * pace

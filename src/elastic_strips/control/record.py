@@ -173,25 +173,6 @@ def frozen(array: _Array) -> _Array:
     return array
 
 
-class _Rows:
-    """Workspace: rows of numbers that grow by doubling."""
-
-    def __init__(self, width: int, capacity: int) -> None:
-        self.data = np.full((max(capacity, 1), width), np.nan)
-        self.n = 0
-
-    def next(self) -> Array:
-        """The next row, NaN all over, to be written into."""
-        if self.n == len(self.data):
-            self.data = np.concatenate((self.data, np.full_like(self.data, np.nan)))
-        self.n += 1
-        return self.data[self.n - 1]
-
-    def columns(self, begin: int, end: int) -> Array:
-        """A frozen copy of some columns."""
-        return frozen(self.data[: self.n, begin:end].copy())
-
-
 class Recorder:
     """Workspace: takes rows while a run goes on; ``finish`` makes the record of them."""
 
@@ -201,9 +182,6 @@ class Recorder:
         world: World | Scene,
         *,
         goal: npt.ArrayLike | None = None,
-        states: Sequence[str] = STATES,
-        strip_every: int = 1,
-        capacity: int = 4096,
         metadata: Mapping[str, object] | None = None,
     ) -> None:
         """Start with no rows.
@@ -212,29 +190,22 @@ class Recorder:
             robot: who drives.
             world: the true obstacles.
             goal: (nv,) chart row to be reached.
-            states: names of the state codes.
-            strip_every: keep the strip of every so many ticks; 0 keeps none.
-            capacity: control rows that are allocated at once.
             metadata: plain JSON values to keep with the record.
 
         Raises:
-            RecordError: a goal of the wrong size, ``strip_every`` or the number of states out of range.
+            RecordError: a goal of the wrong size.
         """
-        if strip_every < 0:
-            raise RecordError(f"strip_every = {strip_every} must be at least 0 (0: keep no strips)")
-        if not 0 < len(states) <= 256:
-            raise RecordError(f"{len(states)} states given; 1 to 256 fit into a byte")
         nv, k, n = robot.nv, len(DRIVE_NAMES[robot.base_kind]), len(robot.joint_names)
         self._robot = robot
         self._world = world if isinstance(world, World) else World(world)
         self._goal = None if goal is None else frozen(np.array(goal, dtype=float))
         if self._goal is not None and self._goal.shape != (nv,):
             raise RecordError(f"the goal has shape {self._goal.shape}; a chart row of {robot.name!r} has ({nv},)")
-        self._states, self._every, self._metadata = tuple(states), strip_every, dict(metadata or {})
+        self._metadata = dict(metadata or {})
         cuts = np.cumsum([0, 1, nv, nv, nv, nv, nv, k, n, k]).tolist()
         self._slices = [slice(a, b) for a, b in pairwise(cuts)]
         self._names = [f.name for f in fields(ControlRows)][:-1]
-        self._rows = _Rows(cuts[-1], capacity)
+        self._rows: list[Array] = []
         self._codes: list[int] = []
         self._ticks: list[tuple[float, float, Mapping[str, float], str, bool, float, float, str]] = []
         self._strips: list[Array] = []
@@ -242,12 +213,7 @@ class Recorder:
         self._last = -np.inf
 
     def __len__(self) -> int:
-        return self._rows.n
-
-    @property
-    def drive_dim(self) -> int:
-        """Number k of drive coordinates."""
-        return len(DRIVE_NAMES[self._robot.base_kind])
+        return len(self._rows)
 
     def control(
         self,
@@ -270,18 +236,19 @@ class Recorder:
         """
         if not time > self._last:
             raise RecordError(f"control rows ascend in time: {time!r} s after {self._last!r} s")
-        if not 0 <= state < len(self._states):
-            raise RecordError(f"state {state} has no name; there are {len(self._states)}: {', '.join(self._states)}")
+        if not 0 <= state < len(STATES):
+            raise RecordError(f"state {state} has no name; there are {len(STATES)}: {', '.join(STATES)}")
         given = (time, chart, v, reference, reference_v, estimate, drive, joints, motors)
         for values, name, where in zip(given[1:], self._names[1:], self._slices[1:], strict=True):
             if values is not None and np.shape(values) != (where.stop - where.start,):
                 raise RecordError(f"{name} has shape {np.shape(values)}; it must be ({where.stop - where.start},)")
         self._last = float(time)
         self._codes.append(int(state))
-        row = self._rows.next()
+        row = np.full(self._slices[-1].stop, np.nan)
         for values, where in zip(given, self._slices, strict=True):
             if values is not None:
                 row[where] = values
+        self._rows.append(row)
 
     def planning(
         self,
@@ -297,9 +264,7 @@ class Recorder:
         reason: str = "",
     ) -> None:
         """Add a tick of the planner; ``strip`` are chart rows (N, nv), the rest is as in `PlanningRows`."""
-        keep = strip is not None and self._every > 0 and len(self._ticks) % self._every == 0
-        none = np.zeros((0, self._robot.nv))
-        self._strips.append(np.array(strip, dtype=float) if keep else none)
+        self._strips.append(np.zeros((0, self._robot.nv)) if strip is None else np.array(strip, dtype=float))
         self._ticks.append(
             (time, tick_ms, dict(phase_ms or {}), str(status), bool(certified), clearance, horizon_end, str(reason))
         )
@@ -308,17 +273,18 @@ class Recorder:
         """Note something that happened once."""
         self._events.append(Event(float(time), str(kind), str(reason)))
 
-    def finish(self, **metadata: object) -> Record:
-        """Freeze what was recorded, with more ``metadata``; recording may go on.
+    def finish(self) -> Record:
+        """Freeze what was recorded; recording may go on.
 
         Raises:
             RecordError: there is no control row, or a strip is not (N, nv).
         """
-        if not self._rows.n:
+        if not self._rows:
             raise RecordError("there is no control row; a record needs at least one")
         robot = self._robot
-        columns = {n: self._rows.columns(s.start, s.stop) for n, s in zip(self._names, self._slices, strict=True)}
-        columns["time"] = frozen(columns["time"][:, 0].copy())
+        rows = np.array(self._rows)
+        columns = {n: frozen(rows[:, s].copy()) for n, s in zip(self._names, self._slices, strict=True)}
+        columns["time"] = frozen(rows[:, 0].copy())
         control = ControlRows(**columns, state=frozen(np.array(self._codes, dtype=np.uint8)))
         return Record(
             robot=robot.name,
@@ -331,8 +297,7 @@ class Recorder:
             events=tuple(sorted(self._events, key=lambda e: e.time)),
             world=self._world.copied(),  # what a later run makes of it is not part of this one
             goal=self._goal,
-            states=self._states,
-            metadata={**self._metadata, **metadata},
+            metadata=dict(self._metadata),
         )
 
     def _planning(self) -> PlanningRows:
@@ -399,7 +364,7 @@ class DriveResult(Summary):
         state, reason: what the robot was doing at the end, and why.
         stops: (time [s], reason) of every stop short of the goal.
         events: in order of time.
-        replans: how often the way was planned anew.
+        replans: how often a strip was planned anew.
         statistics: durations of the planning ticks.
         seconds: duration of the run by the wall clock [s].
     """

@@ -1,4 +1,4 @@
-"""Replanning: when a strip has to be planned anew, and how; other ways that are kept at hand."""
+"""Replanning: when a strip has to be planned anew, and how; alternative strips."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Replanner:
         robot: whose strips.
         params: of the drive.
         seed: of the planner.
-        grid: whether a way over a grid may be used.
+        grid: whether a path over a grid may be used.
 
     Attributes:
         halted: whether the robot has to stop because what stands keeps the strip broken.
@@ -43,7 +43,7 @@ class Replanner:
 
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
         self.robot, self.params, self.seed, self.grid = robot, params, seed, grid
-        self.deform = params.deform.replaced(clearance=max(params.deform.clearance, params.clearance))
+        self.deform = params.strip
         self.halted = self.pending = False
         self.due = 0.0
         self.count = 0
@@ -85,8 +85,8 @@ class Replanner:
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
         """Another strip, or None, and what happened.
 
-        Somebody who stands may walk on: a strip close by has been of no use, and the next one leads past at a
-        distance, or on another side, where there is room for that.
+        What stands but can move is passed at a larger distance by the next strip, or on another side, where there is
+        room for that.
         """
         berth = min(_BERTH * self.count, _MOST_BERTH)
         self.count += 1
@@ -110,9 +110,9 @@ class Replanner:
         return None, reason
 
 
-def standing(scene: Scene) -> Scene:
-    """What a planner of still scenes gets: the obstacles that stand."""
-    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _STANDING]
+def standing(scene: Scene, below: float = _STANDING) -> Scene:
+    """What a planner of still scenes gets: obstacles slower than ``below`` [m/s], as if they stood."""
+    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < below]
     return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
 
 
@@ -132,7 +132,7 @@ def _moves(scene: Scene, name: str) -> bool:
 
 _log = logging.getLogger(__name__)
 _SLOW = 0.3
-"""What is slower than this [m/s] counts, where it is, as closing a way; what is faster has soon passed."""
+"""An obstacle slower than this [m/s] blocks a path where it is; a faster one has soon passed."""
 _FAMILY_TIMEOUT = 2.0
 _EVERY = 5  # planning ticks from one tick of the family to the next
 
@@ -156,7 +156,7 @@ class SwitchingReplanner(Replanner):
     ) -> None:
         super().__init__(robot, params, seed=seed, grid=grid)
         self.family: StripSet | None = None
-        # planners are called at rest only; who stands can turn on the spot, so that no other way is left behind
+        # planners are called at rest only, and a robot at rest can turn on the spot: no strip is left behind
         self._kept = replace(family or StripSetParams(), plan_every=0, divergence_angle=np.pi)
         self._ticks, self._why = 0, ""
 
@@ -171,7 +171,7 @@ class SwitchingReplanner(Replanner):
         first = super().plan(scene, start, goal, path=path)
         self.family = StripSet(self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed)
         try:
-            found = self.family.plan(slow(scene), start)
+            found = self.family.plan(standing(scene, _SLOW), start)
         except ConfigurationError:  # something slow stands in start or goal, and may go away
             return first
         best = found.best
@@ -188,7 +188,7 @@ class SwitchingReplanner(Replanner):
         self._ticks += 1
         if self.family is not None and self._ticks % _EVERY == 0 and not self.pending:
             try:
-                self.family.step(slow(scene), result.report.strip.q[0], decide=False)
+                self.family.step(standing(scene, _SLOW), result.report.strip.q[0], decide=False)
             except ElasticStripsError as error:  # no reason to lose what was proposed
                 _log.warning("the other ways were not deformed: %s", error)
         due = super().watch(t, result, scene, at_rest=at_rest)
@@ -203,7 +203,7 @@ class SwitchingReplanner(Replanner):
         family, why = self.family, self._why
         if family is not None:
             try:
-                found = family.leave(slow(scene), start, why)
+                found = family.leave(standing(scene, _SLOW), start, why)
             except ElasticStripsError as error:
                 return None, f"failed: {error}"
             if found.best is not None:
@@ -213,11 +213,5 @@ class SwitchingReplanner(Replanner):
         strip, reason = super().plan_anew(scene, start, goal)
         if strip is not None and family is not None:
             with suppress(ElasticStripsError):  # for the next time; what is followed now is the planner's
-                family.plan(slow(scene), start, timeout=_FAMILY_TIMEOUT)
+                family.plan(standing(scene, _SLOW), start, timeout=_FAMILY_TIMEOUT)
         return strip, reason
-
-
-def slow(scene: Scene) -> Scene:
-    """What stands or moves slowly, as if it stood."""
-    still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < _SLOW]
-    return Scene([o.observed(o.pose, None) for o in still], time=scene.time)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from time import perf_counter
@@ -101,18 +100,18 @@ class StripTimer:
         limits: of its motors.
         params: of the drive.
         spacing_weight: (nv,) metric of the strip's node spacing.
-        self_clearance: distance to keep between the robot's own links [m].
     """
 
-    def __init__(
-        self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array, self_clearance: float
-    ) -> None:
+    def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array) -> None:
         self.robot, self.limits, self.params, self.spacing_weight = robot, limits, params, spacing_weight
         # planned with less than the motors can do, so that there is something left when the path changes
         easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
         self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
         self.certifier = TrajectoryCertifier(
-            robot, clearance=params.clearance, self_clearance=self_clearance, settle_time=params.settle_time
+            robot,
+            clearance=params.clearance,
+            self_clearance=params.deform.self_clearance,
+            settle_time=params.settle_time,
         )
         self._failures = 0
 
@@ -126,7 +125,6 @@ class StripTimer:
         watch: Stopwatch,
         *,
         off_strip: bool = False,
-        surprised: Callable[[], bool],
     ) -> PlanResult:
         """The fastest motion along the strip of a report that is certified, or why there is none.
 
@@ -138,13 +136,12 @@ class StripTimer:
             report: of the strip's tick.
             watch: takes the time of the phases.
             off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
-            surprised: tells whether the scene is not what the certificate of the active trajectory allowed for.
         """
         chart = report.strip.chart
         speed_now = fastest_drive(self.limits, start.v)
         motion: Trajectory | None = None
         certificate: Certificate | None = None
-        reason, speed, tried = "", 0.0, False
+        reason, speed = "", 0.0
         last = np.inf
 
         def result(outcome: PlanOutcome) -> PlanResult:
@@ -163,35 +160,13 @@ class StripTimer:
             watch.lap("retiming")
             if motion is None:
                 continue
-            tried = True
             certificate = self.certifier.certify(motion, scene, possible)
             watch.lap("motion certificate")
             if certificate.certified:
                 self._failures, reason = 0, ""
                 return result(PlanOutcome.ARRIVE if self._ends_at(motion, chart[-1]) else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
-        moving = bool(start.v.any())
-        unforeseen = moving and surprised()
-        if not moving or (tried and not unforeseen):
-            return result(PlanOutcome.NONE)
-        rest = active.tail(start.time)
-        again = self.certifier.certify(rest, scene, possible)
-        watch.lap("motion certificate")
-        if again.certified:
-            if tried:
-                return result(PlanOutcome.NONE)
-            motion, certificate = rest, again
-            return result(PlanOutcome.UNCHANGED)  # the robot has to stop here, and is doing so
-        motion, certificate = rest, again
-        reason = f"the held motion is no longer certified: {again.broken}"
-        if not unforeseen:  # what it was certified with is still a proof
-            return result(PlanOutcome.NONE)
-        motion = self.brake(active, start.time)
-        return result(PlanOutcome.BRAKE)
-
-    def brake(self, active: Trajectory, t: float) -> Trajectory:
-        """The active trajectory, braked from time ``t`` [s] on as hard as the motors can."""
-        return self.hard.brake(active, t)
+        return result(PlanOutcome.NONE)
 
     def _timed(
         self, chart: Array, start: ReferenceState, active: Trajectory, distance: float, speed: float, off_strip: bool

@@ -13,6 +13,7 @@ from .interfaces import Event, RunState
 
 _log = logging.getLogger(__name__)
 _NOTHING_NEWER = "no newer motion came"
+_JUMP = 2e-3  # [m or rad] largest one from the active trajectory to a new one; ten times that in speed
 _SOONER = 0.01
 """A motion that comes to rest less than this [s] earlier is not worth taking."""
 
@@ -26,7 +27,6 @@ class Supervisor:
 
     Args:
         resting: a motion at rest to begin with.
-        tolerance: largest jump of position [m or rad] and velocity from the active trajectory to a new one.
         keep: at least so many events and stops are kept, the newest; all where None.
 
     Attributes:
@@ -37,9 +37,8 @@ class Supervisor:
         at_goal: whether the active trajectory ends at the goal.
     """
 
-    def __init__(self, resting: Trajectory, *, tolerance: float = 2e-3, keep: int | None = None) -> None:
+    def __init__(self, resting: Trajectory, *, keep: int | None = None) -> None:
         self.reset(resting)
-        self.tolerance = tolerance
         self.state, self.reason = RunState.STOPPED, "not started"
         self.events: list[Event] = []
         self.stops: list[tuple[float, str]] = []
@@ -95,7 +94,7 @@ class Supervisor:
     def brake(self, motion: Trajectory, reason: str, now: float) -> bool:
         """Take a motion that comes to rest earlier on the path of the active one, which is certified no longer.
 
-        It needs no certificate: whatever comes, to stand early on the path that is driven anyway is the safer thing.
+        It needs no certificate: on the path that is driven anyway, an earlier stop is always the safer one.
 
         Args:
             motion: the active trajectory, braked from a time after ``now`` on.
@@ -163,14 +162,14 @@ class Supervisor:
         state = self.active.at(motion.start_time)
         space = motion.robot.space
         jump = np.abs(space.difference(state.chart, motion.chart[0])).max(initial=0.0)
-        if jump > self.tolerance:
+        if jump > _JUMP:
             return f"the new motion begins {jump:.4f} m or rad beside the held one"
         drive = motion.limits.to_drive(np.stack([state.v, motion.v[0]])[:, : space.base_nv])
         change = max(
             float(np.abs(np.diff(drive, axis=0)).max(initial=0.0)),
             float(np.abs(state.v - motion.v[0])[space.base_nv :].max(initial=0.0)),
         )
-        if change > 10.0 * self.tolerance:
+        if change > 10.0 * _JUMP:
             return f"the new motion begins with a jump in speed of {change:.3f} m/s or rad/s"
         return ""
 

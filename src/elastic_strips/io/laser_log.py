@@ -1,4 +1,4 @@
-"""IO room, laser logs: scans with poses from JSON lines, CSV or CARMEN logs; the format is told by the content."""
+"""IO room, laser logs: scans with poses from JSON lines, CSV or CARMEN logs; the content decides the format."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO
 
 import numpy as np
 
@@ -16,14 +16,14 @@ from elastic_strips.arrays import Array, Document
 from elastic_strips.errors import InputError
 from elastic_strips.files import open_input
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan
+from elastic_strips.validation import check_array, check_choice, check_number
 
 from .nodes import Node, Source
 
-T = TypeVar("T")
 MAX_BYTES = 200_000_000
-MAX_LINE = 2_000_000  # bytes
-MAX_SCANS = 200_000
-MAX_READINGS = 30_000_000
+_MAX_LINE = 2_000_000  # bytes
+_MAX_SCANS = 200_000
+_MAX_READINGS = 30_000_000
 LoggedScan = tuple[LaserScan, Array | None]
 """A scan and the base's pose (3,): x [m], y [m], yaw [rad], read-only; None where the log has none."""
 
@@ -45,19 +45,18 @@ def read_laser_log(
 
     Args:
         path: of the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines; its
-            other messages are passed over).
+            other messages are ignored).
         carmen_pose: which pose of a CARMEN log counts: ``"laser"``, its (usually corrected) pose, which then also is
-            the base's, or ``"odometry"``, the base's own, with the laser where the two say it is.
-        carmen_range_max: range from which on FLASER lines, which do not say it, mean that nothing is there [m].
-        height: of a laser over the floor, where the log does not say it [m].
+            the base's, or ``"odometry"``, the base's own; the difference of the two is then the laser's mount.
+        carmen_range_max: range from which on nothing was hit [m]; for FLASER lines, which do not state it.
+        height: of a laser over the floor [m], where the log does not state it.
 
     Raises:
         LaserLogError: no such file, an unknown format, a line that does not fit, a log without scans.
     """
-    if carmen_pose not in _CARMEN_POSES:
-        raise InputError(f"carmen_pose={carmen_pose!r}; valid: {', '.join(map(repr, _CARMEN_POSES))}")
-    if not (math.isfinite(carmen_range_max) and carmen_range_max > 0.0 and math.isfinite(height)):
-        raise InputError(f"carmen_range_max={carmen_range_max!r} must be > 0 m and height={height!r} finite")
+    check_choice("carmen_pose", carmen_pose, _CARMEN_POSES)
+    check_number("carmen_range_max", carmen_range_max, above=0.0, unit="m")
+    check_number("height", height, unit="m")
     file = Path(path)
     scans: list[LoggedScan] = []
     parse: Callable[[str], LoggedScan | None] | None = None
@@ -68,13 +67,16 @@ def read_laser_log(
                 parse = _reader(file, number, line, carmen_pose, carmen_range_max, height)
                 if line.startswith("stamp,"):
                     continue
-            scan = _at(file, number, parse, line)
+            try:
+                scan = parse(line)
+            except (ValueError, IndexError, RecursionError, OverflowError) as error:
+                raise LaserLogError(f"{file}:{number}: {str(error)[:500]}") from None
             if scan is None:
                 continue
             scans.append(scan)
             readings += len(scan[0].ranges)
-            if len(scans) > MAX_SCANS or readings > MAX_READINGS:
-                most = f"{MAX_SCANS} scans and {MAX_READINGS} ranges"
+            if len(scans) > _MAX_SCANS or readings > _MAX_READINGS:
+                most = f"{_MAX_SCANS} scans and {_MAX_READINGS} ranges"
                 raise LaserLogError(f"{file}:{number}: the log holds more than {most}, which is the most that is read")
     if not scans:
         raise LaserLogError(f"{file}: the log holds no scans{': it is empty' if parse is None else ''}")
@@ -84,11 +86,11 @@ def read_laser_log(
 def _lines(stream: BinaryIO, file: Path) -> Iterator[tuple[int, str]]:
     """Number and text of the lines that hold something, without comments."""
     for number in itertools.count(1):
-        data = stream.readline(MAX_LINE + 1)
+        data = stream.readline(_MAX_LINE + 1)
         if not data:
             return
-        if len(data) > MAX_LINE:
-            raise LaserLogError(f"{file}:{number}: the line has more than {MAX_LINE} bytes; at most so many are read")
+        if len(data) > _MAX_LINE:
+            raise LaserLogError(f"{file}:{number}: the line has more than {_MAX_LINE} bytes; at most so many are read")
         try:
             line = data.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError as error:
@@ -107,7 +109,12 @@ def _reader(
         return lambda line: _json(line, height)
     if first.startswith("stamp,"):
         columns = [c.strip() for c in first.split(",")]
-        _at(file, number, lambda _: _check_header(columns), first)
+        valid = set(_NEEDED) <= set(columns) <= {*_NEEDED, *_POSE}
+        if not valid or columns[-1] != "ranges" or len(set(columns)) != len(columns):
+            needed = ", ".join(_NEEDED[:-1])
+            raise LaserLogError(
+                f"{file}:{number}: the header must hold {needed}, may hold x, y, yaw, and ends with ranges"
+            )
         return lambda line: _csv(line, columns, height)
     if first.split()[0].isupper():
         return lambda line: _carmen(line, carmen_pose, carmen_range_max, height)
@@ -117,26 +124,12 @@ def _reader(
     )
 
 
-def _at(file: Path, number: int, parse: Callable[[str], T], line: str) -> T:
-    """Parse a line; what is wrong with it is said with its place."""
-    try:
-        return parse(line)
-    except (ValueError, IndexError, RecursionError, OverflowError) as error:
-        raise LaserLogError(f"{file}:{number}: {str(error)[:500]}") from None
-
-
 def _json(line: str, height: float) -> LoggedScan:
     try:
         entry = json.loads(line)
     except json.JSONDecodeError as error:
         raise ValueError(f"no JSON object: {error.msg} at column {error.colno}") from None
     return _logged(entry, height)
-
-
-def _check_header(columns: list[str]) -> None:
-    valid = set(_NEEDED) <= set(columns) <= {*_NEEDED, *_POSE}
-    if not valid or columns[-1] != "ranges" or len(set(columns)) != len(columns):
-        raise ValueError(f"the header must hold {', '.join(_NEEDED[:-1])}, may hold x, y, yaw, and ends with ranges")
 
 
 def _csv(line: str, columns: list[str], height: float) -> LoggedScan:
@@ -151,7 +144,7 @@ def _csv(line: str, columns: list[str], height: float) -> LoggedScan:
 def _logged(entry: object, height: float) -> LoggedScan:
     """The scan and pose of a line that is a JSON object, or a row of a table."""
     entries = Node(entry, "", Source(Path("scan"))).mapping((*_NEEDED, *_OPTIONAL), needed=_NEEDED)
-    numbers = {key: entries[key].number(low=-math.inf, high=math.inf, unit="") for key in _NEEDED[:-1]}
+    numbers = {key: entries[key].finite() for key in _NEEDED[:-1]}
     ranges = [math.nan if r.value is None else _float(r.value, r.key, finite=False) for r in entries["ranges"].items()]
     parts = [entries[key].number(low=-math.inf, high=math.inf) for key in _POSE if key in entries]
     if parts and (len(parts) < 3 or "pose" in entries):
@@ -224,11 +217,7 @@ def _scan(sensor: str, head: dict[str, float], ranges: list[float], mount: list[
 
 
 def _pose(values: list[float] | None) -> Array | None:
-    if values is None:
-        return None
-    pose = np.array(values)
-    pose.flags.writeable = False
-    return pose
+    return None if values is None else check_array("pose", values, (3,))
 
 
 def _count(word: str, what: str, low: int = 1) -> int:

@@ -13,13 +13,13 @@ from elastic_strips.errors import ScenarioError
 from elastic_strips.files import read_input
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
+from elastic_strips.validation import check_choice
 
 from .nodes import Node, load_yaml
 
 _KEYS = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
-_UNKNOWN = ("free", "occupied")
 MAX_BYTES = 100_000_000
-MAX_CELLS = 16_000_000
+_MAX_CELLS = 16_000_000
 
 
 def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height: float = 1.0) -> Scene:
@@ -37,8 +37,7 @@ def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height
     Raises:
         ScenarioError: A file is missing, cannot be read, or does not fit; the message names file, line and key.
     """
-    if unknown not in _UNKNOWN:
-        raise ScenarioError(f"unknown={unknown!r}; valid: {', '.join(map(repr, _UNKNOWN))}")
+    check_choice("unknown", unknown, ("free", "occupied"), ScenarioError)
     root = load_yaml(path, error=ScenarioError)
     needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
     entries = root.mapping(_KEYS, needed=needed, what="a map")
@@ -86,8 +85,8 @@ def _read_pgm(node: Node) -> Array:
         numbers.append(int(data[at:end]))
         at = end
     width, rows, top = numbers
-    if not 0 < width * rows <= MAX_CELLS or not 0 < top < 65536:
-        node.fail(f"{file}: {width} × {rows} pixels up to {top} are not read; at most {MAX_CELLS} pixels up to 65535")
+    if not 0 < width * rows <= _MAX_CELLS or not 0 < top < 65536:
+        node.fail(f"{file}: {width} × {rows} pixels up to {top} are not read; at most {_MAX_CELLS} pixels up to 65535")
     if data[:2] == b"P2":
         try:
             pixels = _numbers(data, at, width * rows)

@@ -1,4 +1,4 @@
-"""IO room, nodes: what an input document (YAML or JSON) says, with the place of every value; typed access to it.
+"""IO room, nodes: the values of an input document (YAML or JSON) with their places, and typed access to them.
 
 Of YAML only plain data is read: no tags, no aliases (so no alias bombs), no duplicate keys, one document, bounded size
 and depth. Numbers are YAML 1.2's: ``1e-3`` is a number, ``yes`` a string.
@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 import yaml
@@ -31,7 +31,7 @@ MAX_NODES = 2_000_000
 MAX_DEPTH = 32
 
 T = TypeVar("T")
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INT = re.compile(r"[-+]?[0-9]{1,18}\Z")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
 _WORDS = {
@@ -174,6 +174,10 @@ class Node:
             self.fail(f"must be a number, not {self.kind}")
         return self.checked(check_number, "", self.value, low=low, high=high, unit=unit)
 
+    def finite(self) -> float:
+        """A finite number, without a unit."""
+        return self.number(low=-math.inf, high=math.inf, unit="")
+
     def integer(self, *, low: int = -(2**53), high: int = 2**53) -> int:
         """An integer in [low, high]."""
         if isinstance(self.value, bool) or not isinstance(self.value, int):
@@ -197,7 +201,7 @@ class Node:
             self.fail(f"is empty; at least one list of {count} numbers is needed")
         for k, row in enumerate(self.value):
             if not isinstance(row, list) or len(row) != count or not all(map(_is_number, row)):
-                self.items()[k].vector(count)  # which says what is wrong
+                self.items()[k].vector(count)  # which raises the error
         try:
             result = np.array(self.value, dtype=np.float64)
         except OverflowError:  # an integer that no float can hold
@@ -222,19 +226,22 @@ def load_yaml(path: str | os.PathLike[str], *, error: type[InputError] = SceneEr
     return parse_yaml(read_input_text(source.path, "YAML file", MAX_YAML_BYTES, error), source)
 
 
-def load_json(path: str | os.PathLike[str], name: str, *, error: type[InputError] = ScenarioError) -> Node:
+def load_json(
+    path: str | os.PathLike[str], name: str = "", *, what: str = "JSON file", error: type[InputError] = ScenarioError
+) -> Node:
     """Read one JSON file.
 
     Args:
         path: The file, or the folder that holds a file called ``name``.
         name: See ``path``.
+        what: What to call the file in messages.
         error: Type of the error that is raised about the file or its content.
 
     Returns:
         The root node; its lines are not known.
     """
     source = Source(Path(path, name) if os.path.isdir(path) else Path(path), error)
-    text = read_input_text(source.path, "JSON file", MAX_JSON_BYTES, error)
+    text = read_input_text(source.path, what, MAX_JSON_BYTES, error)
     try:
         return Node(json.loads(text), "", source)
     except (ValueError, RecursionError) as problem:
@@ -262,7 +269,7 @@ class _Collection:
     pending: tuple[str, int] | None = None  # key and line of the dict's entry whose value comes next
 
 
-def _data(events: Iterable[Any], source: Source) -> object:
+def _data(events: Iterable[object], source: Source) -> object:
     """Build the data from the event stream, and the source's lines; no recursion, so no depth of nesting can hurt."""
     stack: list[_Collection] = []
     root: list[object] = []
@@ -313,7 +320,7 @@ def _data(events: Iterable[Any], source: Source) -> object:
     return root[0]
 
 
-def _key(event: Any, owner: _Collection, source: Source, line: int) -> tuple[str, int]:
+def _key(event: yaml.NodeEvent, owner: _Collection, source: Source, line: int) -> tuple[str, int]:
     if not isinstance(event, yaml.ScalarEvent):
         source.fail("a key must be a word, not a list or a mapping", line)
     key = event.value

@@ -1,4 +1,4 @@
-"""IO room, npy source: arrays from ``.npy`` and ``.npz`` files; what they claim is checked before memory is taken."""
+"""IO room, npy source: arrays from ``.npy`` and ``.npz`` files; their sizes are checked before memory is allocated."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from typing import Any, BinaryIO
+from typing import IO, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ class NpyError(ValueError):
     """No array, or one that is damaged or too large; the message says why."""
 
 
-def read_npy(stream: Any, size: int, limit: int) -> NDArray[Any]:
+def read_npy(stream: IO[bytes], size: int, limit: int) -> NDArray[np.generic]:
     """An array of numbers or text in numpy's own format, read-only.
 
     Args:
@@ -51,20 +51,14 @@ def read_npy(stream: Any, size: int, limit: int) -> NDArray[Any]:
         raise NpyError(f"has {given} bytes; {dtype} of the shape {shape} has {needed}")
     if needed > limit:
         raise NpyError(f"has {needed} bytes; at most {limit} are read")
-    data = np.empty(needed, dtype=np.uint8)
-    into, at = memoryview(data.data), 0
-    while at < needed:
-        count = stream.readinto(into[at : at + 1_000_000])
-        if not count:
-            raise NpyError(f"is cut off after {at} of {needed} bytes")
-        at += count
-    array = data.view(dtype).reshape(shape, order="F" if fortran else "C")
-    array.flags.writeable = False
-    return array
+    data = stream.read(needed)
+    if len(data) < needed:
+        raise NpyError(f"is cut off after {len(data)} of {needed} bytes")
+    return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if fortran else "C")
 
 
-class NpzArrays(Mapping[str, NDArray[Any]]):
-    """The arrays of a ``.npz`` file by name, each read when it is asked for; all together are bounded.
+class NpzArrays(Mapping[str, NDArray[np.generic]]):
+    """The arrays of a ``.npz`` file by name, each read when it is looked up; their total size is bounded.
 
     Raises:
         NpyError: compressed otherwise than numpy does it, or too large in all.
@@ -87,7 +81,7 @@ class NpzArrays(Mapping[str, NDArray[Any]]):
             if info.filename.endswith(".npy")
         }
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> NDArray[np.generic]:
         info = self._members[name]
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or info.flag_bits & 1:
             raise NpyError(f"the array {name!r} is encrypted, or compressed otherwise than by 'deflate'")

@@ -6,11 +6,12 @@ convex pieces that they consist of (`obstacle_documents`, `world_documents`, `wo
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import TypedDict
 
 import coal
 import numpy as np
@@ -18,26 +19,9 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.errors import InputError, SceneError, nearest_name
 from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
-from elastic_strips.scene import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Keyframes,
-    Mesh,
-    Motion,
-    Obstacle,
-    Points,
-    Scene,
-    Sphere,
-    Twist,
-    UnknownMotion,
-    Voxels,
-    World,
-)
-from elastic_strips.scene.motion import MAX_SPEED
-from elastic_strips.scene.obstacle import check_name
+from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Voxels, World
+from elastic_strips.scene.motion import MAX_SPEED, Keyframes, Motion, Twist, UnknownMotion
+from elastic_strips.scene.obstacle import Obstacle, check_name
 from elastic_strips.scene.quantities import (
     MAX_LENGTH,
     MIN_LENGTH,
@@ -87,12 +71,18 @@ def obstacle_from_node(node: Node) -> Obstacle:
     if shape in _SIMPLE:
         make, keys = _SIMPLE[shape]
         return node.checked(make, *(_READERS[key](_needed(node, entries, key)) for key in keys), **common)
-    return node.checked({"mesh": _mesh, "voxels": _voxels, "points": _points}[shape], node, entries, common)
+    if shape == "mesh":
+        return _mesh(node, entries, common)
+    points = _cloud(_needed(node, entries, "centers" if shape == "voxels" else "points", "file"))
+    if shape == "points":
+        return node.checked(Points, points, _length(_needed(node, entries, "radius")), **common)
+    edge = _needed(node, entries, "size")
+    return node.checked(Voxels, points, (_size if isinstance(edge.value, list) else _length)(edge), **common)
 
 
-def _placement(entries: dict[str, Node]) -> dict[str, Any]:
+def _placement(entries: dict[str, Node]) -> Document:
     """Keyword arguments that all shapes share."""
-    common: dict[str, Any] = {}
+    common: Document = {}
     if "name" in entries:
         common["name"] = entries["name"].checked(check_name, entries["name"].text())
     if "at" in entries:
@@ -133,15 +123,10 @@ def _motion_document(motion: Motion, name: str | None) -> Document:
     if isinstance(motion, UnknownMotion):
         return {"unknown": {"max_speed": motion.max_speed}}
     if isinstance(motion, Keyframes):
-        quats = {} if motion.quats is None else {"quats": motion.quats.tolist()}
-        return {
-            "keyframes": {
-                "times": motion.times.tolist(),
-                "positions": motion.positions.tolist(),
-                **quats,
-                "loop": motion.loop,
-            }
-        }
+        entries = {"times": motion.times.tolist(), "positions": motion.positions.tolist()}
+        if motion.quats is not None:
+            entries["quats"] = motion.quats.tolist()
+        return {"keyframes": {**entries, "loop": motion.loop}}
     raise SceneError(f"obstacle {name!r}: a motion of type {type(motion).__name__} cannot be written to a file")
 
 
@@ -157,7 +142,7 @@ def obstacle_entries(obstacle: Obstacle, folder: Path) -> Document:
     spec = dict(obstacle.spec)
     if obstacle.shape == "mesh":
         origin, scale = spec.pop("path", None), spec.pop("scale", None)
-        if origin is not None and os.path.isfile(origin):
+        if isinstance(origin, str) and os.path.isfile(origin):
             spec = {"file": os.path.relpath(os.path.abspath(origin), os.path.abspath(folder)), "scale": scale}
     entries: Document = {"name": obstacle.name, "shape": obstacle.shape, **spec}
     if isinstance(motion, Twist):
@@ -196,7 +181,7 @@ _READERS: dict[str, Callable[[Node], float | Array]] = {
 }
 
 
-def _mesh(node: Node, entries: dict[str, Node], common: dict[str, Any]) -> Obstacle:
+def _mesh(node: Node, entries: dict[str, Node], common: Document) -> Obstacle:
     given = _needed(node, entries, "file", "vertices")
     if "file" in entries:
         if "faces" in entries:
@@ -206,17 +191,7 @@ def _mesh(node: Node, entries: dict[str, Node], common: dict[str, Any]) -> Obsta
     if "scale" in entries:
         entries["scale"].fail("belongs to a mesh 'file', not to 'vertices'")
     faces = _needed(node, entries, "faces").rows(3)
-    return Mesh(given.rows(3), faces, **common)
-
-
-def _voxels(node: Node, entries: dict[str, Node], common: dict[str, Any]) -> Obstacle:
-    centers, edge = _cloud(_needed(node, entries, "centers", "file")), _needed(node, entries, "size")
-    return Voxels(centers, (_size if isinstance(edge.value, list) else _length)(edge), **common)
-
-
-def _points(node: Node, entries: dict[str, Node], common: dict[str, Any]) -> Obstacle:
-    points = _cloud(_needed(node, entries, "points", "file"))
-    return Points(points, _length(_needed(node, entries, "radius")), **common)
+    return node.checked(Mesh, given.rows(3), faces, **common)
 
 
 def _cloud(node: Node) -> Array:
@@ -255,8 +230,22 @@ class PieceDocument(TypedDict):
 
     name: str
     shape: str
-    size: list[Any]
+    size: list[float] | list[list[float]]
     pose: list[float]
+
+
+class TrackedPiece(PieceDocument):
+    """A convex shape of a world that is recorded.
+
+    Attributes:
+        appears: When it appears [s]; None: it is always there.
+        vanishes: When it vanishes [s]; None: never.
+        track: Place among the tracks of the poses that its own ``pose`` is relative to; None for a fixed one.
+    """
+
+    appears: float | None
+    vanishes: float | None
+    track: int | None
 
 
 def obstacle_documents(scene: Scene) -> list[PieceDocument]:
@@ -264,7 +253,7 @@ def obstacle_documents(scene: Scene) -> list[PieceDocument]:
     documents: list[PieceDocument] = []
     table = scene.table
     counts = np.bincount(table.obstacle_index, minlength=len(scene)) if len(scene) else np.zeros(0, dtype=int)
-    number: dict[int, int] = {}
+    numbers = [itertools.count() for _ in scene]
     for row, part in enumerate(table.parts):
         owner = int(table.obstacle_index[row])
         rotation, translation = table.rotation[row], table.translation[row]
@@ -273,16 +262,14 @@ def obstacle_documents(scene: Scene) -> list[PieceDocument]:
         else:
             pieces = [(part.geometry, translation)]
         for geometry, at in pieces:
-            k = number.get(owner, 0)
-            number[owner] = k + 1
             single = counts[owner] == 1 and len(pieces) == 1
             shape, size = _shape_document(geometry)
-            name = scene.names[owner] if single else f"{scene.names[owner]}#{k}"
+            name = scene.names[owner] if single else f"{scene.names[owner]}#{next(numbers[owner])}"
             documents.append({"name": name, "shape": shape, "size": size, "pose": _pose_entry(rotation, at)})
     return documents
 
 
-def _shape_document(geometry: coal.CollisionGeometry) -> tuple[str, list[Any]]:
+def _shape_document(geometry: coal.CollisionGeometry) -> tuple[str, list[float] | list[list[float]]]:
     """Name and size of a Coal shape, as in `obstacle_documents`."""
     kind, size = shape_of(geometry)
     if kind is ShapeKind.BOX:
@@ -294,13 +281,23 @@ def _shape_document(geometry: coal.CollisionGeometry) -> tuple[str, list[Any]]:
     return ShapeKind.CONVEX.value, vertices(geometry).tolist()
 
 
-def _piece(shape: str, size: Any, where: dict[str, Any]) -> Obstacle:
-    """The obstacle of a shape and a size as `_shape_document` has them."""
-    make, keys = _SIMPLE[shape]
-    return make(*(size if keys[0] == "radius" else (size,)), **where)
+def obstacle_from_piece(piece: PieceDocument, motion: Motion | None = None) -> Obstacle:
+    """The obstacle that a document of `obstacle_documents` describes.
+
+    Args:
+        piece: the document.
+        motion: if given, it says where the obstacle is, and the document's pose does not count.
+
+    Raises:
+        InputError: it cannot be made; a damaged document raises what damaged data raise (KeyError, TypeError, …).
+    """
+    place: Document = {"at": piece["pose"][:3], "quat": piece["pose"][3:]} if motion is None else {"motion": motion}
+    make, keys = _SIMPLE[piece["shape"]]
+    size = piece["size"]
+    return make(*(size if keys[0] == "radius" else (size,)), **place, name=piece["name"])
 
 
-def world_documents(world: World, time: Array) -> tuple[list[Document], list[str], Array, Array]:
+def world_documents(world: World, time: Array) -> tuple[list[TrackedPiece], list[str], Array, Array]:
     """A world as obstacle documents and tracks.
 
     Args:
@@ -308,19 +305,19 @@ def world_documents(world: World, time: Array) -> tuple[list[Document], list[str
         time: (T,) when moving ones are looked at [s].
 
     Returns:
-        Documents as of ``obstacle_documents``, each with ``appears`` and ``vanishes`` [s] (None: always, never) and
-        ``track``: None for a fixed one, else its place among the tracks, whose pose its own ``pose`` is relative to;
-        the names of the obstacles that move (M), their positions (T, M, 3) [m] and quaternions (T, M, 4).
+        Documents of the pieces; the names of the obstacles that move (M), their positions (T, M, 3) [m] and quaternions
+        (T, M, 4).
     """
     from scipy.spatial.transform import Rotation  # late: slow to import
 
-    documents: list[Document] = []
+    documents: list[TrackedPiece] = []
     moving: list[Obstacle] = []
     taken: set[str] = set()
     for obstacle in world.scene:
         name = obstacle.name or ""
-        when = {"appears": world.appears.get(name), "vanishes": world.vanishes.get(name)}
+        appears, vanishes = world.appears.get(name), world.vanishes.get(name)
         moves = obstacle.motion is not None and not obstacle.motion.still
+        track = len(moving) if moves else None
         for document in obstacle_documents(Scene([obstacle], time=obstacle.time)):
             while document["name"] in taken:  # "a#0" may be a piece of "a", or an obstacle's name
                 document["name"] += "'"
@@ -328,7 +325,7 @@ def world_documents(world: World, time: Array) -> tuple[list[Document], list[str
             if moves:
                 relative = np.asarray(np.linalg.solve(obstacle.pose, _pose_matrix(document["pose"])), dtype=float)
                 document["pose"] = _pose_entry(relative[:3, :3], relative[:3, 3])
-            documents.append({**document, **when, "track": len(moving) if moves else None})
+            documents.append({**document, "appears": appears, "vanishes": vanishes, "track": track})
         if moves:
             moving.append(obstacle)
     poses = np.array([[o.at(float(t)).pose for o in moving] for t in time]).reshape(len(time), len(moving), 4, 4)
@@ -337,8 +334,14 @@ def world_documents(world: World, time: Array) -> tuple[list[Document], list[str
     return documents, names, poses[..., :3, 3].copy(), quaternions.reshape(len(time), len(moving), 4)
 
 
-def world_from_documents(documents: Any, time: Array, position: Array, quaternion: Array) -> World:
+def world_from_documents(documents: Sequence[TrackedPiece], time: Array, position: Array, quaternion: Array) -> World:
     """The world of what `world_documents` gave: convex obstacles that follow the recorded poses.
+
+    Args:
+        documents: of the pieces, as they were read: what is damaged is found here.
+        time: (T,) of the poses [s].
+        position: (T, M, 3) of the obstacles that move [m].
+        quaternion: (T, M, 4) of these.
 
     Raises:
         InputError: the documents are damaged, or an obstacle cannot be made.
@@ -355,19 +358,19 @@ def world_from_documents(documents: Any, time: Array, position: Array, quaternio
         for document in documents:
             name, track = document["name"], document["track"]
             place = _pose_matrix(document["pose"])
-            if track is None:
-                where: dict[str, Any] = {"at": place[:3, 3], "quat": document["pose"][3:]}
-            elif isinstance(track, int) and 0 <= track < position.shape[1]:
+            motion = None
+            if isinstance(track, int) and 0 <= track < position.shape[1]:
                 turned = Rotation.from_quat(quaternion[:, track])
                 positions = position[:, track] + turned.apply(place[:3, 3])
                 quats = (turned * Rotation.from_matrix(place[:3, :3])).as_quat()
-                where = {"motion": Keyframes(time, positions, quats=quats)}
-            else:
+                motion = Keyframes(time, positions, quats=quats)
+            elif track is not None:
                 raise InputError(f"obstacle {name!r} follows track {track!r}; there are {position.shape[1]}")
-            obstacles.append(_piece(document["shape"], document["size"], {**where, "name": name}))
-            for times, key in ((appears, "appears"), (vanishes, "vanishes")):
-                if document[key] is not None:
-                    times[name] = document[key]
+            obstacles.append(obstacle_from_piece(document, motion))
+            if document["appears"] is not None:
+                appears[name] = document["appears"]
+            if document["vanishes"] is not None:
+                vanishes[name] = document["vanishes"]
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
         if type(error) is InputError:
             raise

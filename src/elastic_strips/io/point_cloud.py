@@ -16,14 +16,15 @@ from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.files import open_input, read_input
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
-from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH, check_points
+from elastic_strips.scene.quantities import MIN_LENGTH, check_points
 from elastic_strips.summary import Summary
+from elastic_strips.validation import check_number
 
 from .npy_source import NpyError, read_npy
 
 MAX_BYTES = 200_000_000
-MAX_POINTS = 5_000_000
-MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
+_MAX_POINTS = 5_000_000
+_MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -58,7 +59,7 @@ class PointCloud(Summary):
 def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> PointCloud:
     """Read the points of a PLY (ASCII or binary), PCD (ASCII or binary, not compressed) or XYZ file (.xyz, .txt).
 
-    Of every point x, y and z are read, and the rest (colours, normals) is passed over. XYZ files hold at least three
+    Of every point x, y and z are read, and the rest (colours, normals) is ignored. XYZ files hold at least three
     numbers a line, between blanks, commas or semicolons; lines that begin with ``#`` or ``//`` are comments.
 
     Args:
@@ -72,8 +73,7 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
         raise SceneError(f"{file}: point clouds of kind {suffix!r} are not read{nearest_name(suffix, SUFFIXES)}")
-    if not (np.isfinite(scale) and scale > 0.0):
-        raise SceneError(f"scale={scale!r} must be finite and > 0")
+    check_number("scale", scale, above=0.0, error=SceneError)
     data = read_input(file, "point cloud", MAX_BYTES, SceneError)
     if not data:
         raise SceneError(f"{file}: the point cloud is empty")
@@ -108,15 +108,15 @@ def read_points(path: str | os.PathLike[str]) -> Array:
     if suffix in (".ply", ".pcd"):
         return read_point_cloud(file).points
     if suffix == ".npy":
-        with open_input(file, "file of points", MAX_LISTED_BYTES, SceneError) as (stream, size):
+        with open_input(file, "file of points", _MAX_LISTED_BYTES, SceneError) as (stream, size):
             try:
-                points = read_npy(stream, size, MAX_LISTED_BYTES)
+                points = read_npy(stream, size, _MAX_LISTED_BYTES)
             except NpyError as problem:
                 raise SceneError(f"{file}: the array {problem}") from None
         if points.shape[:1] > (MAX_CENTERS,):
             raise SceneError(f"{file}: the file has {len(points)} points; at most {MAX_CENTERS} are read")
     else:
-        data = read_input(file, "file of points", MAX_LISTED_BYTES, SceneError)
+        data = read_input(file, "file of points", _MAX_LISTED_BYTES, SceneError)
         comma = "," if suffix == ".csv" else None
         try:
             points = _listed(data, lambda text: text.partition("#")[0].split(comma, 3), "hold", MAX_CENTERS)
@@ -151,16 +151,8 @@ def cloud_scene(
         SceneError: points of another shape or not finite, an edge that is no length, nothing left of the cloud.
     """
     cloud = np.asarray(points.points if isinstance(points, PointCloud) else points)
-    if cloud.ndim != 2 or cloud.shape[1] != 3 or not len(cloud) or cloud.dtype.kind not in "fiu":
-        raise SceneError(f"points must be numbers of the shape (n, 3), n ≥ 1, not {cloud.dtype} {cloud.shape}")
-    if not np.isfinite(cloud).all():
-        bad = int(np.argmin(np.isfinite(cloud).all(axis=1)))
-        raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be finite")
-    if np.abs(cloud).max() > MAX_LENGTH:
-        bad = int(np.argmax(np.abs(cloud).max(axis=1)))
-        raise SceneError(f"points[{bad}] is {cloud[bad].tolist()}; it must be within ±{MAX_LENGTH:g} m")
-    if not (np.isfinite(voxel) and voxel >= MIN_LENGTH):
-        raise SceneError(f"voxel={voxel!r} must be a length of at least {MIN_LENGTH:g} m")
+    check_points("points", cloud, (None, 3))
+    check_number("voxel", voxel, low=MIN_LENGTH, unit="m", error=SceneError)
     keep = np.ones(len(cloud), dtype=bool)
     if low is not None:
         keep &= cloud[:, 2] >= low
@@ -241,7 +233,7 @@ def _xyz(data: bytes) -> Array:
         comment = text.startswith(("#", "//"))
         return [] if comment else text.replace(",", " ").replace(";", " ").split(None, 3)[:3]
 
-    return _listed(data, words, "begin with", MAX_POINTS)
+    return _listed(data, words, "begin with", _MAX_POINTS)
 
 
 def _listed(data: bytes, words: Callable[[str], list[str]], verb: str, most: int) -> Array:
@@ -292,8 +284,8 @@ def _table(
     data: bytes, body: int, fields: list[tuple[str, str]], count: int, order: str, line: int, skip: int
 ) -> Array:
     """x, y, z (count, 3) of rows of ``fields``, ``skip`` rows or bytes on; text where there is no byte ``order``."""
-    if count > MAX_POINTS:
-        raise ValueError(f": the file has {count} points; at most {MAX_POINTS} are read")
+    if count > _MAX_POINTS:
+        raise ValueError(f": the file has {count} points; at most {_MAX_POINTS} are read")
     names = [name for name, _ in fields]
     for axis in "xyz":
         if axis not in names:

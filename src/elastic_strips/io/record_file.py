@@ -11,26 +11,28 @@ import math
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips._version import __version__
+from elastic_strips.arrays import Array, Document
+from elastic_strips.catalogue import recorded_robot
 from elastic_strips.control.interfaces import Event
 from elastic_strips.control.record import DRIVE_NAMES, ControlRows, PlanningRows, Record, RecordError, frozen
 from elastic_strips.errors import InputError, RobotError, missing_extra
 from elastic_strips.files import atomic_write, check_writable, open_input
-from elastic_strips.robot import BaseKind, RobotModel, load_robot, recorded_robot
+from elastic_strips.robot import BaseKind, RobotModel, load_robot
 from elastic_strips.validation import check_type
 
 from .nodes import Node, Source
 from .npy_source import NpzArrays
-from .obstacle_document import world_documents, world_from_documents
+from .obstacle_document import TrackedPiece, world_documents, world_from_documents
 
 _UNITS = {
     "time": "s",
@@ -44,35 +46,25 @@ _UNITS = {
 }
 
 
-def _chart_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
-    """Names of the columns of a chart row (nv): x, y, yaw of a base that moves, then the joints."""
-    base = ("x", "y", "yaw") if record.drive_names else ()
-    return tuple(prefix + name for name in (*base, *record.joint_names))
-
-
-def _velocity_columns(record: Record, prefix: str = "") -> tuple[str, ...]:
-    """Names of the columns of a velocity (nv)."""
-    base = ("vx", "vy", "omega") if record.drive_names else ()
-    return tuple(prefix + name for name in (*base, *(f"{joint}_rate" for joint in record.joint_names)))
+def _row_columns(record: Record) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the columns of a configuration (nv) and of a velocity (nv): a base that moves, then the joints."""
+    rates = tuple(f"{joint}_rate" for joint in record.joint_names)
+    if not record.drive_names:
+        return record.joint_names, rates
+    return ("x", "y", "yaw", *record.joint_names), ("vx", "vy", "omega", *rates)
 
 
 def _control_columns(record: Record) -> tuple[str, ...]:
     """Names of all columns of a control row, in the order of a CSV file."""
-    return (
-        "time",
-        "state",
-        *_chart_columns(record),
-        *_velocity_columns(record),
-        *_chart_columns(record, "reference_"),
-        *_velocity_columns(record, "reference_"),
-        *_chart_columns(record, "estimate_"),
-        *(f"command_{name}" for name in record.drive_names),
-        *(f"command_{name}_rate" for name in record.joint_names),
-        *(f"motor_{name}" for name in record.drive_names),
-    )
+    configuration, velocity = _row_columns(record)
+    reference = (f"reference_{name}" for name in (*configuration, *velocity))
+    estimate = (f"estimate_{name}" for name in configuration)
+    commands = (f"command_{name}" for name in (*record.drive_names, *(f"{joint}_rate" for joint in record.joint_names)))
+    motors = (f"motor_{name}" for name in record.drive_names)
+    return ("time", "state", *configuration, *velocity, *reference, *estimate, *commands, *motors)
 
 
-def record_columns(record: Record) -> dict[str, npt.NDArray[Any]]:
+def record_columns(record: Record) -> dict[str, npt.NDArray[np.generic]]:
     """The control rows by column name: arrays (T,); ``state`` holds names."""
     rows = record.control
     arrays = (rows.chart, rows.v, rows.reference, rows.reference_v, rows.estimate, rows.drive, rows.joints, rows.motors)
@@ -115,6 +107,7 @@ MAX_TEXT = 10_000_000  # characters of the metadata
 _CONTROL = tuple(f.name for f in fields(ControlRows))
 _PLANNING = tuple(f.name for f in fields(PlanningRows) if f.name not in ("phases", "statuses", "reasons"))
 _TABLES = ("phases", "statuses", "reasons")
+_Arrays: TypeAlias = Mapping[str, npt.NDArray[np.generic]]
 
 
 def check_record_file(path: str | os.PathLike[str]) -> Path:
@@ -189,6 +182,7 @@ def record_robot(record: Record, robot: str | None = None) -> RobotModel:
 
 def _packed(record: Record) -> bytes:
     documents, names, position, quaternion = world_documents(record.world, record.control.time)
+    configuration, velocity = _row_columns(record)
     planning = record.planning
     metadata = {
         "format": FORMAT,
@@ -203,8 +197,8 @@ def _packed(record: Record) -> bytes:
         "states": list(record.states),
         **{name: list(getattr(planning, name)) for name in _TABLES},
         "columns": {
-            "chart": _chart_columns(record),
-            "velocity": _velocity_columns(record),
+            "chart": configuration,
+            "velocity": velocity,
             "drive": record.drive_names,
             "joints": record.joint_names,
         },
@@ -218,7 +212,7 @@ def _packed(record: Record) -> bytes:
         text = json.dumps(metadata, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise RecordError(f"metadata must be plain JSON values: {error}") from None
-    arrays: dict[str, npt.NDArray[Any]] = {
+    arrays: dict[str, npt.NDArray[np.generic]] = {
         "metadata": np.array(text),
         **{f"control_{name}": getattr(record.control, name) for name in _CONTROL},
         **{f"planning_{name}": getattr(planning, name) for name in _PLANNING},
@@ -236,7 +230,7 @@ def _packed(record: Record) -> bytes:
     return stream.getvalue()
 
 
-def _metadata(loaded: Mapping[str, npt.NDArray[Any]]) -> dict[str, object]:
+def _metadata(loaded: _Arrays) -> Document:
     if "metadata" not in loaded:
         raise RecordError("holds no array 'metadata': it is no record")
     text = loaded["metadata"]
@@ -253,26 +247,27 @@ def _metadata(loaded: Mapping[str, npt.NDArray[Any]]) -> dict[str, object]:
     return document
 
 
-def _unpacked(document: dict[str, object], loaded: Mapping[str, npt.NDArray[Any]]) -> Record:
+def _unpacked(document: Document, loaded: _Arrays) -> Record:
     root = Node(document, "", Source(Path("metadata"), RecordError))
     base = BaseKind(root["base"].text(valid=[kind.value for kind in BaseKind]))
     joints, states = _names(root["joint_names"]), _names(root["states"])
     nv = len(joints) + (3 if base.planar else 0)
     tables = {name: _names(root[name]) for name in _TABLES}
     goal = None if root["goal"].value is None else root["goal"].vector(nv, limit=math.inf)
-    locked = {name: entry.number(**_ANY) for name, entry in root["locked"].mapping().items()}
+    locked = {name: entry.finite() for name, entry in root["locked"].mapping().items()}
     urdf, tracks = root["urdf"].value, len(root["tracks"].items())
     T = _array(loaded, "control_time", (None,)).shape[0]
     widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints), "motors": len(DRIVE_NAMES[base])}
     shapes = {name: (T,) if name in ("time", "state") else (T, widths.get(name, nv)) for name in _CONTROL}
-    control = ControlRows(**{name: _array(loaded, f"control_{name}", shape) for name, shape in shapes.items()})
+    control = ControlRows(**{name: _array(loaded, f"control_{name}", shape) for name, shape in shapes.items()})  # type: ignore[arg-type]
     P = _array(loaded, "planning_time", (None,)).shape[0]
     special = {"phase_ms": (P, len(tables["phases"])), "node_offset": (P + 1,), "nodes": (None, nv)}
     rows = {name: _array(loaded, f"planning_{name}", special.get(name, (P,))) for name in _PLANNING}
     planning = PlanningRows(**rows, **tables)  # type: ignore[arg-type]
     _check_rows(control, planning, states)
-    position = _array(loaded, "track_position", (T, tracks, 3))
-    quaternion = _array(loaded, "track_quaternion", (T, tracks, 4))
+    position = cast("Array", _array(loaded, "track_position", (T, tracks, 3)))
+    quaternion = cast("Array", _array(loaded, "track_quaternion", (T, tracks, 4)))
+    pieces = cast("Sequence[TrackedPiece]", root["obstacles"].value)
     return Record(
         robot=str(root["robot"].value),
         base=base,
@@ -282,7 +277,7 @@ def _unpacked(document: dict[str, object], loaded: Mapping[str, npt.NDArray[Any]
         control=control,
         planning=planning,
         events=tuple(map(_event, root["events"])),
-        world=world_from_documents(root["obstacles"].value, control.time, position, quaternion),
+        world=world_from_documents(pieces, control.time, position, quaternion),
         goal=None if goal is None else frozen(goal),
         states=states,
         metadata={key: entry.value for key, entry in root["metadata"].mapping().items()},
@@ -293,7 +288,7 @@ def _event(node: Node) -> Event:
     entries = node.items()
     if len(entries) != 3:
         node.fail(f"must be a list of time, kind and reason, not {node.kind}")
-    return Event(entries[0].number(**_ANY), str(entries[1].value), str(entries[2].value))
+    return Event(entries[0].finite(), str(entries[1].value), str(entries[2].value))
 
 
 def _names(node: Node) -> tuple[str, ...]:
@@ -302,26 +297,15 @@ def _names(node: Node) -> tuple[str, ...]:
     return tuple(node.value)
 
 
-_ANY: dict[str, Any] = {"low": -math.inf, "high": math.inf, "unit": ""}  # bounds of a number that only has to be finite
 _KINDS = {"state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i"}
-_MAY_BE_NAN = frozenset(
-    (
-        "reference",
-        "reference_v",
-        "estimate",
-        "drive",
-        "joints",
-        "motors",
-        "tick_ms",
-        "phase_ms",
-        "clearance",
-        "horizon_end",
-    )
-)
+_MAY_BE_NAN = {
+    "reference", "reference_v", "estimate", "drive", "joints", "motors", "tick_ms", "phase_ms", "clearance",
+    "horizon_end",
+}  # fmt: skip
 _KIND_NAMES = {"u": "unsigned integers", "b": "truth values", "i": "integers", "f": "floating point numbers"}
 
 
-def _array(loaded: Mapping[str, npt.NDArray[Any]], key: str, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
+def _array(loaded: _Arrays, key: str, shape: tuple[int | None, ...]) -> npt.NDArray[np.generic]:
     if key not in loaded:
         raise RecordError(f"the array {key!r} is missing")
     array = loaded[key]

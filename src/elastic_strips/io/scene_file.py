@@ -1,14 +1,17 @@
-"""IO room, scene files: YAML scenes and worlds in and out; docs/scene-files.md describes them."""
+"""IO room, scene files: YAML scenes and worlds in and out, and scenarios in; docs/scene-files.md describes them."""
 
 from __future__ import annotations
 
 import json
+import math
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.errors import InputError, SceneError
+from elastic_strips.errors import InputError, ScenarioError, SceneError
 from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.validation import check_type
@@ -17,6 +20,11 @@ from .nodes import Node, load_yaml
 from .obstacle_document import obstacle_entries, obstacle_from_node
 
 VERSION = 1
+_BASES = ("diff_drive", "omni", "fixed")
+_PRESETS = ("default", "paper")
+_SCENARIO_KEYS = (
+    "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "seed",
+)  # fmt: skip
 
 
 def read_scene(path: str | os.PathLike[str]) -> Scene:
@@ -25,7 +33,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
-    return scene_from_node(load_yaml(path))
+    world = read_world(path)
+    return world.at(world.scene.time)
 
 
 def read_world(path: str | os.PathLike[str]) -> World:
@@ -34,23 +43,11 @@ def read_world(path: str | os.PathLike[str]) -> World:
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
-    return world_from_node(load_yaml(path))
+    return _world_from_node(load_yaml(path))
 
 
-def scene_from_node(node: Node) -> Scene:
-    """Scene of a mapping node, as a scene file or a scenario's ``scene`` holds it: what exists at its time.
-
-    Paths in it are relative to the node's own file.
-    """
-    world = world_from_node(node)
-    return world.at(world.scene.time)
-
-
-def world_from_node(node: Node) -> World:
-    """World of a mapping node, as a scene file or a scenario's ``scene`` holds it.
-
-    Paths in it are relative to the node's own file.
-    """
+def _world_from_node(node: Node) -> World:
+    """World of a mapping node, as a scene file or a scenario's ``scene`` holds it."""
     entries = node.mapping(("version", "time", "obstacles"), needed=("obstacles",), what="a scene")
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
@@ -74,7 +71,7 @@ def world_from_node(node: Node) -> World:
 
 
 def _span(node: Node) -> tuple[float | None, float | None]:
-    """When an obstacle appears and vanishes [s]; None where the file does not say."""
+    """When an obstacle appears and vanishes [s]; None where the file does not state it."""
     entries = node.mapping()
     begin, end = (
         entries[key].number(low=-1e9, high=1e9, unit="s") if key in entries else None for key in ("appears", "vanishes")
@@ -115,8 +112,6 @@ def _write(scene: Scene, spans: dict[str, dict[str, float]], path: str | os.Path
     try:
         target = check_writable(path)
         atomic_write(target, _document(scene, spans, target).encode())
-    except SceneError:
-        raise
     except InputError as error:
         raise SceneError(str(error)) from None
 
@@ -143,3 +138,113 @@ def _entry(key: str, value: object) -> str:
 def _text(value: object) -> str:
     """JSON, which is YAML."""
     return json.dumps(value.tolist() if isinstance(value, np.ndarray) else value, ensure_ascii=False)
+
+
+# Scenarios
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSpec:
+    """Where a robot stands and how it holds its joints; joints that are not named keep their home value.
+
+    Attributes:
+        x, y: Position of the base [m], world frame.
+        yaw: Heading of the base [rad].
+        joints: Joint values by name [rad or m].
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+    joints: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioSpec:
+    """Content of a scenario file.
+
+    Attributes:
+        name: Name of the scenario.
+        description: One or more sentences, or "".
+        robot: Name of a known robot, or the absolute path of a URDF file.
+        base: "diff_drive", "omni", "fixed", or None for the robot's own.
+        preset: "default", "paper" or None.
+        params: Overrides of parameters by name; not checked here.
+        scene: What exists at the scene's time.
+        world: All obstacles, and when they appear and vanish.
+        start: Start of the strip.
+        goal: Goal of the strip.
+        seed: Seed of everything random.
+        path: The file.
+    """
+
+    name: str
+    description: str
+    robot: str
+    base: str | None
+    preset: str | None
+    params: Mapping[str, float]
+    scene: Scene
+    world: World
+    start: PoseSpec
+    goal: PoseSpec
+    seed: int
+    path: Path
+
+
+def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
+    """Read a scenario file.
+
+    Raises:
+        ScenarioError: The file, or the scene file that it names, cannot be read or does not fit the schema; the message
+            names file, line and key.
+    """
+    root = load_yaml(path, error=ScenarioError)
+    entries = root.mapping(_SCENARIO_KEYS, needed=("robot", "scene", "start", "goal"), what="a scenario")
+    file = root.source.path
+    if "version" in entries:
+        entries["version"].integer(low=VERSION, high=VERSION)
+    world = _world(entries["scene"])
+    return ScenarioSpec(
+        name=entries["name"].text() if "name" in entries else file.stem,
+        description=entries["description"].text() if "description" in entries else "",
+        robot=_robot(entries["robot"]),
+        base=entries["base"].text(valid=_BASES) if "base" in entries else None,
+        preset=entries["preset"].text(valid=_PRESETS) if "preset" in entries else None,
+        params=_numbers(entries["params"], high=1e12) if "params" in entries else {},
+        scene=world.at(world.scene.time),
+        world=world,
+        start=_pose(entries["start"]),
+        goal=_pose(entries["goal"]),
+        seed=entries["seed"].integer(low=0, high=2**32 - 1) if "seed" in entries else 0,
+        path=file,
+    )
+
+
+def _robot(node: Node) -> str:
+    """A robot's name as it is; a path to a URDF, relative to the file, as an absolute path."""
+    robot = node.text()
+    if not robot.lower().endswith(".urdf") and "/" not in robot and "\\" not in robot:
+        return robot
+    path = (node.source.path.parent / robot).absolute()
+    if not os.path.isfile(path):
+        node.fail(f"there is no URDF file {path}")
+    return str(path)
+
+
+def _world(node: Node) -> World:
+    if not isinstance(node.value, str):
+        return _world_from_node(node)
+    return _world_from_node(load_yaml(node.source.path.parent / node.text(), error=ScenarioError))
+
+
+def _pose(node: Node) -> PoseSpec:
+    entries = node.mapping(("x", "y", "yaw", "joints"), what="a pose")
+    yaw = entries["yaw"].number(low=-1e3 * math.pi, high=1e3 * math.pi, unit="rad") if "yaw" in entries else 0.0
+    x, y = (entries[key].number() if key in entries else 0.0 for key in ("x", "y"))
+    return PoseSpec(x=x, y=y, yaw=yaw, joints=_numbers(entries["joints"], high=1e6) if "joints" in entries else {})
+
+
+def _numbers(node: Node, *, high: float) -> dict[str, float]:
+    entries = node.mapping(what="names to numbers")
+    return {key: entry.number(low=-high, high=high, unit="") for key, entry in entries.items()}

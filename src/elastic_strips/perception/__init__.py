@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from .estimator import EstimatorReport, SceneEstimator, scan_scene
-from .occupancy_grid import OccupancyGrid
+from .estimator import SceneEstimator, scan_scene
 from .params import SceneEstimatorParams
-from .readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading, ScanRays, rays_of
-from .tracking import TrackedObstacle, Tracker
+from .readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading
+from .tracking import TrackedObstacle
 
 __all__ = [
-    "EstimatorReport",
     "LaserScan",
     "NOTHING",
     "NO_ANSWER",
-    "OccupancyGrid",
     "RangeRing",
     "Reading",
-    "ScanRays",
     "SceneEstimator",
     "SceneEstimatorParams",
     "TrackedObstacle",
-    "Tracker",
-    "rays_of",
     "scan_scene",
 ]

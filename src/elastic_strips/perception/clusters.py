@@ -22,19 +22,13 @@ class Cluster:
     Attributes:
         points: (n, 2) in the world's plane, counter-clockwise about the sensor [m].
         origin: (2,) of the sensor [m].
-        hidden_first, hidden_last: whether the thing may go on, unseen, beyond its first or last point: something
-            nearer covers it, a reading is missing, or the field of view ends there.
+        hidden: whether the thing may go on, unseen, beyond its first or last point: something nearer covers it, a
+            reading is missing, or the field of view ends there.
     """
 
     points: Array
     origin: Array
-    hidden_first: bool
-    hidden_last: bool
-
-    @property
-    def hidden(self) -> bool:
-        """Whether one of the ends may not be the thing's own."""
-        return self.hidden_first or self.hidden_last
+    hidden: bool
 
     @property
     def extent(self) -> float:
@@ -54,7 +48,7 @@ def clusters_of(rays: ScanRays, params: SceneEstimatorParams) -> tuple[Cluster, 
         return ()
     r = rays.ranges[hit]
     points = rays.origin + r[:, None] * rays.direction[hit]
-    count, empty = len(rays.ranges), np.isposinf(rays.ranges)
+    empty = np.isposinf(rays.ranges)
     free = np.concatenate(([0], np.cumsum(empty)))  # free rays before each ray
     turn = np.diff(rays.bearing[hit], append=rays.bearing[hit[0]] + 2.0 * math.pi)  # the last one: round to the first
     nearer = np.minimum(r, np.roll(r, -1))
@@ -73,21 +67,15 @@ def clusters_of(rays: ScanRays, params: SceneEstimatorParams) -> tuple[Cluster, 
         groups = np.split(order, (ends[:-1] - ends[-1]) % len(hit)) if len(ends) > 1 else [order]
     result = []
     for group in groups:
-        first, last = int(group[0]), int(group[-1])
-        result.append(
-            Cluster(
-                points[group],
-                rays.origin,
-                _covered(rays, int(hit[first]), -1, count),
-                _covered(rays, int(hit[last]), 1, count),
-            )
-        )
+        first, last = int(hit[group[0]]), int(hit[group[-1]])
+        hidden = _covered(rays, first, -1) or _covered(rays, last, 1)
+        result.append(Cluster(points[group], rays.origin, hidden))
     return tuple(result)
 
 
-def _covered(rays: ScanRays, ray: int, step: int, count: int) -> bool:
+def _covered(rays: ScanRays, ray: int, step: int) -> bool:
     """Whether what ends at a ray may go on beyond: the next ray is shorter, unknown, or not there."""
-    beside = ray + step
+    beside, count = ray + step, len(rays.ranges)
     if not 0 <= beside < count:
         if not rays.closed:
             return True
@@ -163,7 +151,7 @@ def fit_shape(cluster: Cluster, params: SceneEstimatorParams) -> ClusterShape:
     tolerance = 3.0 * params.range_noise
     chord = points[-1] - points[0]
     length = float(np.hypot(chord[0], chord[1]))
-    off = _deviation(points)
+    off = float(_offsets(points).max()) if len(points) > 2 else 0.0
     circle = _circle(cluster, params, off, length)
     if circle is not None:
         return circle
@@ -214,9 +202,8 @@ def cluster_obstacles(cluster: Cluster, params: SceneEstimatorParams, name: str)
     points, pieces = cluster.points, _split_points(cluster.points, 3.0 * params.range_noise)
     solids = []
     for k, (a, b) in enumerate(pieces):
-        part = Cluster(points[a : b + 1], cluster.origin, cluster.hidden, cluster.hidden)
         along = points[b] - points[a]
-        box = _box(part.points, math.atan2(along[1], along[0]), part, params, STRAIGHT)
+        box = _box(points[a : b + 1], math.atan2(along[1], along[0]), cluster, params, STRAIGHT)
         solids.append(_solid(box, params, f"{name}.{k}"))
     return tuple(solids)
 
@@ -282,10 +269,6 @@ def _bulges(cluster: Cluster) -> bool:
     along = points[-1] - points[0]
     side = np.array([-along[1], along[0]])
     return float((points - points[0]).mean(axis=0) @ side) * float((cluster.origin - points[0]) @ side) > 0.0
-
-
-def _deviation(points: Array) -> float:
-    return float(_offsets(points).max()) if len(points) > 2 else 0.0
 
 
 def _offsets(points: Array) -> Array:

@@ -27,10 +27,7 @@ class EstimatorReport:
         sensor: whose reading it was; empty before the first.
         time: of it [s].
         hits, nothing, no_answer: how many of its ranges met something, met nothing, and say nothing.
-        clusters: how many things it fell into.
-        tracks, movers, possibly_moving: how many things are followed, how many of them move, and how many may.
-        started, lost: how many tracks began and ended.
-        tiles: how many obstacles the map has; rebuilt: how many of them were made anew for the last scene.
+        tracks, movers: how many things are followed, and how many of them move.
     """
 
     sensor: str = ""
@@ -38,14 +35,8 @@ class EstimatorReport:
     hits: int = 0
     nothing: int = 0
     no_answer: int = 0
-    clusters: int = 0
     tracks: int = 0
     movers: int = 0
-    possibly_moving: int = 0
-    started: int = 0
-    lost: int = 0
-    tiles: int = 0
-    rebuilt: int = 0
 
 
 class SceneEstimator:
@@ -63,6 +54,9 @@ class SceneEstimator:
     Attributes:
         map, near: the layers of lasers and of rings.
         tracker: of what may move.
+        movers: what moves, at the time of the newest scan.
+        possibly_moving: what has moved and may set off again, or begins to; in the map too, and in scenes with
+            `UnknownMotion`.
         report: what the last reading did.
     """
 
@@ -75,20 +69,9 @@ class SceneEstimator:
         self.report = EstimatorReport()
         self._newest: dict[str, float] = {}
         self._scan_time = self._time = -math.inf
-        self._movers: tuple[TrackedObstacle, ...] = ()
-        self._possibly_moving: tuple[TrackedObstacle, ...] = ()
-        self._static: tuple[Obstacle, ...] = ()
+        self.movers: tuple[TrackedObstacle, ...] = ()
+        self.possibly_moving: tuple[TrackedObstacle, ...] = ()
         self._scene: Scene | None = None
-
-    @property
-    def movers(self) -> tuple[TrackedObstacle, ...]:
-        """What moves, at the time of the newest scan."""
-        return self._movers
-
-    @property
-    def possibly_moving(self) -> tuple[TrackedObstacle, ...]:
-        """What has moved and may set off again, or begins to; in the map too, and in scenes with `UnknownMotion`."""
-        return self._possibly_moving
 
     @property
     def times(self) -> dict[str, float]:
@@ -114,16 +97,15 @@ class SceneEstimator:
                 f"{self._newest[reading.sensor]:g} s; the readings of a sensor must be given in their order"
             )
         if isinstance(reading, LaserScan):
-            counts = self._scan(reading, base_pose)
+            self._scan(reading, base_pose)
+            self._scan_time = max(self._scan_time, reading.time)
         else:
-            counts = self._ring(reading, base_pose)
+            self._ring(reading, base_pose)
         T = pose_matrix(base_pose)
         self.map.clear_footprint(float(T[0, 3]), float(T[1, 3]))
         self._newest[reading.sensor] = reading.time
-        if isinstance(reading, LaserScan):
-            self._scan_time = max(self._scan_time, reading.time)
         self._time = self._scan_time if self._scan_time > -math.inf else max(self._time, reading.time)
-        self._movers, self._possibly_moving = self.tracker.movers, self.tracker.possibly_moving
+        self.movers, self.possibly_moving = self.tracker.movers, self.tracker.possibly_moving
         self._scene = None
         r = reading.ranges
         self.report = EstimatorReport(
@@ -132,11 +114,8 @@ class SceneEstimator:
             hits=int(np.isfinite(r).sum()),
             nothing=int(np.isposinf(r).sum()),
             no_answer=int(np.isnan(r).sum()),
-            movers=len(self._movers),
-            possibly_moving=len(self._possibly_moving),
-            tiles=len(self._static),
-            rebuilt=self.map.rebuilt + self.near.rebuilt,
-            **counts,
+            tracks=len(self.tracker),
+            movers=len(self.movers),
         )
         return self.report
 
@@ -161,32 +140,22 @@ class SceneEstimator:
         if t is not None and not t >= self._time - 1e-9:
             raise ParameterError(f"a scene at t={t!r} s is asked for, but scans up to {self._time:g} s are in it")
         if self._scene is None:
-            self._static = self.map.obstacles() + self.near.obstacles()
-            tracked = (t.obstacle for t in (*self._movers, *self._possibly_moving))
-            self._scene = Scene([*self._static, *tracked], time=self._time)
+            tracked = (t.obstacle for t in (*self.movers, *self.possibly_moving))
+            self._scene = Scene([*self.map.obstacles(), *self.near.obstacles(), *tracked], time=self._time)
         return self._scene
 
-    def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> dict[str, int]:
+    def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> None:
         rays = rays_of(scan, base_pose)
-        clusters = clusters_of(rays, self.params)
-        sighting = self.tracker.update(rays, clusters, scan.sensor)
-        self.map.forget(sighting.moved)
+        self.map.forget(self.tracker.update(rays, clusters_of(rays, self.params), scan.sensor))
         at = np.flatnonzero(rays.hits)
         ignored = np.zeros(len(rays.ranges), dtype=bool)
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
-        return {
-            "clusters": len(clusters),
-            "tracks": sighting.tracks,
-            "started": sighting.started,
-            "lost": sighting.lost,
-        }
 
-    def _ring(self, ring: RangeRing, base_pose: ArrayLike) -> dict[str, int]:
+    def _ring(self, ring: RangeRing, base_pose: ArrayLike) -> None:
         T = pose_matrix(base_pose) @ ring.T_base_sensor
         ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
         self.near.add_ring(ring, base_pose, self.tracker.of_movers(ends))
-        return {}
 
 
 def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:

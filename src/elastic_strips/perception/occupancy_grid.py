@@ -15,8 +15,8 @@ from elastic_strips.scene import Obstacle, Voxels
 from .params import SceneEstimatorParams
 from .readings import RangeRing, ScanRays, pose_matrix
 
-Tile = tuple[int, int]
-Index = NDArray[np.int64]
+_Tile = tuple[int, int]
+_Index = NDArray[np.int64]
 _AROUND = np.array([[-1, -1, -1, 0, 0, 1, 1, 1], [-1, 0, 1, -1, 1, -1, 0, 1]])
 _MAX_CELLS = 60_000_000
 
@@ -29,8 +29,8 @@ class OccupancyGrid:
     and where it both hits and frees a cell, it hits it. A cell that is hit is an obstacle at once, however often it was
     free before; it takes some scans to be free again.
 
-    The grids of the base methods (`methods.certainty_grid`) stay apart: theirs are windows that move with the base and
-    forget what leaves them, and theirs are the rules of their papers, by which readings count as often as they come.
+    The grids of the base methods (`sim.baselines.certainty_grid`) stay apart: they are windows that move with the base
+    and forget what leaves them, and follow the rules of their papers, by which every reading counts.
 
     Args:
         params: how.
@@ -52,8 +52,8 @@ class OccupancyGrid:
         self._shown = np.zeros((0, 0), dtype=bool)  # cells that the obstacles are made of
         self._blocked = np.zeros((0, 0), dtype=bool)  # unseen cells that are obstacles
         self._center: Array | None = None  # of the disc that they lie in
-        self._stale: dict[str, dict[Tile, float]] = {name: {}, "unseen": {}}  # tile → when it is due
-        self._made: dict[str, dict[Tile, Obstacle]] = {name: {}, "unseen": {}}
+        self._stale: dict[str, dict[_Tile, float]] = {name: {}, "unseen": {}}  # tile → when it is due
+        self._made: dict[str, dict[_Tile, Obstacle]] = {name: {}, "unseen": {}}
         self._time = -math.inf
         self.rebuilt = 0
 
@@ -152,7 +152,7 @@ class OccupancyGrid:
                 del stale[tile]
         return tuple(o for made in self._made.values() for _, o in sorted(made.items()))
 
-    def _rebuild(self, kind: str, tiles: Iterable[Tile]) -> None:
+    def _rebuild(self, kind: str, tiles: Iterable[_Tile]) -> None:
         p, n, made = self.params, self.params.tile_cells, self._made[kind]
         size = (p.cell, p.cell, p.height)
         for tile in tiles:
@@ -200,7 +200,7 @@ class OccupancyGrid:
         passed[hit_i[inside] + shift[0], hit_j[inside] + shift[1]] = False
         self._free(passed, low - self.corner)
 
-    def _free(self, passed: Mask, first: Index) -> None:
+    def _free(self, passed: Mask, first: _Index) -> None:
         """Rays have passed these cells of the window that begins at cell ``first``."""
         p = self.params
         window = tuple(slice(a, a + n) for a, n in zip(first.tolist(), passed.shape, strict=True))
@@ -215,7 +215,7 @@ class OccupancyGrid:
         filled[i, j] = False
         self._mark(self.name, i + first[0], j + first[1], self._time + p.settle_delay)
 
-    def _change(self, i: Index, j: Index, new: Array, *, at_once: bool = False) -> None:
+    def _change(self, i: _Index, j: _Index, new: Array, *, at_once: bool = False) -> None:
         """These cells have new log-odds."""
         p = self.params
         self.log_odds[i, j] = new
@@ -237,14 +237,14 @@ class OccupancyGrid:
         self._mark(self.name, i[beside], j[beside], later)
         self._mark(self.name, i[~beside], j[~beside], -math.inf)
 
-    def _see(self, i: Index, j: Index) -> None:
+    def _see(self, i: _Index, j: _Index) -> None:
         """These cells have been seen for the first time."""
         self.seen[i, j] = True
         was = self._blocked[i, j]
         self._blocked[i[was], j[was]] = False
         self._mark("unseen", i[was], j[was], self._time + self.params.settle_delay)
 
-    def _mark(self, kind: str, i: Index, j: Index, due: float) -> None:
+    def _mark(self, kind: str, i: _Index, j: _Index, due: float) -> None:
         """The tiles of these cells have to be made anew, at the time ``due`` [s] or, if that is earlier, as it was."""
         if len(i):
             n = self.params.tile_cells
@@ -253,7 +253,7 @@ class OccupancyGrid:
             for x, y in tiles:
                 stale[x, y] = min(due, stale.get((x, y), math.inf))
 
-    def _touched(self, points: Array) -> tuple[Index, Index]:
+    def _touched(self, points: Array) -> tuple[_Index, _Index]:
         """Cells that the squares of half edge ``padding`` about points (n, 2) touch; the grid holds them."""
         p = self.params
         if not len(points):
@@ -264,7 +264,7 @@ class OccupancyGrid:
         cells = np.floor(spots / p.cell).astype(np.int64) - self.corner
         return cells[:, 0], cells[:, 1]
 
-    def _disc(self, center: Array, radius: float) -> tuple[Index, Index]:
+    def _disc(self, center: Array, radius: float) -> tuple[_Index, _Index]:
         """Cells whose middles lie within ``radius`` [m] of a point; the grid holds them."""
         self._cover(np.stack((center - radius, center + radius)))
         cell = self.params.cell

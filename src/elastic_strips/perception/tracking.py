@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -20,14 +19,6 @@ from .readings import ScanRays
 _KEPT_POINTS = 64
 _SLACK = 0.01
 """A mover's solid is made that much larger [m] than it has to be, so that it need not be made anew at once."""
-
-
-class TrackState(Enum):
-    """How sure a track is."""
-
-    TENTATIVE = "tentative"
-    CONFIRMED = "confirmed"
-    LOST = "lost"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +36,6 @@ class TrackedObstacle:
         velocity_sigma: the same of the velocity [m/s].
         radius: of the cylinder, with padding [m].
         seen: when it was last seen [s].
-        age: since it was first seen [s].
     """
 
     name: str
@@ -57,7 +47,6 @@ class TrackedObstacle:
     velocity_sigma: float
     radius: float
     seen: float
-    age: float
 
 
 class Track:
@@ -67,38 +56,13 @@ class Track:
     needed.
     """
 
-    __slots__ = (
-        "born",
-        "displaced_at",
-        "fitted",
-        "hits",
-        "misses",
-        "moved",
-        "moving",
-        "number",
-        "p",
-        "points",
-        "pp",
-        "pv",
-        "radius",
-        "rested",
-        "seen",
-        "solid",
-        "solid_radius",
-        "state",
-        "time",
-        "v",
-        "votes",
-        "vv",
-    )
-
     def __init__(self, number: int, time: float, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams):
-        self.number, self.time, self.born, self.seen = number, time, time, time
+        self.number, self.time, self.seen = number, time, time
         self.p, self.v = np.array(shape.center), np.zeros(2)
         self.pp, self.pv, self.vv = _noise(cluster, shape, params, shape.radius), 0.0, (0.5 * params.max_speed) ** 2
         self.fitted = self.radius = shape.radius
         self.hits, self.misses, self.votes = 1, 0, 0
-        self.state, self.moving = TrackState.TENTATIVE, False
+        self.confirmed = self.lost = self.moving = False
         # when it last moved, when it came to rest, and when scans last contradicted that it stands
         self.moved = self.rested = self.displaced_at = -math.inf
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
@@ -162,8 +126,7 @@ class Track:
         far = float(np.hypot(*(cluster.points - self.p).T).max())
         needed = min(max(self.fitted, far), 0.75 * params.max_mover_size)
         self.radius = needed if needed > self.radius else self.radius + 0.1 * (needed - self.radius)
-        if self.state is TrackState.TENTATIVE and self.hits >= params.confirm_hits:
-            self.state = TrackState.CONFIRMED
+        self.confirmed = self.confirmed or self.hits >= params.confirm_hits
 
     def significant(self, params: SceneEstimatorParams) -> bool:
         """Whether it is faster than what stands, and than its uncertainty."""
@@ -210,7 +173,6 @@ class Track:
             velocity_sigma=math.sqrt(self.vv),
             radius=self.solid_radius,
             seen=self.seen,
-            age=self.time - self.born,
         )
 
 
@@ -235,22 +197,6 @@ _EVIDENCE = 0.2
 _VOTES = 2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """What one scan did to the tracks.
-
-    Attributes:
-        moved: (n, 2) points in the world that turned out to belong to a mover: they are not of the static world.
-        tracks: how many there are, movers or not.
-        started, lost: how many began and ended.
-    """
-
-    moved: Array
-    tracks: int
-    started: int
-    lost: int
-
-
 class Tracker:
     """Workspace: follows clusters that are small enough to be movers; nothing in it is random.
 
@@ -265,6 +211,10 @@ class Tracker:
         self._views: dict[str, deque[ScanRays]] = {}
         self._born = 0
 
+    def __len__(self) -> int:
+        """How many things are followed, movers or not."""
+        return len(self._tracks)
+
     @property
     def movers(self) -> tuple[TrackedObstacle, ...]:
         """What moves, by age."""
@@ -276,8 +226,12 @@ class Tracker:
         p = self.params
         return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
 
-    def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Sighting:
-        """Take a scan in: assign its clusters, judge what was not seen, begin new tracks."""
+    def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Array:
+        """Take a scan in: assign its clusters, judge what was not seen, begin new tracks.
+
+        Returns:
+            (n, 2) points in the world that turned out to belong to a mover: they are not of the static world.
+        """
         params = self.params
         for track in self._tracks:
             track.predict(rays.time, params)
@@ -295,14 +249,12 @@ class Tracker:
         for k, track in enumerate(self._tracks):
             if k not in seen:
                 self._missed(track, rays)
-        before = len(self._tracks)
-        self._tracks = [t for t in self._tracks if t.state is not TrackState.LOST]
-        lost = before - len(self._tracks)
-        started = self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], rays.time)
+        self._tracks = [t for t in self._tracks if not t.lost]
+        self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], rays.time)
         views = self._views.setdefault(sensor, deque(maxlen=_MAX_VIEWS))
         if not views or rays.time - views[-1].time >= _VIEW_STEP:
             views.append(rays)
-        return Sighting(np.concatenate([np.zeros((0, 2)), *moved]), len(self._tracks), started, lost)
+        return np.concatenate([np.zeros((0, 2)), *moved])
 
     def of_movers(self, points: Array) -> Mask:
         """Which of the points (n, 2) lie within movers, with their padding."""
@@ -333,7 +285,7 @@ class Tracker:
     def _judge(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str, moved: list[Array]) -> None:
         """Whether a track that was just seen is a mover from now on, or none any more."""
         params = self.params
-        significant = track.state is TrackState.CONFIRMED and track.significant(params)
+        significant = track.confirmed and track.significant(params)
         if track.moving:
             if significant:
                 track.moved = track.time
@@ -372,23 +324,21 @@ class Tracker:
         through, _ = rays.beyond(places, 0.5 * params.carve_margin)
         if through.sum() > 0.5 * len(places):
             track.misses += 1
-        if track.misses >= params.lost_misses or (through.any() and track.state is TrackState.TENTATIVE):
-            track.state = TrackState.LOST
-        if rays.time - track.seen > params.coast_time:
-            track.state = TrackState.LOST
+        track.lost = (
+            track.misses >= params.lost_misses
+            or (bool(through.any()) and not track.confirmed)
+            or rays.time - track.seen > params.coast_time
+        )
 
-    def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float) -> int:
+    def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float) -> None:
         """New tracks, but for parts of movers."""
         if not fresh:
-            return 0
+            return
         inside = self.of_movers(np.array([shape.center for _, shape in fresh]))
-        count = 0
         for (cluster, shape), part in zip(fresh, inside.tolist(), strict=True):
             if not part:
                 self._tracks.append(Track(self._born, time, cluster, shape, self.params))
                 self._born += 1
-                count += 1
-        return count
 
 
 _STAR = np.array([[0.0, 0.0], [0.7, 0.0], [-0.7, 0.0], [0.0, 0.7], [0.0, -0.7]])

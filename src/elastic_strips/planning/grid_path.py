@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.coal_shapes import support
@@ -31,6 +30,8 @@ MOST_CELLS = 400_000
 """Largest grid; searching it takes about a second."""
 COMFORT = 0.35
 """Clearance [m] beyond the inner disc from which on more of it is worth nothing."""
+_RESOLUTION = 0.05  # [m] edge of a cell, where the grid is not too large
+_WIDEN = 3.0  # [m] a grid reaches so far beyond what it is about
 _COARSEST = 0.5  # [m] a larger cell says nothing about where a robot passes
 _MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
 
@@ -42,14 +43,10 @@ class GridPath(Summary):
     Attributes:
         points: (K, 2) waypoints of the base from start to goal [m], a cell apart; None where there is no path.
         reason: why there is none, else empty.
-        cells: size of the grid.
-        seconds: what it took.
     """
 
     points: Array | None
     reason: str
-    cells: int
-    seconds: float
 
 
 def grid_path(
@@ -58,8 +55,6 @@ def grid_path(
     start: Array,
     goal: Array,
     *,
-    resolution: float = 0.05,
-    widen: float = 3.0,
     box: tuple[Array, Array] | None = None,
     inner: float | None = None,
     most_cells: int = MOST_CELLS,
@@ -74,64 +69,61 @@ def grid_path(
         robot: the robot; its base must move.
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
-        resolution: edge of a cell [m]; where there would be more than ``most_cells`` of them, they are larger.
-        widen: how far beyond start and goal the grid reaches [m].
-        box: low and high corner (2,) of the grid [m], instead of ``widen``.
+        box: low and high corner (2,) of the grid [m]; 3 m beyond start and goal where None.
         inner: radius [m] of the disc that has to fit, instead of the robot's.
-        most_cells: largest size of the grid.
+        most_cells: largest size of the grid; where there would be more cells of 5 cm, they are larger.
         over: says whether the time is over; then none is found.
 
     Raises:
-        ParameterError: the base is fixed, or a length is not positive.
+        ParameterError: the base is fixed.
     """
     if not robot.space.planar:
         raise ParameterError(f"grid_path: the base of {robot.name!r} is fixed; diff_drive or omni is needed")
-    for name, value in (("resolution", resolution), ("widen", widen)):
-        if not value > 0.0:
-            raise ParameterError(f"grid_path: {name}={value!r} must be > 0 m")
-    began = perf_counter()
     endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
-    low_in, high_in = (endpoints.min(axis=0) - widen, endpoints.max(axis=0) + widen) if box is None else box
-    low, shape, resolution = grid_frame(low_in, high_in, resolution, most_cells)
+    low_in, high_in = box_about(endpoints) if box is None else box
+    low, shape, resolution = grid_frame(low_in, high_in, most_cells)
     if resolution > _COARSEST:
         size = resolution * (shape - 1)
         reason = f"an area of {size[0]:.0f} m × {size[1]:.0f} m is too large for a grid of {most_cells} cells"
-        return GridPath(None, reason, 0, perf_counter() - began)
+        return GridPath(None, reason)
     footprint = PlanarFootprint.of(robot, start)
-    clear = clearance_map(scene, low, shape, resolution, footprint.height, over=over)
+    clear = clearance_map(owner_map(scene, low, shape, resolution, footprint.height, over=over) >= 0, resolution)
     if over():
-        return GridPath(None, "the time was over before the grid was searched", 0, perf_counter() - began)
+        return GridPath(None, "the time was over before the grid was searched")
     for axis, cells in enumerate(shape.tolist()):  # the outermost cells can lie outside by less than a cell
         middle = low[axis] + resolution * np.arange(cells)
         outside = (middle < low_in[axis]) | (middle > high_in[axis])
         np.moveaxis(clear, axis, 0)[outside] = 0.0
     inner = footprint.inner if inner is None else inner
     path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=COMFORT)
-    spent = perf_counter() - began
     if path is None:
         (x, y), (u, w) = low, low + resolution * (shape - 1)
         where = f"within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
-        reason = f"no way for the base on a grid of {resolution:.3g} m {where}"
-        return GridPath(None, reason, clear.size, spent)
-    return GridPath(smooth_path(path, resolution), "", clear.size, perf_counter() - began)
+        return GridPath(None, f"no way for the base on a grid of {resolution:.3g} m {where}")
+    return GridPath(smooth_path(path, resolution), "")
 
 
-def grid_frame(low: Array, high: Array, resolution: float, most_cells: int) -> tuple[Array, Indices, float]:
+def box_about(points: Array) -> tuple[Array, Array]:
+    """Low and high corner (2,) [m] of a grid about positions (K, 2) of the base."""
+    return points.min(axis=0) - _WIDEN, points.max(axis=0) + _WIDEN
+
+
+def grid_frame(low: Array, high: Array, most_cells: int) -> tuple[Array, Indices, float]:
     """The grid that holds a box: middle (2,) of its first cell [m], its shape (2,), and the edge of its cells [m].
 
     Args:
         low, high: (2,) corners [m].
-        resolution: edge that is wanted [m]; a multiple of it where there would be more than ``most_cells``.
-        most_cells: largest number of cells.
+        most_cells: largest number of cells; their edge is a multiple of 5 cm where there would be more.
     """
-    wanted, edge, most_cells = resolution, resolution, max(most_cells, 16)
+    edge, most_cells = _RESOLUTION, max(most_cells, 16)
     while True:
         first = np.floor(low / edge) * edge
         shape = np.ceil((high - first) / edge).astype(np.int64) + 1
         cells = float(shape[0]) * float(shape[1])
         if cells <= most_cells:
             return first, shape, edge
-        edge = wanted * max(np.ceil(edge / wanted * np.sqrt(cells / most_cells)), np.rint(edge / wanted) + 1.0)
+        times = edge / _RESOLUTION
+        edge = _RESOLUTION * max(np.ceil(times * np.sqrt(cells / most_cells)), np.rint(times) + 1.0)
 
 
 def cheapest_path(
@@ -147,36 +139,26 @@ def cheapest_path(
         inner: clearance below which a cell is closed [m].
         comfort: clearance beyond ``inner`` from which on more of it is worth nothing [m].
     """
+    from scipy.sparse.csgraph import dijkstra  # late: slow to import
+
     cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
-    route = _cheapest(cell_cost(clear, inner, comfort, cells, resolution), cells)
-    if route is None:
+    cost = cell_cost(clear, inner, comfort, cells, resolution)
+    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
+    _, before = dijkstra(cell_graph(cost), directed=False, indices=first, return_predecessors=True)
+    if first != last and before[last] < 0:
         return None
-    path = low + resolution * route
+    route = [last]
+    while route[-1] != first:
+        route.append(int(before[route[-1]]))
+    path = low + resolution * np.column_stack(np.unravel_index(route[::-1], cost.shape)).astype(float)
     path[0], path[-1] = endpoints
     return path
 
 
-def clearance_map(
-    scene: Scene,
-    low: Array,
-    shape: Indices,
-    resolution: float,
-    height: float,
-    *,
-    over: Callable[[], bool] = lambda: False,
-) -> Array:
-    """Distance (rows, columns) [m] of each cell's middle to the nearest obstacle, seen from above, to about a cell.
-
-    Args:
-        scene: the obstacles.
-        low: (2,) middle of the first cell [m]; shape: (2,) number of cells along x and y.
-        resolution: edge of a cell [m].
-        height: obstacles that are above it are left out [m].
-        over: says whether the time is over; then the rest of the obstacles is left out.
-    """
+def clearance_map(taken: Mask, resolution: float) -> Array:
+    """Distance (rows, columns) [m] of each cell's middle to the nearest cell that is taken."""
     from scipy.ndimage import distance_transform_edt  # late: slow to import
 
-    taken = owner_map(scene, low, shape, resolution, height, over=over) >= 0
     if not taken.any():
         return np.full(taken.shape, np.inf)
     return np.asarray(distance_transform_edt(~taken, sampling=resolution))
@@ -194,7 +176,11 @@ def owner_map(
     """Index in the scene (rows, columns) of an obstacle that takes each cell, −1 where none does.
 
     Args:
-        scene, low, shape, resolution, height, over: as in :func:`clearance_map`.
+        scene: the obstacles.
+        low: (2,) middle of the first cell [m]; shape: (2,) number of cells along x and y.
+        resolution: edge of a cell [m].
+        height: obstacles that are above it are left out [m].
+        over: says whether the time is over; then the rest of the obstacles is left out.
     """
     table = scene.table
     owner = np.full(tuple(shape), -1, dtype=np.intp)
@@ -244,20 +230,6 @@ def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, reso
         closed = ~np.isfinite(cost[window]) & (clear[window] > 0.0)
         cost[window] = np.where(closed, 4.0 * _STEEP, cost[window])
     return cost
-
-
-def _cheapest(cost: Array, endpoints: Array) -> Array | None:
-    """Cells (K, 2) of the cheapest path between two cells, or None."""
-    from scipy.sparse.csgraph import dijkstra  # late: slow to import
-
-    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in endpoints)
-    _, before = dijkstra(cell_graph(cost), directed=False, indices=first, return_predecessors=True)
-    if first != last and before[last] < 0:
-        return None
-    cells = [last]
-    while cells[-1] != first:
-        cells.append(int(before[cells[-1]]))
-    return np.column_stack(np.unravel_index(cells[::-1], cost.shape)).astype(float)
 
 
 def cell_graph(cost: Array) -> csr_array:

@@ -12,10 +12,8 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.robot.space import wrap_angle
-from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
-from elastic_strips.strip.deformer import Deformer
-from elastic_strips.strip.report import DeformReport, DeformStatus, settled_report
+from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.solver import project_rolling
 
 from .grid_path import resample
@@ -74,20 +72,20 @@ def _turn_drive_turn(robot: RobotModel, a: Array, b: Array, offset: Array, spaci
         n_drive = max(min(n_drive, most - 1 - n_in - n_out), 1)
         n_in, n_out = (min(n, max((most - 1 - n_drive) // 2, 1)) for n in (n_in, n_out))
     rows = [a]
-    rows += [_pose(a, a[0], a[1], a[2] + turn_in * k / n_in) for k in range(1, n_in + 1)]
+    rows += [_turned(a, a[2] + turn_in * k / n_in) for k in range(1, n_in + 1)]
     for k in range(1, n_drive + 1):
         s = k / n_drive
         row = a + s * offset
         row[:2] = a[:2] + s * drive
         row[2] = a[2] + turn_in
         rows.append(row)
-    rows += [_pose(b, b[0], b[1], a[2] + turn_in + turn_out * k / n_out) for k in range(1, n_out + 1)]
+    rows += [_turned(b, a[2] + turn_in + turn_out * k / n_out) for k in range(1, n_out + 1)]
     return np.array(rows)
 
 
-def _pose(row: Array, x: float, y: float, yaw: float) -> Array:
+def _turned(row: Array, yaw: float) -> Array:
     out = row.copy()
-    out[:3] = x, y, yaw
+    out[2] = yaw
     return out
 
 
@@ -99,8 +97,8 @@ _FOLD = 0.3  # largest motion of a joint between two rows while the base stands 
 def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLike, *, spacing: float) -> Array:
     """Rows (N, nv) along waypoints of the base, from start to goal.
 
-    A differential drive follows them forwards. Near an end the path is bent into its heading, or, where that is quite
-    another one, the drive turns in place there. The joints move evenly along the path, and so does the heading of an
+    A differential drive follows them forwards. Near an end the path is bent into its heading, or, where that differs
+    much, the drive turns in place there. The joints move evenly along the path, and so does the heading of an
     omnidirectional base.
 
     Args:
@@ -224,22 +222,18 @@ _TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture ar
 STUCK_TICKS = 6
 """Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
 _GAIN = 1e-3  # [m] by which it must get clearer to count
+_MOST_TICKS = 30  # of a strip along a path, until it is certified
 _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
 
 
 def relax_line(
-    deformer: Deformer,
-    strip: Strip,
-    scene: Scene,
-    ticks: int,
-    watch: Callable[[DeformReport], object] | None,
-    *,
-    over: Callable[[], bool] = lambda: False,
+    problem: PlanningProblem, strip: Strip, ticks: int, watch: Callable[[DeformReport], object] | None
 ) -> DeformReport:
-    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle, or ``over()``."""
+    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
+    deformer, scene = problem.deformer, problem.scene
     report = deformer.assess(strip, scene)
     for tick in range(1, ticks + 1):
-        if report.usable or over():
+        if report.usable or problem.deadline.over():
             break
         step = deformer.step(report.strip, scene, nodes=tick > 3)
         report = replace(step, ticks=tick)
@@ -250,35 +244,28 @@ def relax_line(
     return report
 
 
+def rows_along(problem: PlanningProblem, path: npt.ArrayLike, make: Callable[..., Array] = waypoint_rows) -> Array:
+    """Rows (N, nv) that ``make`` gives along a path; further apart where they were more than a strip may have."""
+    spacing, most = problem.spacing, problem.params.max_nodes
+    for _ in range(7):
+        rows = make(problem.robot, problem.start, problem.goal, path, spacing=spacing)
+        if len(rows) <= most:
+            return rows
+        spacing *= 1.02 * len(rows) / most
+    return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]  # turns and folds are too many
+
+
 def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, str]]:
     """Rows (N, nv) to relax along a path (K, 2) of the base, with what is particular about them.
 
     The joints move in step with the base; and, where start or goal is in another posture than home, the robot folds
-    into that one for the drive. Where that took more rows than a strip may have, they are further apart.
+    into that one for the drive.
     """
-    robot, start, goal = problem.robot, problem.start, problem.goal
-
-    def rows(make: Callable[..., Array]) -> Array:
-        return at_most(
-            lambda spacing: make(robot, start, goal, path, spacing=spacing), problem.spacing, problem.params.max_nodes
-        )
-
-    yield rows(waypoint_rows), ""
-    joints = robot.space.to_chart(np.stack((robot.home_q, start, goal)))[:, robot.space.base_nv :]
+    robot = problem.robot
+    yield rows_along(problem, path), ""
+    joints = robot.space.to_chart(np.stack((robot.home_q, problem.start, problem.goal)))[:, robot.space.base_nv :]
     if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED:
-        yield rows(tucked_rows), " with the arm tucked"
-
-
-def at_most(make: Callable[[float], Array], spacing: float, most: int | None) -> Array:
-    """``most`` of the rows that ``make(spacing)`` gives (all where None), further apart where there were more."""
-    rows = make(spacing)
-    for _ in range(6):
-        if most is None or len(rows) <= most:
-            return rows
-        spacing *= 1.02 * len(rows) / most
-        rows = make(spacing)
-    keep = np.linspace(0, len(rows) - 1, most or len(rows)).round().astype(int)  # turns and folds are too many
-    return rows if most is None or len(rows) <= most else rows[keep]
+        yield rows_along(problem, path, tucked_rows), " with the arm tucked"
 
 
 def line_strip(problem: PlanningProblem) -> Strip:
@@ -297,48 +284,28 @@ def path_strip(problem: PlanningProblem, rows: Array) -> Strip:
 
 
 def relax_path(
-    deformer: Deformer,
+    problem: PlanningProblem,
     strip: Strip,
-    scene: Scene,
     *,
-    max_ticks: int = 30,
     stuck: int | None = None,
-    over: Callable[[], bool] = lambda: False,
+    over: Callable[[], bool] | None = None,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> DeformReport:
     """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle.
 
-    It is given up at rest, after ``max_ticks``, after ``stuck`` ticks in a row in which it got no clearer (None: not
-    for that), or where ``over()`` says so.
+    It is given up at rest, after 30 ticks, after ``stuck`` ticks in a row in which it got no clearer (None: not for
+    that), or where ``over()`` says so; the problem's deadline where None.
     """
-    clearest, since, ticks = -np.inf, 0, 0
-    timings: dict[str, float] = {}
-    seconds, queries = 0.0, 0
-    while True:
-        report = deformer.step(strip, scene)
-        ticks, strip = ticks + 1, report.strip
-        seconds, queries = seconds + report.seconds, queries + report.queries
-        for phase, value in report.timings.items():
-            timings[phase] = timings.get(phase, 0.0) + value
-        if watch is not None:
-            watch(report)
+    deformer, scene, over = problem.deformer, problem.scene, over or problem.deadline.over
+    clearest, since = -np.inf, 0
+
+    def ended(report: DeformReport) -> bool:
+        nonlocal clearest, since
         since = 0 if report.node_clearance > clearest + _GAIN else since + 1
         clearest = max(clearest, report.node_clearance)
-        rest = report.status is not DeformStatus.DEFORMING
-        hopeless = rest or ticks >= max_ticks or (stuck is not None and since >= stuck) or over()
-        if report.usable or hopeless:
-            ended = settled_report(report, ticks, timings, seconds, queries)
-            return _cleared(deformer, ended, scene, over, watch) if report.usable else ended
+        return report.usable or (stuck is not None and since >= stuck) or over()
 
-
-def _cleared(
-    deformer: Deformer,
-    report: DeformReport,
-    scene: Scene,
-    over: Callable[[], bool],
-    watch: Callable[[DeformReport], object] | None,
-) -> DeformReport:
-    """A few ticks more where a certified strip is still very near an obstacle."""
+    report = deformer.settle(strip, scene, max_ticks=_MOST_TICKS, until=ended, watch=watch)
     for _ in range(_EXTRA_TICKS):
         if not report.usable or report.node_clearance >= deformer.params.near or over():
             break

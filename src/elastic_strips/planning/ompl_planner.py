@@ -26,7 +26,7 @@ _MAX_PAIRED = 400
 
 
 class Validity:
-    """Workspace: tells whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
+    """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
     Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
     parts (voxels) stand in one Coal tree that each link asks.
@@ -35,7 +35,7 @@ class Validity:
         robot: the robot.
         scene: the obstacles.
         margin: distance to keep to obstacles [m].
-        low, high: (2,) region of the base that will be asked about [m]; parts that the robot cannot reach from there
+        low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
             are left out. None takes all.
         reach: how far [m] the robot extends from its base.
     """
@@ -64,11 +64,9 @@ class Validity:
         self._manager = None
         if len(shapes) <= _MAX_PAIRED:
             for k, (geometry, R, t) in enumerate(shapes):
-                grown = geometry.clone()
-                grown.setSweptSphereRadius(grown.getSweptSphereRadius() + margin)
-                grown.computeLocalAABB()
+                pose = pin.SE3(np.asarray(R), np.asarray(t))
                 index = self._model.addGeometryObject(
-                    pin.GeometryObject(f"obstacle-part-{k}", 0, 0, pin.SE3(np.asarray(R), np.asarray(t)), grown)
+                    pin.GeometryObject(f"obstacle-part-{k}", 0, 0, pose, _grown(geometry, margin))
                 )
                 for link in range(self._links):
                     self._model.addCollisionPair(pin.CollisionPair(link, index))
@@ -78,12 +76,7 @@ class Validity:
             for item in self._keep:
                 self._manager.registerObject(item)
             self._manager.setup()
-            self._queries = []
-            for piece in robot.geometries:
-                grown = piece.geometry.clone()
-                grown.setSweptSphereRadius(grown.getSweptSphereRadius() + margin)
-                grown.computeLocalAABB()
-                self._queries.append(coal.CollisionObject(grown))
+            self._queries = [coal.CollisionObject(_grown(piece.geometry, margin)) for piece in robot.geometries]
         self._geometry = self._model.createData()
         self._broadphase = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(
             robot.model, self._model, self._geometry
@@ -109,12 +102,20 @@ class Validity:
         return False
 
 
+def _grown(geometry: coal.CollisionGeometry, margin: float) -> coal.CollisionGeometry:
+    grown = geometry.clone()
+    grown.setSweptSphereRadius(grown.getSweptSphereRadius() + margin)
+    grown.computeLocalAABB()
+    return grown
+
+
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
 _OMPL = threading.Lock()
 """OMPL draws all its seeds from one generator of the process: one search at a time, or seeds mean nothing."""
+_WIDEN = 2.0  # [m] the base may go so far beyond start and goal
 _TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
 _BASE_STEP = 0.07  # spacing of validity checks [m]
-_JOINT_STEP = 0.2  # and in joint space [rad]; the certificate, not the planner, vouches for what lies between
+_JOINT_STEP = 0.2  # and in joint space [rad]; what lies between is proven by the certificate, not the planner
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,14 +126,12 @@ class PathResult:
         rows: (N, nv) waypoints along the path, or None where none was found.
         reason: why there is none, else empty.
         checks: configurations checked.
-        seconds: planning and simplification.
         searched: whether it was searched at all; not where an end is too near something.
     """
 
     rows: Array | None
     reason: str
     checks: int
-    seconds: float
     searched: bool = True
 
 
@@ -146,7 +145,6 @@ def ompl_path(
     margin: float,
     timeout: float,
     spacing: float = 0.12,
-    widen: float = 2.0,
     box: tuple[Array, Array] | None = None,
     fineness: float = 1.0,
     most: int | None = None,
@@ -167,8 +165,7 @@ def ompl_path(
         margin: distance to keep to obstacles [m].
         timeout: longest search [s].
         spacing: distance between waypoints [m].
-        widen: how far beyond start and goal the base may go [m].
-        box: low and high corner (2,) of where the base may go [m], instead of ``widen``.
+        box: low and high corner (2,) of where the base may go [m]; 2 m beyond start and goal where None.
         fineness: configurations on an edge are checked so many times as densely as usual.
         most: waypoints at most.
         deadline: until when to wait for other threads, to search and to shorten the path; none where None.
@@ -178,20 +175,18 @@ def ompl_path(
     """
     if not fineness > 0.0:
         raise ParameterError(f"ompl_path: fineness={fineness!r} must be > 0")
-    began = Deadline(timeout)
     space = robot.space
     endpoints = space.to_chart(np.stack((start, goal)))
-    low, high = (endpoints[:, :2].min(axis=0) - widen, endpoints[:, :2].max(axis=0) + widen) if box is None else box
+    base = endpoints[:, :2]
+    low, high = (base.min(axis=0) - _WIDEN, base.max(axis=0) + _WIDEN) if box is None else box
     planar = space.planar
     valid = Validity(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
     for name, q in (("start", start), ("goal", goal)):
         if not valid(q):
-            return PathResult(
-                None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, began.spent, False
-            )
-    patience = threading.TIMEOUT_MAX if deadline is None else min(max(deadline.left, 0.0), threading.TIMEOUT_MAX)
-    if not _OMPL.acquire(timeout=patience):
-        return PathResult(None, "another thread's search with OMPL took all the time", valid.checks, began.spent, False)
+            return PathResult(None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, False)
+    wait = threading.TIMEOUT_MAX if deadline is None else min(max(deadline.left, 0.0), threading.TIMEOUT_MAX)
+    if not _OMPL.acquire(timeout=wait):
+        return PathResult(None, "another thread's search with OMPL took all the time", valid.checks, False)
     try:
         left = timeout if deadline is None else min(timeout, deadline.left)
         rows = None
@@ -200,8 +195,8 @@ def ompl_path(
     finally:
         _OMPL.release()
     if rows is None:
-        return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks, began.spent)
-    return PathResult(rows, "", valid.checks, began.spent)
+        return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks)
+    return PathResult(rows, "", valid.checks)
 
 
 def _search(
@@ -260,22 +255,24 @@ def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array) -> Any:
     if space.planar:
         drive = robot.base_kind is BaseKind.DIFF_DRIVE
         base = ob.ReedsSheppStateSpace(_TURNING_RADIUS) if drive else ob.SE2StateSpace()
-        bounds = ob.RealVectorBounds(2)
-        for i in range(2):
-            bounds.setLow(i, float(low[i]))
-            bounds.setHigh(i, float(high[i]))
-        base.setBounds(bounds)
+        base.setBounds(_bounds(ob, low, high))
         compound.addSubspace(base, 1.0)
     if nj:
         joints = ob.RealVectorStateSpace(nj)
-        bounds = ob.RealVectorBounds(nj)
-        for i in range(nj):
-            lo, hi = space.lower[space.base_nv + i], space.upper[space.base_nv + i]
-            bounds.setLow(i, float(lo) if np.isfinite(lo) else -np.pi)
-            bounds.setHigh(i, float(hi) if np.isfinite(hi) else np.pi)
-        joints.setBounds(bounds)
+        lower, upper = space.lower[space.base_nv :], space.upper[space.base_nv :]
+        joints.setBounds(
+            _bounds(ob, np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi))
+        )
         compound.addSubspace(joints, _JOINT_WEIGHT if space.planar else 1.0)
     return compound
+
+
+def _bounds(ob: Any, low: Array, high: Array) -> Any:
+    bounds = ob.RealVectorBounds(len(low))
+    for i, (least, most) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
+        bounds.setLow(i, least)
+        bounds.setHigh(i, most)
+    return bounds
 
 
 class _Reader:

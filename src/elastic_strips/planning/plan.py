@@ -28,13 +28,12 @@ from .homotopy.classes import ObstacleCluster
 from .initial_strip import (
     LINE_TICKS,  # fmt: skip
     STUCK_TICKS,
-    at_most,
     line_strip,
     path_rows,
     path_strip,
     relax_line,
     relax_path,
-    waypoint_rows,
+    rows_along,
 )
 from .ompl_planner import certify_path, ompl_path
 from .problem import Deadline, PlanningProblem
@@ -113,7 +112,7 @@ def plan_report(
     grid: bool = True,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
-    """Plan an initial strip, or several that pass the obstacles on different sides, and tell how it went.
+    """Plan an initial strip, or several that pass the obstacles on different sides, and report how it went.
 
     Where several are asked for, the straight line, paths over a grid that differ in class, and paths of OMPL are
     relaxed until there are enough. A fixed base has one class only.
@@ -150,7 +149,7 @@ def plan_report(
     if count > 1:
         return _several(problem, count, ticks, path, grid, watch)
     search = _Search(problem, watch)
-    report = search.given_path(path) if path is not None else None
+    report = search.relaxed(rows_along(problem, path), "path", "given path") if path is not None else None
     report = report or search.straight(ticks)
     if report is None and grid and problem.region is not None:
         direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
@@ -162,20 +161,11 @@ def plan_report(
     return report or search.with_ompl() or search.failed()
 
 
-def _given_rows(problem: PlanningProblem, path: npt.ArrayLike) -> Array:
-    """Rows (N, nv) along a path that the caller gives."""
-
-    def rows(spacing: float) -> Array:
-        return waypoint_rows(problem.robot, problem.start, problem.goal, path, spacing=spacing)
-
-    return at_most(rows, problem.spacing, problem.params.max_nodes)
-
-
 def _several(
     problem: PlanningProblem, count: int, line_ticks: int, path: npt.ArrayLike | None, grid: bool,
     watch: Callable[[DeformReport], object] | None,
 ) -> PlanReport:  # fmt: skip
-    given = None if path is None else _given_rows(problem, path)
+    given = None if path is None else rows_along(problem, path)
     search = AlternativesSearch(problem, count, line_ticks=line_ticks, given=given, grid=grid, watch=watch)
     search.run()
     found = search.alternatives
@@ -211,16 +201,12 @@ class _Search:
         self.calls = self.searches = 0  # of OMPL
         self.fineness = 1.0
 
-    def given_path(self, path: npt.ArrayLike) -> PlanReport | None:
-        """A path that the caller knows."""
-        return self._relaxed(_given_rows(self.problem, path), "path", "given path", None)
-
     def straight(self, ticks: int) -> PlanReport | None:
         """The straight line, which gets a few ticks."""
         mark = perf_counter()
         initial = line_strip(self.problem)
         self.initial = initial  # shown where nothing is certified
-        report = relax_line(self.deformer, initial, self.scene, ticks, self.watch, over=self.deadline.over)
+        report = relax_line(self.problem, initial, ticks, self.watch)
         self.ticks += report.ticks if ticks else 0
         self.timings["line"] += perf_counter() - mark
         return self._judged(initial, report, "line", "straight line")
@@ -246,7 +232,7 @@ class _Search:
                 continue
             self.relaxed_paths.add(inner)
             for rows, what in path_rows(problem, path):
-                report = self._relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
+                report = self.relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
                 if report is not None or over():
                     return report
         return None
@@ -260,11 +246,12 @@ class _Search:
                 break
             self.attempts += 1
             self.box = box
+            mark = perf_counter()
             cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
             found = grid_path(
                 self.robot, self.scene, problem.start, problem.goal, box=box, inner=inner, most_cells=cells, over=over
             )
-            self.timings["planner"] += found.seconds
+            self.timings["planner"] += perf_counter() - mark
             if found.points is not None:
                 return found.points
             none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
@@ -294,7 +281,7 @@ class _Search:
                 futile += found.searched
                 last = found.reason
                 continue
-            report = self._relaxed(found.rows, "ompl", f"OMPL path {self.attempts}", None)
+            report = self.relaxed(found.rows, "ompl", f"OMPL path {self.attempts}")
             if report is not None:
                 return report
             if self.fineness < _FINEST and not certify_path(self.deformer, self.scene, found.rows).certified:
@@ -332,14 +319,13 @@ class _Search:
         _log.warning("%s", reason)
         return self._done(self.best, "none", reason)
 
-    def _relaxed(
-        self, rows: Array, method: str, what: str, stuck: int | None, over: Callable[[], bool] | None = None
+    def relaxed(
+        self, rows: Array, method: str, what: str, stuck: int | None = None, over: Callable[[], bool] | None = None
     ) -> PlanReport | None:
+        """What rows (N, nv) along a path relax to."""
         mark = perf_counter()
         strip = path_strip(self.problem, rows)
-        report = relax_path(
-            self.deformer, strip, self.scene, stuck=stuck, over=over or self.deadline.over, watch=self.watch
-        )
+        report = relax_path(self.problem, strip, stuck=stuck, over=over, watch=self.watch)
         self.ticks += report.ticks
         self.timings["relaxation"] += perf_counter() - mark
         return self._judged(strip, report, method, what)
@@ -384,7 +370,7 @@ def plan(
     grid's or OMPL's path.
 
     Where none of them gives a certified strip, the best one is returned *as it is*, a warning is logged, and every
-    report on it says where it is broken; :func:`plan_report` tells all.
+    report on it says where it is broken; :func:`plan_report` has the details.
 
     Args:
         robot, scene, start, goal, seed, params, timeout, bounds: as in :func:`plan_report`.

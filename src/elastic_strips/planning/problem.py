@@ -25,8 +25,8 @@ from .grid_path import FLOOR
 
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
-_FAR = 200.0  # [m] a goal farther away is told of
-_HUGE, _THICK = 200.0, 1.0  # [m] an obstacle of such a size is told of, unless it is a wall or a floor
+_FAR = 200.0  # [m] a warning is logged for a goal farther away
+_HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
 _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
 _SPACING = 0.13  # [m] between the nodes of a first strip, at most
@@ -105,7 +105,9 @@ class PlanningProblem:
         self.params = self.deformer.params
         self.start, self.goal = check_endpoints(robot, scene, start, goal, self.params)
         self.endpoints = np.stack((self.start, self.goal))
-        self.region = Region.of(robot, scene, self.start, self.goal, bounds)
+        self.region = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
+        if self.region is None and bounds is not None:
+            raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
         self.spacing = min(_SPACING, self.params.max_spacing)
 
     def failure(self, report: DeformReport) -> str:
@@ -128,7 +130,7 @@ def check_endpoints(
 ) -> tuple[Array, Array]:
     """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
 
-    What is suspiciously far away or large is told of in a warning: lengths are in metres.
+    A warning is logged for what is suspiciously far away or large: lengths are in metres.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
@@ -233,19 +235,6 @@ class Region:
         self.endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
         self.given = None if bounds is None else _checked_bounds(bounds, self.endpoints)
         self.cover = self._cover(robot, scene, start, goal) if self.given is None else self.given
-
-    @staticmethod
-    def of(robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None) -> Region | None:
-        """The region of a robot whose base moves; None for a fixed base.
-
-        Raises:
-            ParameterError, ConfigurationError: bounds for a fixed base, or as :class:`Region`.
-        """
-        if robot.space.planar:
-            return Region(robot, scene, start, goal, bounds)
-        if bounds is not None:
-            raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
-        return None
 
     def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> _Box:
         footprints = [PlanarFootprint.of(robot, q) for q in (start, goal, robot.home_q)]

@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import RobotError
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
 
 
 def contains(geometry: coal.CollisionGeometry, points: Array) -> bool:
-    """Whether points (V, 3) in a shape's frame surely all lie inside it; asked of up to 400 points only."""
+    """Whether points (V, 3) in a shape's frame surely all lie inside it; False for more than 400 points."""
     kind, size = shape_of(geometry)
     if len(points) > 400:
         return False
@@ -224,14 +224,14 @@ def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
     return shape
 
 
-def _coal_convex(corners: Array, triangles: npt.NDArray[np.intp]) -> coal.Convex:
+def _coal_convex(corners: Array, triangles: Indices) -> coal.Convex:
     points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     points.extend(list(corners))
     faces.extend([coal.Triangle(*abc) for abc in triangles.tolist()])
     return coal.Convex(points, faces)
 
 
-def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
+def _hull_triangles(points: Array) -> tuple[Array, Indices]:
     """Corners (V, 3) and triangles (T, 3) of a convex hull in which no corner has more neighbours than Coal takes.
 
     Where one has, as in a wheel's flat side that is cut into a fan, large flat faces are cut into strips: the same
@@ -263,19 +263,19 @@ def _hull_triangles(points: Array) -> tuple[Array, npt.NDArray[np.intp]]:
 
 def _numbered(
     points: Array, used: npt.NDArray[np.integer], triangles: npt.NDArray[np.integer]
-) -> tuple[Array, npt.NDArray[np.intp]]:
+) -> tuple[Array, Indices]:
     """The used points alone, and triangles of their new numbers."""
     number = np.full(len(points), -1, dtype=np.intp)
     number[used] = np.arange(len(used))
     return points[used], number[triangles]
 
 
-def _neighbours(triangles: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:
+def _neighbours(triangles: Indices, count: int) -> Indices:
     """Number of neighbours (V,) of each corner: in a closed surface, that of its triangles."""
     return np.bincount(triangles.ravel(), minlength=count)
 
 
-def _strips(points: Array, hull: ConvexHull) -> npt.NDArray[np.intp]:
+def _strips(points: Array, hull: ConvexHull) -> Indices:
     """The hull's triangles (T, 3), those of each large flat face as one zigzag strip."""
     _, face, size = np.unique(hull.equations, axis=0, return_inverse=True, return_counts=True)
     face = face.ravel()  # triangles of one flat face share its plane exactly

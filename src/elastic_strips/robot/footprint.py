@@ -75,7 +75,7 @@ class PlanarFootprint:
 
     def inner_below(self, height: float) -> float:
         """That of the bodies that reach below ``height`` [m]."""
-        at = self._lowest() < height
+        at = -self._extents(-1.0) < height
         return float(self._outlines()[at].min(axis=1).max(initial=0.0))
 
     @property
@@ -95,23 +95,17 @@ class PlanarFootprint:
 
     def _outlines(self) -> Array:
         """(G, DIRECTIONS) how far [m] each body reaches from the base's origin along the outline directions."""
-        around = outline_directions()
-        return np.array(
-            [
-                support(piece.geometry, around @ pose.rotation) + around @ pose.translation
-                for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
-            ]
-        )
-
-    def _lowest(self) -> Array:
-        """(G,) lowest points of the bodies [m]."""
-        return -self._extents(-1.0)
+        return self._supports(outline_directions())
 
     def _extents(self, sense: float) -> Array:
         """(G,) how far [m] each body reaches upwards (1) or downwards (−1)."""
+        return self._supports(np.array([[0.0, 0.0, sense]]))[:, 0]
+
+    def _supports(self, directions: Array) -> Array:
+        """(G, K) how far [m] each body reaches from the base's origin along ``directions`` (K, 3)."""
         return np.array(
             [
-                support(piece.geometry, sense * pose.rotation[2:]).item() + sense * pose.translation[2]
+                support(piece.geometry, directions @ pose.rotation) + directions @ pose.translation
                 for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
             ]
         )

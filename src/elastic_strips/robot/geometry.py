@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Indices
 
 from .coal_shapes import (
     SIGNS,
@@ -29,6 +28,7 @@ from .coal_shapes import (
 )
 
 _log = logging.getLogger(__name__)
+_JOIN_RATIO = 1.06  # two pieces of a body are joined where the joint hull has at most this many times their volume
 _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
 _SAMPLES = 300
 _ALWAYS = 0.95
@@ -72,7 +72,7 @@ def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:
         return Capsule(points[0].copy(), points[0].copy(), radius)
     center = points.mean(axis=0)
     axes = np.vstack((np.linalg.svd(points - center, full_matrices=False)[2], np.eye(3)))
-    best: tuple[float, Capsule] | None = None
+    found: list[tuple[float, Capsule]] = []
     for axis in axes:
         along = points @ axis
         flat = points - along[:, None] * axis
@@ -86,10 +86,8 @@ def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:
             low = high = 0.5 * (low + high)
             r = float(np.sqrt(rho**2 + (along - low) ** 2).max())
         volume = np.pi * r * r * (high - low) + 4.0 / 3.0 * np.pi * r**3
-        if best is None or volume < best[0]:
-            best = (volume, Capsule(middle + low * axis, middle + high * axis, r + radius + 1e-9))
-    assert best is not None
-    return best[1]
+        found.append((volume, Capsule(middle + low * axis, middle + high * axis, r + radius + 1e-9)))
+    return min(found, key=lambda each: each[0])[1]
 
 
 def _transformed(points: Array, T: Array) -> Array:
@@ -101,18 +99,14 @@ def _piece(name: str, links: tuple[str, ...], joint: int, shape: coal.CollisionG
     return LinkGeometry(name, links, joint, shape, T, bounding_capsule(_transformed(points, T), radius))
 
 
-def _hull_volume(points: Array) -> float:
-    return float(convex_hull(points).volume)
-
-
-def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_ratio: float = 1.06) -> list[LinkGeometry]:
+def link_geometries(model: pin.Model, collision: pin.GeometryModel) -> list[LinkGeometry]:
     """The convex pieces of a collision model: meshes as hulls, contained ones dropped, neighbours joined.
+
+    Robots of primitives only are left as they are.
 
     Args:
         model: the planned model.
         collision: its collision geometry, meshes as Coal loads them.
-        join_ratio: two pieces of a body are joined where the joint hull's volume is at most this many times their
-            sum (or a tenth of a litre more); robots of primitives only are left as they are.
 
     Raises:
         RobotError: an unsupported shape, or a mesh without volume.
@@ -133,7 +127,7 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel, *, join_rati
         pieces.append(_piece(obj.name, (link,), obj.parentJoint, shape, T))
     if not meshes:
         return pieces
-    return _joined(_without_contained(pieces), join_ratio)
+    return _joined(_without_contained(pieces))
 
 
 def _without_contained(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
@@ -153,11 +147,7 @@ def _without_contained(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
                 dropped.add(i)
                 links[k] |= links[i]
                 break
-    return [
-        LinkGeometry(p.name, tuple(sorted(links[i])), p.joint, p.geometry, p.placement, p.capsule)
-        for i, p in enumerate(pieces)
-        if i not in dropped
-    ]
+    return [replace(p, links=tuple(sorted(links[i]))) for i, p in enumerate(pieces) if i not in dropped]
 
 
 def _cloud(piece: LinkGeometry) -> Array:
@@ -168,18 +158,18 @@ def _cloud(piece: LinkGeometry) -> Array:
     return _transformed(points, piece.placement)
 
 
-def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
+def _joined(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
     """Join pieces of one body, the best pair first, as long as a joint hull grows little."""
     live = dict(enumerate(pieces))
     clouds = {i: _cloud(p) for i, p in live.items()}
-    volumes = {i: _hull_volume(c) for i, c in clouds.items()}
+    volumes = {i: float(convex_hull(c).volume) for i, c in clouds.items()}
     growth: dict[tuple[int, int], float] = {}
 
     def consider(i: int, k: int) -> None:
         if live[i].joint == live[k].joint:
             both = volumes[i] + volumes[k]
-            grown = _hull_volume(np.vstack((clouds[i], clouds[k]))) - both
-            if grown <= max((ratio - 1.0) * both, _FREE_GROWTH):
+            grown = float(convex_hull(np.vstack((clouds[i], clouds[k]))).volume) - both
+            if grown <= max((_JOIN_RATIO - 1.0) * both, _FREE_GROWTH):
                 growth[i, k] = grown
 
     for k in live:
@@ -193,7 +183,7 @@ def _joined(pieces: list[LinkGeometry], ratio: float) -> list[LinkGeometry]:
         new = max(live) + 1
         live[new] = _piece(name, links, live[i].joint, hull, np.eye(4))
         clouds[new] = _cloud(live[new])
-        volumes[new] = _hull_volume(clouds[new])
+        volumes[new] = float(convex_hull(clouds[new]).volume)
         del live[i], live[k]
         growth = {pair: g for pair, g in growth.items() if not {i, k} & set(pair)}
         for other in [n for n in live if n != new]:
@@ -206,7 +196,7 @@ def self_pairs(
     pieces: Sequence[LinkGeometry],
     home: Array,
     disabled: Iterable[Iterable[str]] | None,
-) -> npt.NDArray[np.intp]:
+) -> Indices:
     """Pairs (S, 2) of pieces to keep apart.
 
     Pieces of one joint never move relative to each other and those of neighbouring joints touch by design: both are
@@ -247,7 +237,7 @@ def _without_permanent(
     at_home = np.zeros(len(pairs), dtype=bool)
     touched = np.zeros(len(pairs), dtype=bool)
     first, second = np.asarray(pairs, dtype=np.intp).reshape(-1, 2).T
-    # a ball about each piece: most pairs are too far from each other to be asked
+    # a ball about each piece: most pairs are too far apart to be measured
     center = [0.5 * (p.capsule.a + p.capsule.b) for p in pieces]
     radius = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in pieces])
     reach = radius[first] + radius[second] + _TOUCH
@@ -286,8 +276,8 @@ def _without_permanent(
             len(names), "the SRDF asks for it" if home is None else "they seldom touch elsewhere", why,
             "; ".join(names[:8]), more,
         )  # fmt: skip
-    kept = [p for n, p in enumerate(pairs) if not drop[n]]
-    return kept, {p for n, p in enumerate(pairs) if touched[n]}
+    left = [p for n, p in enumerate(pairs) if not drop[n]]
+    return left, {p for n, p in enumerate(pairs) if touched[n]}
 
 
 def _pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:

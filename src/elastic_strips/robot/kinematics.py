@@ -6,14 +6,13 @@ the same tree once for all nodes; tests prove it equal to ``pin.forwardKinematic
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.summary import Summary
 
@@ -27,13 +26,6 @@ def _rotation_to_axis(axis: Array) -> Array:
     x = np.cross(helper, z)
     x /= np.linalg.norm(x)
     return np.column_stack((x, np.cross(z, x), z))
-
-
-def _turned(align: Array) -> Array:
-    """A rotation (3, 3) as a homogeneous matrix (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3] = align
-    return T
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -51,15 +43,20 @@ class KinematicTree(Summary):
     """
 
     space: ConfigurationSpace
-    parents: npt.NDArray[np.intp]
+    parents: Indices
     offset: Array
     align: Array
-    prismatic: npt.NDArray[np.bool_]
-    chart_index: npt.NDArray[np.intp]
-    support: npt.NDArray[np.bool_]
+    prismatic: Mask
+    chart_index: Indices
+    support: Mask
 
     @staticmethod
     def from_model(model: pin.Model, space: ConfigurationSpace) -> KinematicTree:
+        """The tree of a Pinocchio model with this configuration space.
+
+        Raises:
+            RobotError: the batched kinematics differ from Pinocchio's.
+        """
         n = model.njoints
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -104,7 +101,9 @@ class KinematicTree(Summary):
         kin.update(chart)
         for n, q in enumerate(space.from_chart(chart)):
             pin.computeJointJacobians(model, data, q)
-            placed = [data.oMi[i].homogeneous[:3] @ _turned(self.align[i]) for i in range(1, model.njoints)]
+            placed = [
+                (data.oMi[i] * pin.SE3(self.align[i], np.zeros(3))).homogeneous[:3] for i in range(1, model.njoints)
+            ]
             off = max(
                 float(np.abs(kin.T[1:, n] - np.reshape(placed, (-1, 3, 4))).max(initial=0.0)),
                 float(np.abs(kin.J[n].T - np.reshape(data.J, (6, space.nv))).max(initial=0.0)),
@@ -210,21 +209,19 @@ class Kinematics:
         J[:n, columns, :3] = linear.transpose(1, 0, 2)
         J[:n, columns, 3:] = angular.transpose(1, 0, 2)
 
-    def points(self, joints: npt.NDArray[np.intp], local: Array) -> Array:
+    def points(self, joints: Indices, local: Array) -> Array:
         """World positions (N, P, 3) of points fixed to aligned joint frames: ``joints`` (P,), ``local`` (P, 3)."""
         frames = self.T[joints, : self.n]
         out = np.matmul(frames[..., :3], local[:, None, :, None])[..., 0] + frames[..., 3]
         return out.transpose(1, 0, 2)
 
-    def point_jacobians(self, node: npt.NDArray[np.intp], joint: npt.NDArray[np.intp], point: Array) -> Array:
+    def point_jacobians(self, node: Indices, joint: Indices, point: Array) -> Array:
         """LOCAL_WORLD_ALIGNED point Jacobians (K, 3, nv) at world points (K, 3) carried by ``joint`` of ``node``."""
         columns = self.J[node]
         linear = columns[..., :3] + np.cross(columns[..., 3:], point[:, None, :])
         return (linear * self.tree.support[joint][..., None]).transpose(0, 2, 1)
 
-    def directional(
-        self, node: npt.NDArray[np.intp], joint: npt.NDArray[np.intp], point: Array, direction: Array
-    ) -> Array:
+    def directional(self, node: Indices, joint: Indices, point: Array, direction: Array) -> Array:
         """Rows nᵀJ (K, nv) of the point Jacobians at world points (K, 3) along directions (K, 3)."""
         wrench = np.empty((len(node), 6, 1))
         wrench[:, :3, 0] = direction
@@ -245,7 +242,7 @@ class ControlPoints:
     """
 
     names: tuple[str, ...]
-    joint: npt.NDArray[np.intp]
+    joint: Indices
     local: Array
 
 
@@ -258,36 +255,25 @@ def find_frame(model: pin.Model, name: str) -> int | None:
 
 def default_control_points(model: pin.Model, planar: bool, hand_frame: str | None = None) -> ControlPoints:
     """P_m at the base, one point at every joint's origin, and the hand; points that coincide always are one point."""
-    names: list[str] = []
-    joint: list[int] = []
-    local: list[Array] = []
-    if planar:
-        names.append("P_m")
-        joint.append(1)
-        local.append(np.zeros(3))
     first = 2 if planar else 1
-    for i in range(first, model.njoints):
-        names.append(f"P_{i - first + 1}")
-        joint.append(i)
-        local.append(np.zeros(3))
+    points = [("P_m", 1, np.zeros(3))] if planar else []
+    points += [(f"P_{i - first + 1}", i, np.zeros(3)) for i in range(first, model.njoints)]
     hand = None if hand_frame is None else find_frame(model, hand_frame)
     if hand is not None:
         frame = model.frames[hand]
-        carrier = int(frame.parentJoint)
-        if np.linalg.norm(frame.placement.translation) > 1e-6 or carrier != joint[-1]:
-            names.append("P_hand")
-            joint.append(carrier)
-            local.append(np.array(frame.placement.translation))
-    return ControlPoints(tuple(names), np.asarray(joint, dtype=np.intp), np.asarray(local, dtype=float).reshape(-1, 3))
+        carrier, at = int(frame.parentJoint), np.array(frame.placement.translation)
+        if np.linalg.norm(at) > 1e-6 or carrier != points[-1][1]:
+            points.append(("P_hand", carrier, at))
+    return _control_points(points)
 
 
-def parse_control_points(model: pin.Model, given: Mapping[str, str | tuple[str, npt.ArrayLike]]) -> ControlPoints:
+def parse_control_points(model: pin.Model, given: Mapping[str, str | tuple[str, ArrayLike]]) -> ControlPoints:
     """Control points given by the user: name → frame name, or name → (frame name, offset (3,) [m]).
 
     Raises:
         RobotError: an unknown frame, or an offset that is not three finite numbers.
     """
-    names, joint, local = [], [], []
+    points = []
     frames = [f.name for f in model.frames]
     if not given:
         raise RobotError("control_points is empty; give at least one, or None for the default")
@@ -299,7 +285,11 @@ def parse_control_points(model: pin.Model, given: Mapping[str, str | tuple[str, 
         if point.shape != (3,) or not np.all(np.isfinite(point)):
             raise RobotError(f"control point {name!r}: offset {offset!r} is not three finite numbers [m]")
         frame = model.frames[find_frame(model, frame_name) or 0]
-        names.append(name)
-        joint.append(int(frame.parentJoint))
-        local.append(frame.placement.act(point))
-    return ControlPoints(tuple(names), np.asarray(joint, dtype=np.intp), np.asarray(local, dtype=float))
+        points.append((name, int(frame.parentJoint), frame.placement.act(point)))
+    return _control_points(points)
+
+
+def _control_points(points: Sequence[tuple[str, int, Array]]) -> ControlPoints:
+    joint = np.array([joint for _, joint, _ in points], dtype=np.intp)
+    local = np.array([local for _, _, local in points], dtype=float).reshape(-1, 3)
+    return ControlPoints(tuple(name for name, _, _ in points), joint, local)

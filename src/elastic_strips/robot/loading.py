@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import ArrayLike
 from elastic_strips.catalogue import find_robot, is_known
 from elastic_strips.errors import RobotError, nearest_name
 
@@ -31,7 +31,7 @@ def load_robot(
     *,
     base: str | BaseKind | None = None,
     srdf: str | Path | None = None,
-    control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None = None,
+    control_points: Mapping[str, str | tuple[str, ArrayLike]] | None = None,
     joints: Iterable[str] | None = None,
     group: str | None = None,
     locked: Mapping[str, float] | None = None,

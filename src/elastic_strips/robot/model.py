@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
 from elastic_strips.summary import Summary
 
@@ -53,7 +52,7 @@ class RobotModel(Summary):
     space: ConfigurationSpace
     tree: KinematicTree
     geometries: tuple[LinkGeometry, ...]
-    self_pairs: npt.NDArray[np.intp]
+    self_pairs: Indices
     control_point_set: ControlPoints
     home_q: Array
     visual: Callable[[], pin.GeometryModel]
@@ -70,10 +69,12 @@ class RobotModel(Summary):
 
     @property
     def nq(self) -> int:
+        """Size of a configuration."""
         return self.space.nq
 
     @property
     def nv(self) -> int:
+        """Number of degrees of freedom."""
         return self.space.nv
 
     @property
@@ -88,7 +89,7 @@ class RobotModel(Summary):
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
-        """Visual geometry; read when it is first asked for, since it is most of what a URDF takes to load.
+        """Visual geometry; read at the first use, since it is most of what a URDF takes to load.
 
         The collision geometry where there is none, or where it cannot be read (a warning).
         """
@@ -96,6 +97,7 @@ class RobotModel(Summary):
 
     @property
     def control_point_names(self) -> tuple[str, ...]:
+        """Names (C) of the control points."""
         return self.control_point_set.names
 
     def same_as(self, other: RobotModel) -> bool:
@@ -170,7 +172,7 @@ class RobotModel(Summary):
         planned = {j: v for j, v in self.states[name].items() if j in self.joint_names}
         return self.home(x, y, yaw, joints=planned)
 
-    def check_q(self, q: npt.ArrayLike, *, what: str = "q", limits: bool = True) -> Array:
+    def check_q(self, q: ArrayLike, *, what: str = "q", limits: bool = True) -> Array:
         """Check a configuration (nq,) or a stack of them (N, nq); returns a float copy.
 
         A joint outside of its limits by at most 1e-4 rad (or m) is taken to the limit: what files and other programs
@@ -216,7 +218,7 @@ class RobotModel(Summary):
                 array[..., i] = np.clip(array[..., i], self.space.lower[k], self.space.upper[k])
         return array
 
-    def self_collision(self, q: npt.ArrayLike) -> tuple[str, str] | None:
+    def self_collision(self, q: ArrayLike) -> tuple[str, str] | None:
         """Names of two pieces of the robot that touch at a configuration (nq,), or None."""
         data, geometry = self.model.createData(), self.collision_model.createData()
         q = self.check_q(q, limits=False)
@@ -226,7 +228,7 @@ class RobotModel(Summary):
         i, k = self.self_pairs[hit]
         return self.geometries[i].name, self.geometries[k].name
 
-    def control_points(self, q: npt.ArrayLike) -> Array:
+    def control_points(self, q: ArrayLike) -> Array:
         """World positions (C, 3) [m] of the control points at a configuration (nq,)."""
         data = self.model.createData()
         pin.forwardKinematics(self.model, data, self.check_q(q, limits=False))
@@ -244,7 +246,7 @@ class RobotModel(Summary):
         locked: Mapping[str, float] | None = None,
         home: Mapping[str, float] | None = None,
         disabled_pairs: Iterable[Iterable[str]] | None = None,
-        control_points: Mapping[str, str | tuple[str, npt.ArrayLike]] | None = None,
+        control_points: Mapping[str, str | tuple[str, ArrayLike]] | None = None,
         hand_frame: str | None = None,
         states: Mapping[str, Mapping[str, float]] | None = None,
         urdf_path: str | None = None,
@@ -304,20 +306,16 @@ class RobotModel(Summary):
         def visual() -> pin.GeometryModel:
             try:
                 given = visual_model() if callable(visual_model) else visual_model
-            except (
-                Exception
-            ) as error:  # whatever Pinocchio and Coal throw about a file; a picture is all that it is for
-                _log.warning(
-                    "%s: the collision geometry is drawn: %s", name or model.name, " ".join(str(error).split())
-                )
+            except Exception as error:  # whatever Pinocchio and Coal throw; a picture is all that it is for
+                said = " ".join(str(error).split())
+                _log.warning("%s: the collision geometry is drawn: %s", name or model.name, said)
                 given = None
             return collision if given is None else _carried_over(model, reduced, given)
 
-        points = (
-            parse_control_points(reduced, control_points)
-            if control_points is not None
-            else default_control_points(reduced, planar, hand_frame)
-        )
+        if control_points is None:
+            points = default_control_points(reduced, planar, hand_frame)
+        else:
+            points = parse_control_points(reduced, control_points)
         q_home.setflags(write=False)
         return RobotModel(
             name=name or model.name or "robot",
@@ -406,12 +404,10 @@ def _carried_over(model: pin.Model, reduced: pin.Model, geometry: pin.GeometryMo
 
 
 def _check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) -> None:
-    names = list(model.names)[1:]
+    names = [name for name in list(model.names)[1:] if name != "root_joint"]
     for joint, value in values.items():
-        if joint not in names or joint == "root_joint":
-            raise RobotError(
-                f"{what}: unknown joint {joint!r}{nearest_name(joint, [n for n in names if n != 'root_joint'])}"
-            )
+        if joint not in names:
+            raise RobotError(f"{what}: unknown joint {joint!r}{nearest_name(joint, names)}")
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not np.isfinite(value):
             raise RobotError(f"{what}: joint {joint!r} has value {value!r}; it must be a finite number [rad or m]")
 

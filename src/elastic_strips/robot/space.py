@@ -32,6 +32,7 @@ class BaseKind(str, Enum):
 
     @property
     def planar(self) -> bool:
+        """Whether the root moves in the plane."""
         return self is not BaseKind.FIXED
 
     @staticmethod
@@ -114,24 +115,13 @@ class ConfigurationSpace(Summary):
                 )
             idx_q.append(joint.idx_q)
             circular.append(joint.nq == 2)
-            if joint.nq == 2:
-                lower.append(-np.inf)
-                upper.append(np.inf)
-            else:
-                lower.append(float(model.lowerPositionLimit[joint.idx_q]))
-                upper.append(float(model.upperPositionLimit[joint.idx_q]))
+            lower.append(-np.inf if joint.nq == 2 else float(model.lowerPositionLimit[joint.idx_q]))
+            upper.append(np.inf if joint.nq == 2 else float(model.upperPositionLimit[joint.idx_q]))
         lo, up = np.asarray(lower, float), np.asarray(upper, float)
         lo.setflags(write=False)
         up.setflags(write=False)
-        return ConfigurationSpace(
-            nq=model.nq,
-            nv=model.nv,
-            planar=planar,
-            idx_q=np.asarray(idx_q, dtype=np.intp),
-            circular=np.asarray(circular, dtype=bool),
-            lower=lo,
-            upper=up,
-        )
+        columns, turning = np.asarray(idx_q, dtype=np.intp), np.asarray(circular, dtype=bool)
+        return ConfigurationSpace(model.nq, model.nv, planar, columns, turning, lo, up)
 
     @property
     def base_nv(self) -> int:
@@ -208,7 +198,7 @@ class ConfigurationSpace(Summary):
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
         """Chart rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
 
-        Which way a half turn goes is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
+        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
         rounding makes of it.
         """
         return self.integrate(a, np.asarray(s, dtype=float)[..., None] * self.difference(a, b))
@@ -216,7 +206,7 @@ class ConfigurationSpace(Summary):
     def half_turn(self, v: Array) -> Mask:
         """(…) whether the base or a continuous joint turns by half a turn along tangent vectors ``v`` (…, nv).
 
-        Between two such configurations there are two ways, and rounding decides which one Pinocchio takes; so nothing
+        Between two such configurations there are two paths, and rounding decides which one Pinocchio takes; so nothing
         is certified on them. Within 1e-5 of π.
         """
         turned = np.abs(v[..., self.base_nv :][..., self.circular]).max(axis=-1, initial=0.0) >= _HALF_TURN

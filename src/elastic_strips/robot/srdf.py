@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+from lxml import etree
 
 from elastic_strips.errors import RobotError
 
 from .space import LIMIT_TOLERANCE
-from .urdf import Mends, UrdfSource, read_xml
+from .urdf import Mends, UrdfSource, fault, read_xml
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,26 +57,26 @@ def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
     return Srdf(source, disabled, states, groups)
 
 
-def _disabled(root: Any, source: Path, robot: UrdfSource, mends: Mends) -> frozenset[frozenset[str]]:
+def _disabled(root: etree._Element, source: Path, robot: UrdfSource, mends: Mends) -> frozenset[frozenset[str]]:
     disabled: set[frozenset[str]] = set()
     for element in root.iter("disable_collisions"):
         pair = [element.get("link1"), element.get("link2")]
         for key, name in zip(("link1", "link2"), pair, strict=True):
             if name is None:
-                raise RobotError(f"{source}:{element.sourceline}: <disable_collisions> has no attribute {key!r}")
+                raise fault(source, element, f"<disable_collisions> has no attribute {key!r}")
             if name not in robot.links:
                 mends.add("links in <disable_collisions> that the robot has not", name)
         disabled.add(frozenset(pair))
     return frozenset(disabled)
 
 
-def _states(root: Any, source: Path, robot: UrdfSource, mends: Mends) -> dict[str, dict[str, float]]:
+def _states(root: etree._Element, source: Path, robot: UrdfSource, mends: Mends) -> dict[str, dict[str, float]]:
     virtual = _virtual(root)
     states: dict[str, dict[str, float]] = {}
     for element in root.iter("group_state"):
         name = element.get("name")
         if not name:
-            raise RobotError(f"{source}:{element.sourceline}: <group_state> has no name")
+            raise fault(source, element, "<group_state> has no name")
         values = states.setdefault(name, {})
         for joint in element.iter("joint"):
             key = joint.get("name")
@@ -92,7 +93,7 @@ def _states(root: Any, source: Path, robot: UrdfSource, mends: Mends) -> dict[st
     return {name: values for name, values in states.items() if values}
 
 
-def _virtual(root: Any) -> set[str]:
+def _virtual(root: etree._Element) -> set[str]:
     """Joints of the base, which no URDF has: ``root_joint`` is Pinocchio's name for it."""
     return {element.get("name") for element in root.findall("virtual_joint")} | {"root_joint"}
 
@@ -103,7 +104,7 @@ def within_limits(value: float, robot: UrdfSource, joint: str) -> bool:
     return low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE
 
 
-def _value(joint: Any, robot: UrdfSource, where: str) -> float:
+def _value(joint: etree._Element, robot: UrdfSource, where: str) -> float:
     """The value [rad or m] of a joint: a full turn away from what is written, where only that is within its limits.
 
     That of a continuous joint may be a cosine and a sine, as Pinocchio writes it.
@@ -122,7 +123,9 @@ def _value(joint: Any, robot: UrdfSource, where: str) -> float:
     return next(fitting, numbers[0])
 
 
-def _group(elements: dict[str, Any], name: str, robot: UrdfSource, mends: Mends, passed: set[str]) -> list[str]:
+def _group(
+    elements: dict[str, etree._Element], name: str, robot: UrdfSource, mends: Mends, passed: set[str]
+) -> list[str]:
     """Joints of a group: its own, those that carry its links, those along its chains, and those of its sub-groups.
 
     Args:

@@ -1,7 +1,7 @@
 """The validating URDF reader: every fault is one error that names the file and the element.
 
-Pinocchio's own parser reports a fault as a line on standard error or a crash in C++, and some trifles as one; so a
-description is checked here first, and Pinocchio and Coal build their models from a copy in which trifles are mended.
+Pinocchio's own parser reports a fault as a line on standard error or a crash in C++, and some small faults too; so a
+description is checked here first, and Pinocchio and Coal build their models from a copy with small faults mended.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import coal
 import pinocchio as pin
@@ -46,11 +45,11 @@ class Mends:
             _log.warning("%s: %d %s: %s%s", self._source, len(names), kind, ", ".join(names[:_SHOWN]), more)
 
 
-MAX_BYTES = 8_000_000
-MAX_TEXT = 500  # characters of an attribute
+_MAX_BYTES = 8_000_000
+_MAX_TEXT = 500  # characters of an attribute
 
 
-def read_xml(path: Path, *, root: str, kind: str) -> Any:
+def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
     """Parse a file and return its root element (``lxml``).
 
     Args:
@@ -61,7 +60,7 @@ def read_xml(path: Path, *, root: str, kind: str) -> Any:
     Raises:
         RobotError: missing, unreadable, too large, with a document type or entities, malformed, or another root.
     """
-    text = read_input(path, f"{kind} file", MAX_BYTES, RobotError)
+    text = read_input(path, f"{kind} file", _MAX_BYTES, RobotError)
     if not text.strip():
         raise RobotError(f"{path}: the {kind} file is empty")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
@@ -81,9 +80,9 @@ def read_xml(path: Path, *, root: str, kind: str) -> Any:
         raise RobotError(f"{path}:{element.sourceline}: root element is <{element.tag}>; a {kind} file has <{root}>")
     for each in element.iter():  # so that every message that quotes a name stays readable
         for key, value in each.attrib.items():
-            if len(value) > MAX_TEXT:
+            if len(value) > _MAX_TEXT:
                 where = f"{path}:{each.sourceline}: <{each.tag!s:.60}>"
-                raise RobotError(f"{where}: attribute {key!s:.60} has {len(value)} characters; at most {MAX_TEXT}")
+                raise RobotError(f"{where}: attribute {key!s:.60} has {len(value)} characters; at most {_MAX_TEXT}")
     return element
 
 
@@ -98,14 +97,15 @@ def _is_utf8(text: bytes) -> bool:
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 
 
-def shown(text: str) -> str:
-    """An attribute's text as it is shown in messages: quoted, and not too long."""
-    return repr(text if len(text) <= 80 else text[:77] + "...")
+def fault(source: Path, element: etree._Element, text: str) -> RobotError:
+    """The error about an element of a file: the message begins with file and line."""
+    return RobotError(f"{source}:{element.sourceline}: {text}")
 
 
 def floats(
-    element: Any, key: str, count: int, source: Path, what: str, default: str | None = None, *, bound: float = math.inf
-) -> list[float]:
+    element: etree._Element, key: str, count: int, source: Path, what: str, default: str | None = None, *,
+    bound: float = math.inf,
+) -> list[float]:  # fmt: skip
     """The numbers of an attribute.
 
     Args:
@@ -120,25 +120,29 @@ def floats(
         RobotError: missing, not ``count`` finite numbers, or beyond ``bound``.
     """
     text = element.get(key, default)
-    where = f"{source}:{element.sourceline}: {what}"
     if text is None:
-        raise RobotError(f"{where}: <{element.tag}> has no attribute {key!r}")
-    try:
-        words = text.split()
-        if not all(_NUMBER.fullmatch(word) for word in words):  # float() reads more than a URDF may hold
-            raise ValueError
-        values = [float(word) for word in words]
-    except ValueError:
-        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is not {count} number(s)") from None
+        raise fault(source, element, f"{what}: <{element.tag}> has no attribute {key!r}")
+    quoted = repr(text if len(text) <= 80 else text[:77] + "...")
+    where = f"{what}: <{element.tag} {key}={quoted}>"
+    words = text.split()
+    if not all(_NUMBER.fullmatch(word) for word in words):  # float() reads more than a URDF may hold
+        raise fault(source, element, f"{where} is not {count} number(s)")
+    values = [float(word) for word in words]
     if len(values) != count or not all(math.isfinite(v) for v in values):
-        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is not {count} finite number(s)")
+        raise fault(source, element, f"{where} is not {count} finite number(s)")
     if any(abs(v) > bound for v in values):
-        raise RobotError(f"{where}: <{element.tag} {key}={shown(text)}> is beyond ±{bound:g}")
+        raise fault(source, element, f"{where} is beyond ±{bound:g}")
     return values
 
 
+def _check_origins(element: etree._Element, source: Path, what: str) -> None:
+    for origin in element.findall("origin"):
+        for key in ("xyz", "rpy"):
+            floats(origin, key, 3, source, what, "0 0 0", bound=MAX_LENGTH)
+
+
 _MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
-MAX_MESH_BYTES = 100_000_000
+_MAX_MESH_BYTES = 100_000_000
 _MAX_SHAPES = 500
 _MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
 _SHAPES = {
@@ -175,7 +179,7 @@ def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
     return next((f / name for f in [source.parent, *folders] if os.path.isfile(f / name)), None)
 
 
-def _check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) -> None:
+def _check_geometry(root: etree._Element, source: Path, folders: list[Path], mends: Mends) -> None:
     """Check all shapes; mesh names become paths, and a visual shape with a fault is left out.
 
     Raises:
@@ -204,19 +208,14 @@ def _check_geometry(root: Any, source: Path, folders: list[Path], mends: Mends) 
             root.remove(material)
 
 
-def _check_element(element: Any, source: Path, folders: list[Path], what: str) -> None:
-    for origin in element.findall("origin"):
-        floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
-        floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+def _check_element(element: etree._Element, source: Path, folders: list[Path], what: str) -> None:
+    _check_origins(element, source, what)
     geometry = element.find("geometry")
     if geometry is None or len(geometry) == 0:
-        raise RobotError(f"{source}:{element.sourceline}: {what} has no <geometry>")
+        raise fault(source, element, f"{what} has no <geometry>")
     shapes = [shape for each in element.findall("geometry") for shape in each]
     if len(shapes) > 1:  # all but the first would be ignored in silence
-        raise RobotError(
-            f"{source}:{shapes[1].sourceline}: {what} has a second shape <{shapes[1].tag}>; give it its own "
-            f"<{element.tag}>"
-        )
+        raise fault(source, shapes[1], f"{what} has a second shape <{shapes[1].tag}>; give it its own <{element.tag}>")
     shape = geometry[0]
     if shape.tag == "mesh":
         _check_mesh(shape, source, folders, what)
@@ -226,34 +225,30 @@ def _check_element(element: Any, source: Path, folders: list[Path], what: str) -
             values = floats(shape, key, count, source, what, bound=MAX_LENGTH)
             if min(values) < _MIN_SIZE:
                 least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
-                raise RobotError(f"{source}:{shape.sourceline}: {what} has {key} {values}; it must be {least}")
+                raise fault(source, shape, f"{what} has {key} {values}; it must be {least}")
         if shape.tag == "capsule":
-            raise RobotError(
-                f"{source}:{shape.sourceline}: {what}: Pinocchio reads no <capsule> from a URDF; give a <cylinder> and "
-                "two <sphere>s"
-            )
+            instead = "give a <cylinder> and two <sphere>s"
+            raise fault(source, shape, f"{what}: Pinocchio reads no <capsule> from a URDF; {instead}")
     else:
         hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
-        raise RobotError(f"{source}:{shape.sourceline}: {what} has unknown shape <{shape.tag}>{hint}")
+        raise fault(source, shape, f"{what} has unknown shape <{shape.tag}>{hint}")
 
 
-def _check_mesh(shape: Any, source: Path, folders: list[Path], what: str) -> None:
+def _check_mesh(shape: etree._Element, source: Path, folders: list[Path], what: str) -> None:
     name = shape.get("filename")
     if not name:
-        raise RobotError(f"{source}:{shape.sourceline}: {what} has a <mesh> without filename")
+        raise fault(source, shape, f"{what} has a <mesh> without filename")
     if 0.0 in floats(shape, "scale", 3, source, what, "1 1 1"):
-        raise RobotError(f"{source}:{shape.sourceline}: {what} has a mesh scale of 0")
+        raise fault(source, shape, f"{what} has a mesh scale of 0")
     found = resolve_mesh(name, source, folders)
     if found is None:
         searched = ", ".join(str(f) for f in folders[:4])
-        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh {name!r} not found (searched {searched}, …)")
+        raise fault(source, shape, f"{what}: mesh {name!r} not found (searched {searched}, …)")
     if found.suffix.lower() not in _MESH_SUFFIXES:
         hint = nearest_name(found.suffix.lower(), _MESH_SUFFIXES)
-        raise RobotError(
-            f"{source}:{shape.sourceline}: {what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}"
-        )
-    if not check_input(found, "mesh file", MAX_MESH_BYTES, RobotError):
-        raise RobotError(f"{source}:{shape.sourceline}: {what}: mesh file {found} is empty")
+        raise fault(source, shape, f"{what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}")
+    if not check_input(found, "mesh file", _MAX_MESH_BYTES, RobotError):
+        raise fault(source, shape, f"{what}: mesh file {found} is empty")
     shape.set("filename", f"file://{found}")
 
 
@@ -268,7 +263,7 @@ class UrdfSource:
 
     Attributes:
         path: the file.
-        document: the description as Pinocchio gets it: trifles mended, mesh files by their paths.
+        document: the description as Pinocchio gets it: small faults mended, mesh files by their paths.
         links, joints: all names.
         parents: link → (joint, link) that carry it; the root has none.
         joint_limits: joint → (lower, upper) of revolute and prismatic joints.
@@ -336,11 +331,8 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
         RobotError: Pinocchio refuses it, in its words.
     """
     try:
-        return (
-            pin.buildModelFromXML(source.document, pin.JointModelPlanar())
-            if planar
-            else pin.buildModelFromXML(source.document)
-        )
+        root = (pin.JointModelPlanar(),) if planar else ()
+        return pin.buildModelFromXML(source.document, *root)
     except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
         raise RobotError(f"{source.path}: Pinocchio cannot build the model: {_words(error)}") from None
 
@@ -362,7 +354,7 @@ def _words(error: Exception) -> str:
     return shortened(" ".join(str(error).split()), 300)
 
 
-def _bare(root: Any) -> str:
+def _bare(root: etree._Element) -> str:
     """The description without what no model is made of: plugins, transmissions."""
     for element in list(root):
         if element.tag not in ("link", "joint", "material"):
@@ -370,24 +362,23 @@ def _bare(root: Any) -> str:
     return etree.tostring(root, encoding="unicode")
 
 
-def _names(root: Any, tag: str, source: Path) -> set[str]:
+def _names(root: etree._Element, tag: str, source: Path) -> set[str]:
     names: set[str] = set()
     for element in root.findall(tag):
         name = element.get("name")
         if not name:
-            raise RobotError(f"{source}:{element.sourceline}: a <{tag}> has no name")
+            raise fault(source, element, f"a <{tag}> has no name")
         if tag == "joint" and name in _RESERVED:
-            raise RobotError(f"{source}:{element.sourceline}: <joint> {name!r}: this name is reserved; give it another")
+            raise fault(source, element, f"<joint> {name!r}: this name is reserved; give it another")
         if name in names:
-            raise RobotError(f"{source}:{element.sourceline}: <{tag}> {name!r} is defined twice")
+            raise fault(source, element, f"<{tag}> {name!r} is defined twice")
         names.add(name)
     if tag == "link" and not names:
         raise RobotError(f"{source}: the robot has no <link>")
     return names
 
 
-def _check_tree(root: Any, links: set[str], source: Path) -> dict[str, tuple[str, str]]:
-    parent_of: dict[str, str] = {}
+def _check_tree(root: etree._Element, links: set[str], source: Path) -> dict[str, tuple[str, str]]:
     parents: dict[str, tuple[str, str]] = {}
     for joint in root.findall("joint"):
         name = joint.get("name")
@@ -396,25 +387,22 @@ def _check_tree(root: Any, links: set[str], source: Path) -> dict[str, tuple[str
             element = joint.find(tag)
             link = None if element is None else element.get("link")
             if link is None:
-                raise RobotError(f"{source}:{joint.sourceline}: joint {name!r} has no <{tag} link=…>")
+                raise fault(source, joint, f"joint {name!r} has no <{tag} link=…>")
             if link not in links:
-                raise RobotError(
-                    f"{source}:{joint.sourceline}: joint {name!r} has unknown {tag} link {link!r}"
-                    + nearest_name(link, links)
-                )
+                hint = nearest_name(link, links)
+                raise fault(source, joint, f"joint {name!r} has unknown {tag} link {link!r}{hint}")
             ends.append(link)
-        if ends[1] in parent_of:
-            raise RobotError(f"{source}:{joint.sourceline}: link {ends[1]!r} is the child of two joints")
-        parent_of[ends[1]] = ends[0]
+        if ends[1] in parents:
+            raise fault(source, joint, f"link {ends[1]!r} is the child of two joints")
         parents[ends[1]] = (name, ends[0])
-    roots = links - set(parent_of)
+    roots = links - set(parents)
     if len(roots) != 1:
         found = ", ".join(sorted(roots)[:10]) if roots else "none, so the joints form a loop"
         raise RobotError(f"{source}: a robot has exactly one root link; found {len(roots)} ({found})")
     for link in links:
         seen = {link}
-        while link in parent_of:
-            link = parent_of[link]
+        while link in parents:
+            link = parents[link][1]
             if link in seen:
                 raise RobotError(f"{source}: the joints form a loop through link {link!r}")
             seen.add(link)
@@ -422,7 +410,7 @@ def _check_tree(root: Any, links: set[str], source: Path) -> dict[str, tuple[str
 
 
 def _check_joints(
-    root: Any, joints: set[str], source: Path, mends: Mends
+    root: etree._Element, joints: set[str], source: Path, mends: Mends
 ) -> tuple[dict[str, tuple[float, float]], set[str], set[str]]:
     limits: dict[str, tuple[float, float]] = {}
     mimic: set[str] = set()
@@ -432,31 +420,27 @@ def _check_joints(
         what = f"joint {name!r}"
         if kind not in _JOINT_TYPES:
             hint = nearest_name(kind, _JOINT_TYPES)
-            raise RobotError(f"{source}:{joint.sourceline}: {what} has unknown type {kind!r}{hint}")
-        for origin in joint.findall("origin"):
-            floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
-            floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+            raise fault(source, joint, f"{what} has unknown type {kind!r}{hint}")
+        _check_origins(joint, source, what)
         if kind in ("revolute", "continuous", "prismatic"):
             axis = joint.find("axis")
             length = 1.0 if axis is None else math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0", bound=1e6))
             if axis is not None and length < 1e-9:
-                raise RobotError(f"{source}:{axis.sourceline}: {what} has the axis 0 0 0; give a direction")
+                raise fault(source, axis, f"{what} has the axis 0 0 0; give a direction")
         if kind == "continuous":
             continuous.add(name)
         if kind in ("revolute", "prismatic"):
             limit = joint.find("limit")
             if limit is None:
-                raise RobotError(f"{source}:{joint.sourceline}: {what} is {kind} and has no <limit>")
+                raise fault(source, joint, f"{what} is {kind} and has no <limit>")
             (lower,) = floats(limit, "lower", 1, source, what, "0", bound=1e100)
             (upper,) = floats(limit, "upper", 1, source, what, "0", bound=1e100)
             for key in ("velocity", "effort"):
                 (value,) = floats(limit, key, 1, source, what, "0")
                 if value < 0:
-                    raise RobotError(f"{source}:{limit.sourceline}: {what} has {key} limit {value}; it must be ≥ 0")
+                    raise fault(source, limit, f"{what} has {key} limit {value}; it must be ≥ 0")
             if lower > upper:
-                raise RobotError(
-                    f"{source}:{limit.sourceline}: {what} has lower limit {lower} above upper limit {upper}"
-                )
+                raise fault(source, limit, f"{what} has lower limit {lower} above upper limit {upper}")
             limits[name] = (lower, upper)
         follower = joint.find("mimic")
         if follower is not None:
@@ -467,13 +451,13 @@ def _check_joints(
                 joint.remove(follower)
                 continue
             if leader == name:
-                raise RobotError(f"{source}:{follower.sourceline}: {what} has a <mimic> of itself")
+                raise fault(source, follower, f"{what} has a <mimic> of itself")
             floats(follower, "multiplier", 1, source, what, "1")
             floats(follower, "offset", 1, source, what, "0")
     return limits, mimic, continuous
 
 
-def _check_inertials(root: Any, source: Path, mends: Mends) -> None:
+def _check_inertials(root: etree._Element, source: Path, mends: Mends) -> None:
     for link in root.findall("link"):
         inertial = link.find("inertial")
         if inertial is None:
@@ -481,16 +465,14 @@ def _check_inertials(root: Any, source: Path, mends: Mends) -> None:
         what = f"link {link.get('name')!r}"
         mass = inertial.find("mass")
         if mass is None:
-            raise RobotError(f"{source}:{inertial.sourceline}: {what} has <inertial> without <mass>")
+            raise fault(source, inertial, f"{what} has <inertial> without <mass>")
         (value,) = floats(mass, "value", 1, source, what)
         if value < 0:
-            raise RobotError(f"{source}:{mass.sourceline}: {what} has mass {value} kg; it must be ≥ 0")
-        for origin in inertial.findall("origin"):
-            floats(origin, "xyz", 3, source, what, "0 0 0", bound=MAX_LENGTH)
-            floats(origin, "rpy", 3, source, what, "0 0 0", bound=MAX_LENGTH)
+            raise fault(source, mass, f"{what} has mass {value} kg; it must be ≥ 0")
+        _check_origins(inertial, source, what)
         tensor = inertial.find("inertia")
         if tensor is None:
-            raise RobotError(f"{source}:{inertial.sourceline}: {what} has <inertial> without <inertia>")
+            raise fault(source, inertial, f"{what} has <inertial> without <inertia>")
         for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
             (moment,) = floats(tensor, key, 1, source, what)
             if key in ("ixx", "iyy", "izz") and moment < 0:
@@ -498,4 +480,4 @@ def _check_inertials(root: Any, source: Path, mends: Mends) -> None:
                     mends.add("links with a moment of inertia below 0 by rounding, taken as 0", link.get("name"))
                     tensor.set(key, "0")
                     continue
-                raise RobotError(f"{source}:{tensor.sourceline}: {what} has {key} = {moment}; it must be ≥ 0")
+                raise fault(source, tensor, f"{what} has {key} = {moment}; it must be ≥ 0")

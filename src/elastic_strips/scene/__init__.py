@@ -2,8 +2,7 @@
 
 from .motion import Keyframes, Motion, PedestrianMotion, Twist, UnknownMotion
 from .obstacle import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Obstacle, Points, Sphere, Voxels
-from .parts import Part
-from .scene import PartTable, Scene, World
+from .scene import Scene, World
 
 __all__ = [
     "Box",
@@ -15,8 +14,6 @@ __all__ = [
     "Mesh",
     "Motion",
     "Obstacle",
-    "Part",
-    "PartTable",
     "PedestrianMotion",
     "Points",
     "Scene",

@@ -23,7 +23,7 @@ import logging
 import threading
 from collections import OrderedDict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ from elastic_strips.files import read_input
 
 from .parts import MIN_THICKNESS, flatness
 
+if TYPE_CHECKING:
+    import trimesh
+
 # trimesh is imported where it is used: it takes half a second, and only scenes with meshes need it.
 _log = logging.getLogger(__name__)
 
@@ -43,22 +46,22 @@ TOLERANCE = 1e-7
 PLATE = 1e-3
 """A flat body becomes a plate that reaches this far [m] to either side."""
 
-MAX_MESH_BYTES = 200_000_000
-MAX_FACES = 500_000
-MAX_FLAT_FACES = 2_000
-SUFFIXES = (".dae", ".obj", ".ply", ".stl")
+_MAX_MESH_BYTES = 200_000_000
+_MAX_FACES = 500_000
+_MAX_FLAT_FACES = 2_000
+_SUFFIXES = (".dae", ".obj", ".ply", ".stl")
 
 _RESOLUTION = 50_000  # voxels of V-HACD
 _MAX_HULLS = 32
 _SPLIT = 1.0 / 32.0  # surface pieces are smaller than this share of the body's size
 _KEPT = 32  # meshes in memory
 
-Faces = NDArray[np.int64]
+_Faces = NDArray[np.int64]
 _cache: OrderedDict[bytes, tuple[Array, ...]] = OrderedDict()
 _lock = threading.Lock()
 
 
-def convex_pieces(vertices: Array, faces: Faces) -> tuple[Array, ...]:
+def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
     """Vertices (V_i, 3) [m] of convex pieces whose hulls together hold the surface of the mesh.
 
     Args:
@@ -83,17 +86,17 @@ def convex_pieces(vertices: Array, faces: Faces) -> tuple[Array, ...]:
     return pieces
 
 
-def load_mesh(path: Path) -> tuple[Array, Faces]:
+def load_mesh(path: Path) -> tuple[Array, _Faces]:
     """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file; `SceneError` says what is wrong."""
     import trimesh
 
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise SceneError(f"{path}: mesh files of kind {suffix!r} are not read{nearest_name(suffix, SUFFIXES)}")
-    data = read_input(path, "mesh file", MAX_MESH_BYTES, SceneError)
+    if suffix not in _SUFFIXES:
+        raise SceneError(f"{path}: mesh files of kind {suffix!r} are not read{nearest_name(suffix, _SUFFIXES)}")
+    data = read_input(path, "mesh file", _MAX_MESH_BYTES, SceneError)
     if not data:
         raise SceneError(f"{path}: the mesh file is empty")
-    options: dict[str, Any] = {"skip_materials": True} if suffix == ".obj" else {}
+    options = {"skip_materials": True} if suffix == ".obj" else {}
     try:  # from memory: so no other file is opened by what this one names
         mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], process=False, **options)
     except Exception as error:  # trimesh raises whatever its parsers trip over
@@ -107,12 +110,12 @@ def load_mesh(path: Path) -> tuple[Array, Faces]:
     return vertices, faces
 
 
-def _decompose(vertices: Array, faces: Faces) -> list[Array]:
+def _decompose(vertices: Array, faces: _Faces) -> list[Array]:
     import trimesh
 
-    if len(faces) > MAX_FACES:
-        raise SceneError(f"the mesh has {len(faces)} triangles; at most {MAX_FACES} are accepted: simplify it first")
-    mesh: Any = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
+    if len(faces) > _MAX_FACES:
+        raise SceneError(f"the mesh has {len(faces)} triangles; at most {_MAX_FACES} are accepted: simplify it first")
+    mesh = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     mesh.update_faces(mesh.nondegenerate_faces(height=1e-12))
     if len(mesh.faces) == 0:
@@ -120,12 +123,13 @@ def _decompose(vertices: Array, faces: Faces) -> list[Array]:
     labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
     pieces: list[Array] = []
     for label in range(int(labels.max()) + 1):
-        body: Any = mesh.submesh([np.flatnonzero(labels == label)], append=True, repair=False)
+        body = mesh.submesh([np.flatnonzero(labels == label)], append=True, repair=False)
+        assert isinstance(body, trimesh.Trimesh)
         pieces += _body(np.array(body.vertices), np.array(body.faces), body)
     return pieces
 
 
-def _body(vertices: Array, faces: Faces, body: Any) -> list[Array]:
+def _body(vertices: Array, faces: _Faces, body: trimesh.Trimesh) -> list[Array]:
     """Pieces of one connected body."""
     import trimesh
 
@@ -146,7 +150,7 @@ def _body(vertices: Array, faces: Faces, body: Any) -> list[Array]:
     return _covering(vertices, faces, hulls)
 
 
-def _fills_hull(vertices: Array, faces: Faces, volume: float) -> bool:
+def _fills_hull(vertices: Array, faces: _Faces, volume: float) -> bool:
     """Whether the closed body is convex: all of its faces lie on its hull, and the volume is the hull's."""
     from scipy.spatial import ConvexHull, QhullError  # late: slow to import
 
@@ -160,11 +164,11 @@ def _fills_hull(vertices: Array, faces: Faces, volume: float) -> bool:
     return bool(depth.max() <= 1e-3 * np.ptp(vertices, axis=0).max())
 
 
-def _plates(vertices: Array, faces: Faces) -> list[Array]:
+def _plates(vertices: Array, faces: _Faces) -> list[Array]:
     """One thin prism per triangle of a flat body."""
-    if len(faces) > MAX_FLAT_FACES:
+    if len(faces) > _MAX_FLAT_FACES:
         raise SceneError(
-            f"a flat body has {len(faces)} triangles; at most {MAX_FLAT_FACES} are accepted: give it a thickness, "
+            f"a flat body has {len(faces)} triangles; at most {_MAX_FLAT_FACES} are accepted: give it a thickness, "
             "or simplify it"
         )
     corners = vertices[faces]  # (F, 3, 3)
@@ -173,13 +177,13 @@ def _plates(vertices: Array, faces: Faces) -> list[Array]:
     return [np.vstack([abc + n, abc - n]) for abc, n in zip(corners, normal, strict=True)]
 
 
-def _covering(vertices: Array, faces: Faces, hulls: list[Array]) -> list[Array]:
+def _covering(vertices: Array, faces: _Faces, hulls: list[Array]) -> list[Array]:
     """Grow ``hulls`` until they hold the surface: each small triangle goes to the hull that it sticks out of least."""
     import trimesh
     from scipy.spatial import ConvexHull
 
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    split: Any = trimesh.remesh.subdivide_to_size(vertices, faces, max_edge=_SPLIT * size, max_iter=20)
+    split = trimesh.remesh.subdivide_to_size(vertices, faces, max_edge=_SPLIT * size, max_iter=20)
     points, triangles = np.asarray(split[0]), np.asarray(split[1])
     owner = np.zeros(len(triangles), dtype=np.int64)
     least = np.full(len(triangles), np.inf)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import abc
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Motion(abc.ABC):
 
         Args:
             radius: Distance from the obstacle's origin [m].
-            start: Begin of the interval of time that is asked about [s]; ``None`` is minus infinity.
+            start: Begin of the interval of time [s]; ``None`` is minus infinity.
             end: End of the interval [s]; ``None`` is plus infinity.
         """
 
@@ -164,7 +165,6 @@ class Keyframes(Motion, Summary):
     def __init__(
         self, times: ArrayLike, positions: ArrayLike, *, quats: ArrayLike | None = None, loop: bool = False
     ) -> None:
-        put = object.__setattr__
         t = check_points("Keyframes times", times, (None,))
         p = check_points("Keyframes positions", positions, (None, 3))
         if len(p) != len(t):
@@ -201,13 +201,9 @@ class Keyframes(Motion, Summary):
                 f"at most {MAX_SPEED:g} is allowed"
             )
         opened = np.linalg.norm(p[-1] - p[0]) > 1e-9 or (q is not None and _angle(q[0], q[-1]) > 1e-9)
-        put(self, "times", t)
-        put(self, "positions", p)
-        put(self, "quats", q)
-        put(self, "loop", bool(loop))
-        put(self, "jumps", bool(loop and opened))
-        put(self, "_linear", linear)
-        put(self, "_angular", angular)
+        jumps = bool(loop and opened)
+        for f, value in zip(fields(self), (t, p, q, bool(loop), jumps, linear, angular), strict=True):
+            object.__setattr__(self, f.name, value)
 
     @property
     def relative(self) -> bool:
@@ -271,7 +267,7 @@ class Keyframes(Motion, Summary):
         return float(speeds[moving].max(initial=0.0))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _keyframes, (self.times, self.positions, self.quats, self.loop)
+        return partial(Keyframes, quats=self.quats, loop=self.loop), (self.times, self.positions)
 
     def _phase(self, t: float) -> float:
         first, last = float(self.times[0]), float(self.times[-1])
@@ -387,15 +383,6 @@ class PedestrianMotion(Motion):
     def _piece(self, t: float) -> int:
         return max(bisect_right(self._times, t) - 1, 0)
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return _restored_pedestrian, (
-            self.track,
-            self.acceleration,
-            list(self._times),
-            list(self._places),
-            list(self._rates),
-        )
-
 
 def check_motion(value: object) -> Motion | None:
     """Check that ``value`` is a `Motion` or None."""
@@ -423,10 +410,6 @@ def _interval(start: float | None, end: float | None) -> tuple[float, float]:
     return begin, stop
 
 
-def _keyframes(times: Array, positions: Array, quats: Array | None, loop: bool) -> Keyframes:
-    return Keyframes(times, positions, quats=quats, loop=loop)
-
-
 def _angle(a: Array, b: Array) -> float:
     """Angle [rad] in [0, pi] between two unit quaternions, accurate for small ones too."""
     if float(a @ b) < 0.0:
@@ -448,14 +431,6 @@ def _turn(a: Array, b: Array) -> Array:
     axis = a[3] * b[:3] - b[3] * a[:3] - np.cross(b[:3], a[:3])  # vector part of b times the conjugate of a
     length = float(np.linalg.norm(axis))
     return axis * (_angle(a, b) / length) if length > 0.0 else np.zeros(3)
-
-
-def _restored_pedestrian(
-    track: Keyframes, acceleration: float, times: list[float], places: list[float], rates: list[float]
-) -> PedestrianMotion:
-    new = PedestrianMotion(track, acceleration)
-    new._times, new._places, new._rates = times, places, rates
-    return new
 
 
 def _axis_rotation(axis: Array, angle: float) -> Array:

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.errors import SceneError
 from elastic_strips.summary import shortened
 from elastic_strips.validation import check_number, shown
@@ -36,7 +36,6 @@ from .quantities import (
 
 _ORIGIN = (0.0, 0.0, 0.0)
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-_put = object.__setattr__
 _Self = TypeVar("_Self", bound="Obstacle")
 
 
@@ -65,12 +64,12 @@ class Obstacle:
     anchor: Array
     anchor_time: float
     solid: Solid
-    spec: dict[str, Any]
+    spec: Document
 
     def _fill(
         self,
         shape: str,
-        spec: dict[str, Any],
+        spec: Document,
         solid: Solid,
         at: ArrayLike,
         quat: ArrayLike,
@@ -78,30 +77,15 @@ class Obstacle:
         motion: Motion | None,
     ) -> None:
         anchor = pose_of(at, quat)
-        _put(self, "name", check_name(name))
-        _put(self, "shape", shape)
-        _put(self, "motion", check_motion(motion))
+        _put(self, shape=shape, spec=spec, solid=solid, name=check_name(name), motion=check_motion(motion))
         pose = _pose_at(motion, anchor, 0.0)
         if motion is not None and not motion.relative:
             _check_agreement(anchor, pose)
-        _put(self, "pose", pose)
-        _put(self, "time", 0.0)
-        _put(self, "anchor", anchor)
-        _put(self, "anchor_time", 0.0)
-        _put(self, "solid", solid)
-        _put(self, "spec", spec)
+        _put(self, pose=pose, time=0.0, anchor=anchor, anchor_time=0.0)
 
-    def _copy(self: _Self, name: str | None, pose: Array, time: float, anchor: Array, anchor_time: float) -> _Self:
+    def _copy(self: _Self, **changes: object) -> _Self:
         new = object.__new__(type(self))
-        _put(new, "name", name)
-        _put(new, "shape", self.shape)
-        _put(new, "pose", pose)
-        _put(new, "motion", self.motion)
-        _put(new, "time", time)
-        _put(new, "anchor", anchor)
-        _put(new, "anchor_time", anchor_time)
-        _put(new, "solid", self.solid)
-        _put(new, "spec", self.spec)
+        _put(new, **{key: getattr(self, key) for key in Obstacle.__slots__} | changes)
         return new
 
     @property
@@ -135,16 +119,14 @@ class Obstacle:
         `Keyframes` are absolute: the copy is back on its track at the next `at`.
         """
         pose = check_pose(pose)
-        return self._copy(self.name, pose, self.time, pose, self.time)
+        return self._copy(pose=pose, anchor=pose, anchor_time=self.time)
 
     def observed(self: _Self, pose: Array, motion: Motion | None) -> _Self:
         """Copy as a sensor sees it: at ``pose`` (4, 4) [m] now, and moving from there as ``motion`` says.
 
         Shares the parts; ``pose`` and ``motion`` are not checked.
         """
-        new = self._copy(self.name, pose, self.time, pose, self.time)
-        _put(new, "motion", motion)
-        return new
+        return self._copy(pose=pose, anchor=pose, anchor_time=self.time, motion=motion)
 
     def at(self: _Self, t: float) -> _Self:
         """Copy at its pose at time ``t`` [s], or itself if it does not move."""
@@ -152,13 +134,13 @@ class Obstacle:
         if self.motion is None or self.motion.still or t == self.time:
             return self
         pose = _pose_at(self.motion, self.anchor, t - self._origin_time())
-        return self._copy(self.name, pose, t, self.anchor, self.anchor_time)
+        return self._copy(pose=pose, time=t)
 
     def named(self: _Self, name: str) -> _Self:
         """Copy with another name."""
         if check_name(name) is None:
             raise SceneError("name must be a non-empty printable string, not None")
-        return self._copy(name, self.pose, self.time, self.anchor, self.anchor_time)
+        return self._copy(name=name)
 
     def _origin_time(self) -> float:
         """Time [s] at which the motion's own clock is zero."""
@@ -229,7 +211,31 @@ class Sphere(Obstacle):
         self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion)
 
 
-class Cylinder(Obstacle):
+class _Round(Obstacle):
+    """A solid that is round about its z axis, of a radius and a length."""
+
+    __slots__ = ()
+    _form: type[coal.CollisionGeometry]
+    _caps = False  # whether half spheres add to the length
+
+    def __init__(
+        self,
+        radius: float,
+        length: float,
+        *,
+        at: ArrayLike = _ORIGIN,
+        quat: ArrayLike = _UPRIGHT,
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        kind = self._form.__name__
+        r, z = check_length(f"{kind} radius", radius), check_length(f"{kind} length", length)
+        half = 0.5 * z + r if self._caps else 0.5 * z
+        solid = primitive(self._form(r, z), (r, r, half), half if self._caps else math.hypot(r, half))
+        self._fill(kind.lower(), {"radius": r, "length": z}, solid, at, quat, name, motion)
+
+
+class Cylinder(_Round):
     """A cylinder about its z axis; the origin is at half its length.
 
     Args:
@@ -238,23 +244,10 @@ class Cylinder(Obstacle):
     """
 
     __slots__ = ()
-
-    def __init__(
-        self,
-        radius: float,
-        length: float,
-        *,
-        at: ArrayLike = _ORIGIN,
-        quat: ArrayLike = _UPRIGHT,
-        name: str | None = None,
-        motion: Motion | None = None,
-    ) -> None:
-        r, z = check_length("Cylinder radius", radius), check_length("Cylinder length", length)
-        solid = primitive(coal.Cylinder(r, z), (r, r, 0.5 * z), math.hypot(r, 0.5 * z))
-        self._fill("cylinder", {"radius": r, "length": z}, solid, at, quat, name, motion)
+    _form = coal.Cylinder
 
 
-class Capsule(Obstacle):
+class Capsule(_Round):
     """A capsule about its z axis; the origin is at its centre.
 
     Args:
@@ -263,23 +256,11 @@ class Capsule(Obstacle):
     """
 
     __slots__ = ()
-
-    def __init__(
-        self,
-        radius: float,
-        length: float,
-        *,
-        at: ArrayLike = _ORIGIN,
-        quat: ArrayLike = _UPRIGHT,
-        name: str | None = None,
-        motion: Motion | None = None,
-    ) -> None:
-        r, z = check_length("Capsule radius", radius), check_length("Capsule length", length)
-        solid = primitive(coal.Capsule(r, z), (r, r, 0.5 * z + r), 0.5 * z + r)
-        self._fill("capsule", {"radius": r, "length": z}, solid, at, quat, name, motion)
+    _form = coal.Capsule
+    _caps = True
 
 
-class Cone(Obstacle):
+class Cone(_Round):
     """A cone about its z axis, apex at +z; the origin is at half its height.
 
     Args:
@@ -288,20 +269,7 @@ class Cone(Obstacle):
     """
 
     __slots__ = ()
-
-    def __init__(
-        self,
-        radius: float,
-        length: float,
-        *,
-        at: ArrayLike = _ORIGIN,
-        quat: ArrayLike = _UPRIGHT,
-        name: str | None = None,
-        motion: Motion | None = None,
-    ) -> None:
-        r, z = check_length("Cone radius", radius), check_length("Cone length", length)
-        solid = primitive(coal.Cone(r, z), (r, r, 0.5 * z), math.hypot(r, 0.5 * z))
-        self._fill("cone", {"radius": r, "length": z}, solid, at, quat, name, motion)
+    _form = coal.Cone
 
 
 class ConvexHull(Obstacle):
@@ -448,12 +416,16 @@ def check_name(value: object) -> str | None:
     return value
 
 
-def _restored(kind: type[Obstacle], state: dict[str, Any]) -> Obstacle:
+def _put(obstacle: Obstacle, **values: object) -> None:
+    for key, value in values.items():
+        object.__setattr__(obstacle, key, value)
+
+
+def _restored(kind: type[Obstacle], state: Document) -> Obstacle:
     """Rebuild a pickled obstacle."""
+    _freeze(state)
     new = object.__new__(kind)
-    for key, value in state.items():
-        _freeze(value)
-        _put(new, key, value)
+    _put(new, **state)
     return new
 
 

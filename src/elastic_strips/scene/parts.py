@@ -8,10 +8,9 @@ The union of the boxes does not change: only boxes of one grid that fill a large
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import permutations
-from typing import Any
 
 import coal
 import numpy as np
@@ -37,7 +36,7 @@ class Part:
         boxes: For a block: the (coal.Box, translation (3,)) of its members; empty otherwise.
     """
 
-    geometry: Any  # coal.CollisionGeometry or None
+    geometry: coal.CollisionGeometry | None
     T_obstacle_part: Array
     center: Array
     half_extents: Array
@@ -54,13 +53,12 @@ class Part:
         return tuple(g for g, _ in self.boxes) if self.geometry is None else (self.geometry,)
 
     def __reduce__(self) -> tuple[object, ...]:
-        state = (self.geometry, self.T_obstacle_part, self.center, self.half_extents, self.radius, self.boxes)
-        return _restored, state
+        return _restored, tuple(getattr(self, f.name) for f in fields(self))
 
 
-def _restored(geometry: coal.CollisionGeometry | None, *rest: Any) -> Part:
+def _restored(*state: object) -> Part:
     """Rebuild a pickled part: Coal pickles a primitive without its local AABB."""
-    part = Part(geometry, *rest)
+    part = Part(*state)  # type: ignore[arg-type]
     for member in part.members:
         member.computeLocalAABB()
     return part
@@ -145,17 +143,17 @@ def flatness(points: Array) -> float:
 BLOCK = 0.45
 """Edge [m] of the cells of space that a cluster is cut into; each occupied cell is one `Part`."""
 
-SNAP = 1e-3
+_SNAP = 1e-3
 """Centres within this share of a voxel's edge of a regular grid are snapped to it (boxes grow by what was snapped)."""
 
 MAX_CENTERS = 2_000_000
-MAX_BOXES = 400_000  # a kilobyte each
+_MAX_BOXES = 400_000  # a kilobyte each
 """Most boxes of one obstacle: as they are given, and after merging."""
 
 _IDENTITY = np.eye(4)
 _IDENTITY.flags.writeable = False
 
-Index = NDArray[np.int64]
+_Index = NDArray[np.int64]
 
 
 def cluster_solid(centers: Array, size: Array) -> Solid:
@@ -165,19 +163,19 @@ def cluster_solid(centers: Array, size: Array) -> Solid:
     otherwise every box stays. The boxes are grouped by cells of about `BLOCK` metres.
 
     Raises:
-        SceneError: more than `MAX_CENTERS` boxes, or more than `MAX_BOXES` after merging.
+        SceneError: more than `MAX_CENTERS` boxes, or more than `_MAX_BOXES` after merging.
     """
     if len(centers) > MAX_CENTERS:
         raise SceneError(f"{len(centers)} boxes are given; at most {MAX_CENTERS} are accepted: thin them out first")
     lows, highs, block = merged_boxes(centers, size)
-    if len(lows) > MAX_BOXES:
+    if len(lows) > _MAX_BOXES:
         raise SceneError(
-            f"{len(lows)} boxes are left after merging; at most {MAX_BOXES} are accepted: take a coarser grid"
+            f"{len(lows)} boxes are left after merging; at most {_MAX_BOXES} are accepted: take a coarser grid"
         )
     return Solid(_blocks(lows, highs, block))
 
 
-def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, Index]:
+def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, _Index]:
     """Corners ``lows``, ``highs`` (m, 3) [m] of boxes with the same union, and the cell (m, 3) each one lies in."""
     turns = np.exp(2j * np.pi * centers / size).mean(axis=0)
     origin = np.angle(turns) / (2.0 * np.pi) * size
@@ -185,7 +183,7 @@ def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, Index]:
     first = cells.min(axis=0)  # blocks start at the lowest voxel
     cells, origin = cells - first, origin + first * size
     slip = np.abs(centers - (cells * size + origin)).max(axis=0)
-    if (slip > SNAP * size).any():  # no grid
+    if (slip > _SNAP * size).any():  # no grid
         keep = _unique(np.rint(centers * 1e9).astype(np.int64))
         middles = centers[keep]
         return (
@@ -199,13 +197,13 @@ def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, Index]:
     return (low - 0.5) * size + origin - grow, (high - 0.5) * size + origin + grow, low // span
 
 
-def merge_cells(cells: Index, span: Index) -> tuple[Index, Index]:
+def merge_cells(cells: _Index, span: _Index) -> tuple[_Index, _Index]:
     """Merge unit ``cells`` (V, 3), without duplicates, into boxes [low, high) (m, 3) that fill the same cells.
 
     Runs along one axis are joined, then equal runs along the next, then the last; of the six orders the best one
     counts. No box crosses a multiple of ``span`` (3,).
     """
-    best: tuple[Index, Index] | None = None
+    found: list[tuple[_Index, _Index]] = []
     flat = (cells == cells[:1]).all(axis=0)
     tried: set[tuple[int, ...]] = set()
     for order in permutations(range(3)):
@@ -216,13 +214,11 @@ def merge_cells(cells: Index, span: Index) -> tuple[Index, Index]:
         low, high = cells, cells + 1
         for done, axis in enumerate(order):
             low, high = _join(low, high, axis, order[:done], span)
-        if best is None or len(low) < len(best[0]):
-            best = low, high
-    assert best is not None
-    return best
+        found.append((low, high))
+    return min(found, key=lambda boxes: len(boxes[0]))
 
 
-def _join(low: Index, high: Index, axis: int, merged: tuple[int, ...], span: Index) -> tuple[Index, Index]:
+def _join(low: _Index, high: _Index, axis: int, merged: tuple[int, ...], span: _Index) -> tuple[_Index, _Index]:
     """Join boxes that touch along ``axis`` and agree in the others (``merged`` axes have other lengths than 1)."""
     others = [a for a in range(3) if a != axis]
     keys = [low[:, a] for a in others] + [high[:, a] for a in others if a in merged]
@@ -238,7 +234,7 @@ def _join(low: Index, high: Index, axis: int, merged: tuple[int, ...], span: Ind
     return low[starts], joined
 
 
-def _unique(keys: Index) -> Index:
+def _unique(keys: _Index) -> _Index:
     """Indices, ascending, of the first of each group of equal rows of ``keys`` (V, 3)."""
     order = np.lexsort([keys[:, 2], keys[:, 1], keys[:, 0]])  # stable: the first of equal rows stays first
     ranked = keys[order]
@@ -246,7 +242,7 @@ def _unique(keys: Index) -> Index:
     return np.sort(order[fresh])
 
 
-def _blocks(lows: Array, highs: Array, block: Index) -> list[Part]:
+def _blocks(lows: Array, highs: Array, block: _Index) -> list[Part]:
     """One part per block; equal boxes share one Coal geometry."""
     order = np.lexsort([block[:, 2], block[:, 1], block[:, 0]])
     lows, highs, block = lows[order], highs[order], block[order]
@@ -258,8 +254,7 @@ def _blocks(lows: Array, highs: Array, block: Index) -> list[Part]:
     far = np.linalg.norm(np.abs(middles - np.repeat(center, counts, axis=0)) + 0.5 * sizes, axis=1)
     radius = np.maximum.reduceat(far, starts).tolist()
     middles.flags.writeable = False
-    cache: dict[tuple[float, ...], coal.Box] = {}
-    members = list(zip(_boxes(sizes, cache), middles, strict=True))
+    members = list(zip(_boxes(sizes), middles, strict=True))
     bounds = [*starts.tolist(), len(lows)]
     return [
         Part(None, _IDENTITY, center[i], half[i], radius[i], tuple(members[bounds[i] : bounds[i + 1]]))
@@ -267,13 +262,10 @@ def _blocks(lows: Array, highs: Array, block: Index) -> list[Part]:
     ]
 
 
-def _boxes(sizes: Array, cache: dict[tuple[float, ...], coal.Box]) -> list[coal.Box]:
+def _boxes(sizes: Array) -> list[coal.Box]:
     """Coal boxes of ``sizes`` (m, 3) [m]; equal ones (to 1e-12 m) are one object."""
-    result = []
-    for key in map(tuple, np.round(sizes, 12).tolist()):
-        box = cache.get(key)
-        if box is None:
-            box = cache[key] = coal.Box(*key)
-            box.computeLocalAABB()
-        result.append(box)
-    return result
+    keys = list(map(tuple, np.round(sizes, 12).tolist()))
+    boxes = {key: coal.Box(*key) for key in dict.fromkeys(keys)}
+    for box in boxes.values():
+        box.computeLocalAABB()
+    return [boxes[key] for key in keys]

@@ -18,7 +18,7 @@ MAX_LENGTH = 1e6
 MIN_LENGTH = 1e-6
 """Smallest size that is accepted [m]; below it the distances (accurate to about 3e-6 m) mean nothing."""
 
-MAX_TIME = 1e12
+_MAX_TIME = 1e12
 """Largest time that is accepted [s]."""
 
 QUAT_TOLERANCE = 1e-6
@@ -30,7 +30,7 @@ POSE_TOLERANCE = 1e-6
 
 def check_time(what: str, value: object) -> float:
     """Check a time [s]."""
-    return check_number(what, value, low=-MAX_TIME, high=MAX_TIME, unit="s", error=SceneError)
+    return check_number(what, value, low=-_MAX_TIME, high=_MAX_TIME, unit="s", error=SceneError)
 
 
 def check_length(what: str, value: object) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from types import MappingProxyType
 
@@ -107,19 +107,7 @@ def _update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequ
         half[rows] = np.minimum(spread, table.radius[rows, None])
     for array in (rotation, translation, center, half):
         array.flags.writeable = False
-    return PartTable(
-        table.parts,
-        table.obstacle_index,
-        table.offsets,
-        rotation,
-        translation,
-        center,
-        half,
-        table.radius,
-        table._local_translation,
-        table._local_center,
-        table._local_half,
-    )
+    return replace(table, rotation=rotation, translation=translation, center=center, half_extents=half)
 
 
 class Scene:
@@ -168,7 +156,7 @@ class Scene:
                 name = _free_name(obstacle.shape, k, index)
                 given[k] = obstacle.named(name)
                 index[name] = k
-        _set(self, tuple(o.at(time) for o in given), time, {o.name or "": k for k, o in enumerate(given)}, None, ())
+        _fill(self, tuple(o.at(time) for o in given), time)
 
     @property
     def table(self) -> PartTable:
@@ -201,7 +189,7 @@ class Scene:
         k = self._place(name)
         old = self.obstacles
         if old[k].time != self.time:  # a static obstacle keeps the time it was made for
-            new = old[k]._copy(name, old[k].pose, self.time, old[k].anchor, old[k].anchor_time).moved(pose)
+            new = old[k]._copy(time=self.time).moved(pose)
         else:
             new = old[k].moved(pose)
         return self._derived((*old[:k], new, *old[k + 1 :]), self.time, (k,))
@@ -225,24 +213,16 @@ class Scene:
         """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time."""
         if not isinstance(obstacle, Obstacle):
             raise SceneError(f"this is no obstacle (Box, Sphere, …): {shown(obstacle)}")
-        k = len(self.obstacles)
-        name = obstacle.name
-        if name is None:
-            name = _free_name(obstacle.shape, k, self._index)
-            obstacle = obstacle.named(name)
-        elif name in self._index:
-            raise SceneError(f"there already is an obstacle {name!r} in the scene; names must be unique")
-        new = object.__new__(Scene)
-        _set(new, (*self.obstacles, obstacle.at(self.time)), self.time, {**self._index, name: k}, None, ())
-        return new
+        if obstacle.name is None:
+            obstacle = obstacle.named(_free_name(obstacle.shape, len(self.obstacles), self._index))
+        elif obstacle.name in self._index:
+            raise SceneError(f"there already is an obstacle {obstacle.name!r} in the scene; names must be unique")
+        return _made((*self.obstacles, obstacle.at(self.time)), self.time)
 
     def without(self, name: str) -> Scene:
         """Snapshot without the obstacle of that name."""
         k = self._place(name)
-        obstacles = (*self.obstacles[:k], *self.obstacles[k + 1 :])
-        new = object.__new__(Scene)
-        _set(new, obstacles, self.time, {o.name or "": i for i, o in enumerate(obstacles)}, None, ())
-        return new
+        return _made((*self.obstacles[:k], *self.obstacles[k + 1 :]), self.time)
 
     def rows_changed_since(self, earlier: Scene) -> Indices | None:
         """Rows of `table` whose pose differs from an ``earlier`` snapshot's; None if the scenes have other obstacles.
@@ -270,12 +250,11 @@ class Scene:
 
     def _derived(self, obstacles: tuple[Obstacle, ...], time: float, changed: tuple[int, ...]) -> Scene:
         """Snapshot that differs in the poses of the ``changed`` obstacles."""
-        new = object.__new__(Scene)
         if self._table is not None:
             source = self._table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
-        _set(new, obstacles, time, self._index, source, changed, self.names)
+        new = _made(obstacles, time, self, source, changed)
         if source is not None and not changed:
             object.__setattr__(new, "_table", source)
         return new
@@ -305,7 +284,7 @@ class Scene:
         raise AttributeError(f"Scene is immutable; {key!r} cannot be deleted")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restored, (self.obstacles, self.time)
+        return _made, (self.obstacles, self.time)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -317,6 +296,9 @@ class World(Summary):
         appears: Name → time [s]; an obstacle that is not named has always been there.
         vanishes: Name → time [s] at which it is gone; an obstacle that is not named stays for ever.
 
+    Attributes:
+        event_times: Times [s], ascending, at which something appears or vanishes.
+
     Raises:
         SceneError: A name that the scene has not, a time that is no finite number, an obstacle that vanishes before
             or when it appears.
@@ -325,7 +307,7 @@ class World(Summary):
     scene: Scene
     appears: Mapping[str, float] = field(default_factory=dict)
     vanishes: Mapping[str, float] = field(default_factory=dict)
-    _events: tuple[float, ...] = field(init=False, repr=False)  # times at which something appears or vanishes
+    event_times: tuple[float, ...] = field(init=False, repr=False)
     _latest: dict[int, Scene] = field(init=False, repr=False)  # number of events passed → newest snapshot made
 
     def __post_init__(self) -> None:
@@ -341,7 +323,7 @@ class World(Summary):
                     f"obstacle {name!r} vanishes at {end:g} s; it must be later than it appears, {begin:g} s"
                 )
         events = sorted({*self.appears.values(), *self.vanishes.values()})
-        object.__setattr__(self, "_events", tuple(events))
+        object.__setattr__(self, "event_times", tuple(events))
         object.__setattr__(self, "_latest", {})
 
     def at(self, t: float) -> Scene:
@@ -351,7 +333,7 @@ class World(Summary):
         that it shares what did not move and `Scene.rows_changed_since` costs next to nothing.
         """
         t = check_time("time", t)
-        phase = bisect_right(self._events, t)
+        phase = bisect_right(self.event_times, t)
         latest = self._latest.get(phase)
         if latest is None:
             there = [o for o in self.scene if self.exists(o.name or "", t)]
@@ -391,11 +373,6 @@ class World(Summary):
         """Names of the obstacles that have a motion, known or not."""
         return tuple(o.name or "" for o in self.scene if o.motion is not None)
 
-    @property
-    def event_times(self) -> tuple[float, ...]:
-        """Times [s], ascending, at which something appears or vanishes."""
-        return self._events
-
     def speed_bound(self, name: str | None = None, *, start: float | None = None, end: float | None = None) -> float:
         """Largest speed [m/s] of any point of an obstacle while it exists between ``start`` and ``end`` [s].
 
@@ -418,41 +395,43 @@ class World(Summary):
             begin = max(low, self.appears.get(obstacle.name or "", -math.inf))
             stop = min(high, self.vanishes.get(obstacle.name or "", math.inf))
             if obstacle.motion is not None and begin <= stop:
-                fastest = max(
-                    fastest,
-                    obstacle.speed_bound(
-                        start=None if begin == -math.inf else begin, end=None if stop == math.inf else stop
-                    ),
-                )
+                fastest = max(fastest, obstacle.speed_bound(start=begin, end=stop))
         return fastest
 
     def __reduce__(self) -> tuple[object, ...]:
         return World, (self.scene, dict(self.appears), dict(self.vanishes))
 
 
-def _set(
+def _made(
+    obstacles: tuple[Obstacle, ...],
+    time: float,
+    like: Scene | None = None,
+    source: PartTable | None = None,
+    changed: tuple[int, ...] = (),
+) -> Scene:
+    """A scene of named obstacles at their poses; those of ``like`` have the same names."""
+    new = object.__new__(Scene)
+    _fill(new, obstacles, time, like, source, changed)
+    return new
+
+
+def _fill(
     scene: Scene,
     obstacles: tuple[Obstacle, ...],
     time: float,
-    index: dict[str, int],
-    source: PartTable | None,
-    changed: tuple[int, ...],
-    names: tuple[str, ...] | None = None,
+    like: Scene | None = None,
+    source: PartTable | None = None,
+    changed: tuple[int, ...] = (),
 ) -> None:
+    index = {o.name or "": k for k, o in enumerate(obstacles)} if like is None else like._index
     put = object.__setattr__
     put(scene, "obstacles", obstacles)
-    put(scene, "names", tuple(index) if names is None else names)
+    put(scene, "names", tuple(index) if like is None else like.names)
     put(scene, "time", time)
     put(scene, "_index", index)
     put(scene, "_table", None)
     put(scene, "_source", source)
     put(scene, "_changed", changed)
-
-
-def _restored(obstacles: tuple[Obstacle, ...], time: float) -> Scene:
-    new = object.__new__(Scene)
-    _set(new, obstacles, time, {o.name or "": k for k, o in enumerate(obstacles)}, None, ())
-    return new
 
 
 def _free_name(shape: str, place: int, taken: dict[str, int]) -> str:

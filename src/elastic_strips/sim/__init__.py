@@ -8,27 +8,24 @@ from typing import TYPE_CHECKING
 from elastic_strips._late import late_names
 
 if TYPE_CHECKING:
-    from .baselines import base_simulation
+    from .baselines.base_controller import base_simulation
     from .closed_loop import Simulation, simulation
-    from .evaluation import Contact, Evaluation, evaluate, protective_separation
+    from .evaluation import Evaluation, evaluate
     from .faults import FAULTS, Fault
-    from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
-    from .plant import KinematicPlant, OdometryParams, Plant, PlantParams
+    from .perception import Perception, PerceptionError, PerceptionParams
+    from .plant import KinematicPlant, Plant, PlantParams
     from .sensed_perception import SensorPerception
     from .task import TaskResult, TaskSimulation
 
 __all__ = [
-    "Contact",
     "FAULTS",
     "Fault",
     "KinematicPlant",
-    "NoisyGroundTruth",
     "Perception",
     "PerceptionError",
     "PerceptionParams",
     "Plant",
     "PlantParams",
-    "OdometryParams",
     "SensorPerception",
     "Simulation",
     "TaskResult",
@@ -36,19 +33,19 @@ __all__ = [
     "Evaluation",
     "base_simulation",
     "evaluate",
-    "protective_separation",
     "simulation",
 ]
 
 __getattr__ = late_names(  # a scenario needs nothing of what driving it needs
     __name__,
     {
-        "baselines": ("base_simulation",),
-        "evaluation": ("Contact", "Evaluation", "evaluate", "protective_separation"),
+        "baselines": (),
+        "baselines.base_controller": ("base_simulation",),
+        "evaluation": ("Evaluation", "evaluate"),
         "faults": ("FAULTS", "Fault"),
         "closed_loop": ("Simulation", "simulation"),
-        "perception": ("NoisyGroundTruth", "Perception", "PerceptionError", "PerceptionParams"),
-        "plant": ("KinematicPlant", "Plant", "PlantParams", "OdometryParams"),
+        "perception": ("Perception", "PerceptionError", "PerceptionParams"),
+        "plant": ("KinematicPlant", "Plant", "PlantParams"),
         "sensed_perception": ("SensorPerception",),
         "task": ("TaskResult", "TaskSimulation"),
         "tracking_bound": (),

@@ -8,7 +8,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
 from time import perf_counter, sleep
-from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast
+from typing import Generic, ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -98,11 +98,12 @@ class _Controls(Protocol):
 
     def log(self, kind: str, reason: str) -> None: ...
 
-    def step(self, t: float, measurement: Measurement | None, sensed: Any, /, *, trouble: str = ...) -> Command: ...
+    @property
+    def step(self) -> Callable[..., Command]: ...
 
 
-Driver = TypeVar("Driver", bound=_Controls)
-StripDriver = TypeVar("StripDriver", bound=Controller)
+_Driver = TypeVar("_Driver", bound=_Controls)
+_StripDriver = TypeVar("_StripDriver", bound=Controller)
 
 
 class InlineExecutor(Executor):
@@ -117,7 +118,7 @@ class InlineExecutor(Executor):
         return future
 
 
-class Simulation(Generic[Driver]):
+class Simulation(Generic[_Driver]):
     """Workspace: advances truth, movers and sensors, hands the controller what it may know, and writes everything down.
 
     Obstacles of the world that yield begin anew, and from then on this simulation sets their clocks.
@@ -139,13 +140,13 @@ class Simulation(Generic[Driver]):
 
     def __init__(
         self,
-        controller: Driver,
+        controller: _Driver,
         world: World,
         plant: Plant,
         perception: _Senses,
         *,
         goal: Array | None = None,
-        watch: Callable[[Any], object] | None = None,
+        watch: Callable[[Simulation[_Driver]], object] | None = None,
         realtime: bool = False,
         record: bool = True,
         metadata: dict[str, object] | None = None,
@@ -312,13 +313,13 @@ def simulation(
     perception: PerceptionParams | Perception | None = None,
     faults: Iterable[Fault] = (),
     seed: int = 0,
-    watch: Callable[[Any], object] | None = None,
+    watch: Callable[[Simulation[_StripDriver]], object] | None = None,
     realtime: bool = False,
     record: bool = True,
     metadata: dict[str, object] | None = None,
-    make: Callable[..., StripDriver] | None = None,
-    **options: Any,
-) -> Simulation[StripDriver]:
+    make: Callable[..., _StripDriver] | None = None,
+    **options: object,
+) -> Simulation[_StripDriver]:
     """A controller of the elastic strip in a world, ready to run.
 
     Args:
@@ -354,14 +355,14 @@ def simulation(
         senses = NoisyGroundTruth(world, params.assumptions, noise, rng)
     else:
         senses = noise
-    if make is None:
-        make = partial(cast("type[StripDriver]", Controller), robot, start, goal)
-    controller = make(
+    begin = make or cast("Callable[..., _StripDriver]", partial(Controller, robot, start, goal))
+    controller = begin(
         senses.known(), params=params, limits=limits, seed=seed, executor=InlineExecutor(),
         events=None if record else KEPT_EVENTS, **options,
     )  # fmt: skip
     if fault_plan.faults:
-        senses, machine = FaultyPerception(senses, fault_plan), FaultyPlant(machine, fault_plan)
+        senses = cast("Perception", FaultyPerception(senses, fault_plan))
+        machine = cast("Plant", FaultyPlant(machine, fault_plan))
         slow = 10.0 * params.latency * params.control_dt
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
     machine.reset(robot.space.to_chart(robot.check_q(start, what="start")))

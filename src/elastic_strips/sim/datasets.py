@@ -16,8 +16,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ScenarioError, SceneError
+from elastic_strips.io import PoseSpec
 from elastic_strips.io.nodes import Node, load_json
-from elastic_strips.io.scenario_file import PoseSpec
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH

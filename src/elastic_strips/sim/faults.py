@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from elastic_strips.arrays import Array
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.strip_timer import PlanResult
@@ -91,76 +90,36 @@ class FaultPlan:
 
 
 class FaultyPerception:
-    """Workspace: what senses, with scenes that are frozen, late, or no scenes at all."""
+    """Workspace: what senses, with scenes that are frozen, late, or no scenes at all; all else is as it was."""
 
     def __init__(self, inner: Perception, faults: FaultPlan) -> None:
-        self.inner, self.params = inner, inner.params
-        self._faults = faults
+        self._inner, self._faults = inner, faults
         self._last: Scene | None = None
 
-    @property
-    def contact(self) -> str:
-        return self.inner.contact
-
-    @property
-    def suite(self) -> object:
-        """Sensors, where the scene is made of what they read."""
-        return getattr(self.inner, "suite", None)
-
-    def known(self) -> Scene:
-        return self.inner.known()
-
-    def observe(self, t: float, chart: Array, estimate: Array) -> None:
-        self.inner.observe(t, chart, estimate)
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._inner, name)
 
     def sense(self, t: float) -> Scene:
         if self._faults.active("nan_obstacle", t):
             raise PerceptionError("the sensed scene holds a pose that is not finite")
         if self._last is None or not self._faults.active("scene_frozen", t):
-            self._last = self.inner.sense(t - (_SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
+            self._last = self._inner.sense(t - (_SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
         return self._last
 
 
 class FaultyPlant:
-    """Workspace: a machine whose odometry is lost at times."""
+    """Workspace: a machine whose odometry is lost at times; all else is as it was."""
 
     def __init__(self, inner: Plant, faults: FaultPlan) -> None:
-        self.inner, self._faults = inner, faults
+        self._inner, self._faults = inner, faults
 
-    @property
-    def time(self) -> float:
-        return self.inner.time
-
-    @property
-    def chart(self) -> Array:
-        return self.inner.chart
-
-    @property
-    def v(self) -> Array:
-        return self.inner.v
-
-    @property
-    def motors(self) -> Array:
-        return self.inner.motors
-
-    @property
-    def contact_events(self) -> tuple[object, ...]:
-        """What a physical plant saw the robot touch."""
-        return tuple(getattr(self.inner, "contact_events", ()))
-
-    def reset(self, chart: Array, time: float = 0.0) -> None:
-        self.inner.reset(chart, time)
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._inner, name)
 
     def step(self, command: Command, dt: float) -> Measurement:
-        if self._faults.active("lost_odometry", self.time):
-            self.lost_odometry(self.time + dt)
-        return self.inner.step(command, dt)
-
-    def lost_odometry(self, until: float) -> None:
-        self.inner.lost_odometry(until)
-
-    def close(self) -> None:
-        self.inner.close()
+        if self._faults.active("lost_odometry", self._inner.time):
+            self._inner.lost_odometry(self._inner.time + dt)
+        return self._inner.step(command, dt)
 
 
 def faulty_planning(plan_tick: PlanTick, faults: FaultPlan, *, slow: float) -> PlanTick:

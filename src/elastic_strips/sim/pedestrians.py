@@ -24,7 +24,7 @@ _ROUND = (ShapeKind.SPHERE, *LONG_ROUND)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Discs:
+class _Discs:
     """An obstacle as upright discs in its own frame.
 
     Attributes:
@@ -38,7 +38,7 @@ class Discs:
     half: Array
 
     @staticmethod
-    def of(obstacle: Obstacle) -> Discs:
+    def of(obstacle: Obstacle) -> _Discs:
         """The discs of an obstacle: one for each round part, of others as many as lie side by side along it."""
         rows: list[tuple[Array, float, Array]] = []
         upright = abs(float(obstacle.pose[2, 2])) > 0.999
@@ -57,10 +57,10 @@ class Discs:
                     centre[along] += long * ((2 * k + 1) / count - 1.0)
                     rows.append((centre, math.hypot(long / count, wide), half))
         centre, radius, half = zip(*rows, strict=True)
-        return Discs(np.array(centre), np.array(radius), np.array(half))
+        return _Discs(np.array(centre), np.array(radius), np.array(half))
 
 
-def _distances(footprint: PlanarFootprint, base: Array, discs: Discs, poses: Array) -> Array:
+def _distances(footprint: PlanarFootprint, base: Array, discs: _Discs, poses: Array) -> Array:
     """Distances (P,) [m] seen from above of an obstacle at poses (P, 4, 4) from a robot with its base at (x, y, yaw).
 
     They are infinite where no heights overlap.
@@ -140,9 +140,6 @@ class Pedestrians:
         if self._movers:
             world.forget()
 
-    def __len__(self) -> int:
-        return len(self._movers)
-
     def step(self, t: float, chart: Array, v: Array) -> None:
         """Set all clocks from the time ``t`` [s] on.
 
@@ -176,7 +173,7 @@ class _Mover:
     def __init__(self, obstacle: Obstacle, motion: PedestrianMotion) -> None:
         self.name, self.motion, self.wish = obstacle.name or "", motion, 1.0
         self._since: float | None = None
-        self._anchor, self._discs = obstacle.anchor, Discs.of(obstacle)
+        self._anchor, self._discs = obstacle.anchor, _Discs.of(obstacle)
         self._begin = -math.inf if motion.track.loop else float(motion.track.times[0])
         self._cell = max(float(np.diff(motion.track.times).min(initial=1.0)), 1e-3)
 

@@ -110,12 +110,8 @@ class NoisyGroundTruth:
         """Nothing: this perception knows the world."""
 
     def sense(self, t: float) -> Scene:
-        """The world at time ``t`` [s] less the delay."""
-        return self._noisy(self.world.at(t - self.params.delay))
-
-    def _noisy(self, scene: Scene) -> Scene:
-        """Moving obstacles as they are sensed: a pose and a velocity, both a little off, and no more of the future."""
-        seen = []
+        """The world at time ``t`` [s] less the delay: of what moves a pose and a velocity, both a little off."""
+        scene, seen = self.world.at(t - self.params.delay), []
         for obstacle in scene:
             if obstacle.motion is None:
                 continue

@@ -17,6 +17,7 @@ from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
+from elastic_strips.validation import check_number
 
 _SLACK = 1e-9  # [s] times that differ by less are the same
 
@@ -42,17 +43,11 @@ class OdometryParams:
     fix_latency: float = 0.02
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: a negative value, NaN, or a fix period of 0.
-        """
+        if not self.fix_period > 0.0:
+            raise ParameterError(f"fix_period={self.fix_period!r} must be positive; math.inf for no fixes")
         for f in fields(self):
-            value = getattr(self, f.name)
-            if not value >= 0.0 or (math.isinf(value) and f.name != "fix_period"):
-                raise ParameterError(f"{f.name}={value!r} must be a finite number ≥ 0")
-        if self.fix_period == 0.0:
-            raise ParameterError("fix_period=0 must be positive; math.inf for no fixes")
+            if f.name != "fix_period":
+                check_number(f.name, getattr(self, f.name), low=0.0)
 
     @staticmethod
     def ideal() -> OdometryParams:
@@ -167,16 +162,6 @@ def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[f
     return v, way
 
 
-def stopping_time(speed: float, below: float, lag: float, push: float) -> float:
-    """Time [s] in which a :func:`speed_loop` that is told to stand gets from a ``speed`` > 0 to under ``below``."""
-    if speed <= below:
-        return 0.0
-    knee = push * lag  # from here on the lag brakes more gently than the limit
-    if below >= knee:
-        return (speed - below) / push
-    return max(speed - knee, 0.0) / push + lag * math.log(min(speed, knee) / below)
-
-
 _ARC = 0.005  # [s] longest piece of time that is driven as one arc
 
 
@@ -209,18 +194,11 @@ class PlantParams:
     odometry: OdometryParams = field(default_factory=OdometryParams)
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: a value outside its range.
-        """
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if f.name == "odometry":
-                continue
-            low = 1.0 if f.name.endswith("margin") else 0.0
-            if not value >= low or (math.isinf(value) and low == 0.0):
-                raise ParameterError(f"{f.name}={value!r} must be a number ≥ {low:g}")
+        for name in ("speed_margin", "acceleration_margin"):
+            if not getattr(self, name) >= 1.0:
+                raise ParameterError(f"{name}={getattr(self, name)!r} must be a number ≥ 1")
+        for name in ("wheel_lag", "joint_lag", "slip", "slip_time", "slip_noise", "jitter"):
+            check_number(name, getattr(self, name), low=0.0)
         if self.slip > 0.2 or self.slip_noise > 0.2:
             raise ParameterError(f"slip={self.slip!r} and slip_noise={self.slip_noise!r} must be at most 0.2")
         if self.slip > 0.0 and self.slip_time == 0.0:
@@ -279,8 +257,8 @@ class KinematicPlant:
     """Speed loops with lag and limited acceleration, wheels that slip, exact arcs; about 40 µs per step.
 
     A zero command brakes a speed v to below w = 0.01 m/s within ``v/a − τ + τ ln(aτ/w)`` where v > aτ, else within
-    ``τ ln(v/w)``, plus the jitter; τ is the lag, a the limit of the acceleration times its margin
-    (:meth:`stopping_time`). Below 0.0005 m/s it stands still: friction.
+    ``τ ln(v/w)``, plus the jitter; τ is the lag, a the limit of the acceleration times its margin.
+    Below 0.0005 m/s it stands still: friction.
 
     Args:
         robot: the robot; any kind of base.
@@ -387,11 +365,6 @@ class KinematicPlant:
 
     def close(self) -> None:
         """Nothing to give back."""
-
-    def stopping_time(self, speed: float, *, below: float = 0.01) -> float:
-        """Longest time [s] from a zero command at a rim's ``speed`` [m/s] until it is under ``below`` [m/s]."""
-        lag, push = self.params.wheel_lag, min(self._push, default=math.inf)
-        return stopping_time(speed, below, lag, push) + (self.params.jitter if speed > below else 0.0)
 
     def _change_slip(self, dt: float) -> None:
         p = self.params

@@ -127,7 +127,7 @@ class SensorPerception:
             PerceptionError: no reading has come yet.
         """
         if not self.estimator.times:
-            raise PerceptionError(f"none of the sensors {', '.join(self.suite.names)} has read anything yet")
+            raise PerceptionError(f"none of the sensors {', '.join(self.suite.config.names)} has read anything yet")
         return self.estimator.scene()
 
 

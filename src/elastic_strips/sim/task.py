@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 from elastic_strips.arrays import ArrayLike
 from elastic_strips.control import DriveParams, DriveResult
-from elastic_strips.control.tasks import ConstraintEvent, HybridControl, Order, Task, TaskPlan, deliberate
+from elastic_strips.control.tasks import HybridControl, Order, Task, TaskPlan, deliberate
+from elastic_strips.control.tasks.hybrid import ConstraintEvent
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
@@ -77,7 +78,7 @@ class TaskSimulation:
         perception: PerceptionParams | Perception | None = None,
         seed: int = 0,
         look: Callable[[HybridControl], object] | None = None,
-        **options: Any,
+        **options: object,
     ) -> None:
         if not isinstance(perception, PerceptionParams):
             check_able("perception", perception, "known", "sense")
@@ -89,13 +90,11 @@ class TaskSimulation:
         if not self.deliberation.steps:
             return
 
-        def make(scene: Scene, **values: Any) -> HybridControl:
-            return HybridControl(robot, start, self.deliberation, scene, keep=keep, look=look, **values)
-
+        begin: Callable[..., Simulation[HybridControl]] = simulation
         try:
-            self.simulation = simulation(
+            self.simulation = begin(
                 robot, world, start, self.deliberation.steps[-1].q, params=params, perception=perception, seed=seed,
-                make=make, **options,
+                make=partial(HybridControl, robot, start, self.deliberation, keep=keep, look=look), **options,
             )  # fmt: skip
         except ConfigurationError as error:
             self.deliberation = replace(self.deliberation, steps=(), reason=str(error))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, Generic
+from typing import Generic
 
 import numpy as np
 
@@ -14,20 +14,20 @@ from elastic_strips.arrays import Array, Indices
 from elastic_strips.collision import (
     BodySet,
     Certificate,
-    Certifier,
     MotionBounds,
-    NodePrediction,
     ObstacleProximity,
+    ProtectiveHulls,
     SelfProximity,
 )
+from elastic_strips.collision.candidates import NodePrediction
+from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.validation import check_able, check_choice, check_count, check_type
+from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
 
 from .params import StripParams
 from .report import DeformStatus, R, StripForces, settled_report
-from .resampling import Edit
 from .strip import Strip
 
 NodePredictor = Callable[[Array], NodePrediction]
@@ -55,20 +55,17 @@ class PhaseClock:
         """Seconds since the start."""
         return perf_counter() - self._begin
 
-    def total(self) -> float:
-        """Sum of all phases [s]."""
-        return sum(self.phases.values())
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TickResult:
-    """What the iterations of a tick came to: certificate, sideways slip [m], motion, energies, external forces."""
+    """What the iterations of a tick came to; see :class:`DeformReport` for the attributes."""
 
     certificate: Certificate
     slip: float
     moved: float
     energies: dict[str, float]
     forces: StripForces
+    iterations: int = 0
 
 
 class Workspace:
@@ -147,7 +144,7 @@ class Workspace:
             scene: the obstacles.
             to_move: the nodes are about to move, and all is measured again then. With a prediction, and the same
                 obstacles as before, the distances that are known do for the forces: what moves as predicted is where
-                it was reckoned with.
+                the prediction had it.
         """
         current = strip is self._strip
         if not current:
@@ -177,10 +174,10 @@ class Workspace:
         self.kin.update(chart)
         self._distances(scene)
 
-    def edit(self, edit: Edit, chart: Array, scene: Scene) -> None:
-        """Insert and remove nodes; what is known of the others is carried over."""
-        self.obstacles.remap(edit.source)
-        self.self_pairs.remap(edit.source)
+    def edit(self, chart: Array, source: Indices, scene: Scene) -> None:
+        """Make nodes (N, nv) current, whose node i was node ``source[i]`` (−1: none), with what is known."""
+        self.obstacles.remap(source)
+        self.self_pairs.remap(source)
         self.clock.mark("maintenance")
         self.replace(chart, scene)
 
@@ -222,8 +219,8 @@ class BaseDeformer(ABC, Generic[R]):
         self.clock = PhaseClock()
         self.workspace = Workspace(robot, params, self.clock, **reaches)
         self._rest_step, self._max_ticks = params.rest_step, params.max_ticks
+        self._rolling = False  # whether wheels have to follow the strip
 
-    @abstractmethod
     def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> R:
         """One control tick: deform the strip away from the obstacles and certify it.
 
@@ -238,9 +235,18 @@ class BaseDeformer(ABC, Generic[R]):
             ConfigurationError: the strip belongs to another robot.
             ParameterError: a budget that is not a positive number.
         """
+        already = self.workspace.queries
+        self._load(strip, scene, budget=budget, to_move=True)
+        result = self._iterations(scene, budget)
+        return self._report(scene, result, self.workspace.queries - already, detail)
 
     @abstractmethod
-    def _report(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> R: ...
+    def _iterate(self, scene: Scene) -> TickResult:
+        """One iteration from the current nodes."""
+
+    @abstractmethod
+    def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> R:
+        """The report of a tick that made so many exact distance queries."""
 
     def settle(
         self,
@@ -248,7 +254,7 @@ class BaseDeformer(ABC, Generic[R]):
         scene: Scene,
         *,
         max_ticks: int | None = None,
-        until: str = "rest",
+        until: str | Callable[[R], bool] = "rest",
         watch: Callable[[R], object] | None = None,
         detail: bool = False,
     ) -> R:
@@ -258,7 +264,8 @@ class BaseDeformer(ABC, Generic[R]):
             strip: where to start.
             scene: the obstacles, standing still.
             max_ticks: at most this many ticks; the parameter's value where None.
-            until: ``"rest"``, or ``"certified"`` to stop at the first certified strip.
+            until: ``"rest"``, or ``"certified"`` to stop at the first certified strip; or a function of a tick's report
+                that says whether to stop.
             watch: called with the report of every tick.
             detail: as in :meth:`step`, for the last report.
 
@@ -269,7 +276,8 @@ class BaseDeformer(ABC, Generic[R]):
         Raises:
             ParameterError: ``until`` or ``max_ticks`` outside its range.
         """
-        check_choice("until", until, ("rest", "certified"))
+        if not callable(until):
+            check_choice("until", until, ("rest", "certified"))
         limit = self._max_ticks if max_ticks is None else check_count("max_ticks", max_ticks, low=1)
         check_able("watch", watch)
         timings: dict[str, float] = {}
@@ -283,7 +291,7 @@ class BaseDeformer(ABC, Generic[R]):
                 timings[phase] = timings.get(phase, 0.0) + value
             if watch is not None:
                 watch(report)
-            done = until == "certified" and report.certified and report.usable
+            done = until(report) if callable(until) else until == "certified" and report.usable
             if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
                 return settled_report(report, ticks, timings, seconds, queries)
 
@@ -292,6 +300,18 @@ class BaseDeformer(ABC, Generic[R]):
         self._load(strip, scene)
         return self.workspace.certify(scene)
 
+    def assess(self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None) -> R:
+        """Report on a strip as it is: certificate, clearance, hulls; nothing moves.
+
+        Args:
+            strip, scene, detail: as in :meth:`step`.
+            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
+        """
+        self._load(strip, scene, prediction)
+        slip = float(strip.lateral_slip.max(initial=0.0)) if self._rolling else 0.0
+        result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
+        return self._report(scene, result, 0, detail)
+
     def reset(self) -> None:
         """Forget all that is kept from tick to tick; for after an exception."""
         self.workspace.reset()
@@ -299,9 +319,12 @@ class BaseDeformer(ABC, Generic[R]):
     # the parts of a tick
 
     def _load(
-        self, strip: Strip, scene: Scene, prediction: NodePredictor | None = None, *, to_move: bool = False
-    ) -> None:
+        self, strip: Strip, scene: Scene, prediction: NodePredictor | None = None, *,
+        budget: float | None = None, to_move: bool = False,
+    ) -> None:  # fmt: skip
         """Check what a tick is given, start the clock and make the strip current."""
+        if budget is not None:
+            check_number("budget", budget, above=0.0, unit="s")
         check_able("prediction", prediction)
         check_type("scene", scene, Scene, SceneError)
         self._check(strip)
@@ -317,32 +340,30 @@ class BaseDeformer(ABC, Generic[R]):
                 f"{self.robot.name!r} (nq {self.robot.nq}): they differ in joints, shapes or pairs of links"
             )
 
-    def _iterations(self, iterate: Callable[[], TickResult], budget: float | None) -> tuple[TickResult, int]:
-        """Iterations of one tick, and how many: one without a budget, else until it is spent or the strip at rest."""
+    def _iterations(self, scene: Scene, budget: float | None) -> TickResult:
+        """Iterations of one tick: one without a budget, else until it is spent or the strip at rest."""
         count = 0
         while True:
             began = self.clock.elapsed
-            result = iterate()
+            result = self._iterate(scene)
             count += 1
             spent = self.clock.elapsed - began
             done = result.moved < self._rest_step and result.certificate.certified
             if budget is None or self.clock.elapsed + spent > budget or done:
-                return result, count
+                return replace(result, iterations=count)
 
-    def _assess(self, strip: Strip, scene: Scene, slip: float, detail: bool) -> R:
-        """Report on the strip that was loaded, as it is."""
-        result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
-        return self._report(scene, result, 0, 0, detail)
-
-    def _common(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> dict[str, Any]:
-        """What the reports of all presets have, but the status."""
+    def _reported(
+        self, kind: type[R], scene: Scene, result: TickResult, queries: int, detail: bool, *,
+        status: DeformStatus, reason: str, hulls: ProtectiveHulls | None,
+    ) -> R:  # fmt: skip
+        """A report with what those of all presets have."""
         obstacles = self.workspace.obstacles
         clearance = float(obstacles.clearance().min(initial=obstacles.influence))
         strip = self.workspace.strip()
         self.clock.mark("report")
-        return {
-            "strip": strip, "scene": scene, "certificate": result.certificate, "node_clearance": clearance,
-            "energies": result.energies, "timings": self.clock.phases, "seconds": self.clock.total(),
-            "iterations": iterations, "moved": result.moved, "slip": result.slip, "queries": queries,
-            "forces": result.forces if detail else None,
-        }  # fmt: skip
+        return kind(
+            strip=strip, status=status, reason=reason, scene=scene, certificate=result.certificate,
+            node_clearance=clearance, energies=result.energies, timings=self.clock.phases,
+            seconds=sum(self.clock.phases.values()), iterations=result.iterations, moved=result.moved,
+            slip=result.slip, queries=queries, forces=result.forces if detail else None, tunnel=hulls,
+        )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Orientation constraint: an axis of the robot that points in a direction while the strip gives way."""
+"""Orientation constraint: an axis of the robot that points in a given direction at every node of a strip."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.kinematics import find_frame
+from elastic_strips.validation import check_number
 
 from .solver import System
 
@@ -39,10 +40,8 @@ class OrientationConstraint:
             value = np.asarray(getattr(self, what), dtype=float)
             if value.shape != (3,) or not np.isfinite(value).all() or np.linalg.norm(value) < 1e-9:
                 raise ParameterError(f"{name}.{what}={getattr(self, what)!r} must be three finite numbers, not all 0")
-        if not 0.0 < self.tolerance <= np.pi:
-            raise ParameterError(f"{name}.tolerance={self.tolerance!r} must lie in (0, π] rad")
-        if not 0.0 < self.gain < np.inf:
-            raise ParameterError(f"{name}.gain={self.gain!r} must be finite and > 0")
+        check_number(f"{name}.tolerance", self.tolerance, above=0.0, high=np.pi, unit="rad")
+        check_number(f"{name}.gain", self.gain, above=0.0)
 
     @staticmethod
     def at(

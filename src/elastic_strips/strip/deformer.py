@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.collision import Certificate, ProtectiveHulls, protective_hulls
+from elastic_strips.collision import Certificate, ProtectiveHulls
+from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.validation import check_number, check_type
+from elastic_strips.validation import check_type
 
 from .base_deformer import BaseDeformer, NodePredictor, TickResult
 from .constraint import ConstraintForce, OrientationConstraint
@@ -106,28 +107,19 @@ class Deformer(BaseDeformer[DeformReport]):
             ConfigurationError: the strip belongs to another robot.
             ParameterError: a budget that is not a positive number.
         """
-        if budget is not None:
-            check_number("budget", budget, above=0.0, unit="s")
         work = self.workspace
         already, known = work.queries, work.holds(strip)
-        self._load(strip, scene, prediction, to_move=True)
+        self._load(strip, scene, prediction, budget=budget, to_move=True)
         self._proven = self._to_keep(strip, scene, known)
-        result, iterations = self._iterations(lambda: self._iterate(scene), budget)
+        result = self._iterations(scene, budget)
         if nodes and (budget is None or self.clock.elapsed <= budget):
             result = self._resample(scene, result)
-        return self._report(scene, result, iterations, work.queries - already, detail)
+        return self._report(scene, result, work.queries - already, detail)
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it."""
         self._proven, self._scene = False, None
         return super().certify(strip, scene)
-
-    def assess(
-        self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None
-    ) -> DeformReport:
-        """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
-        self._load(strip, scene, prediction)
-        return self._assess(strip, scene, float(strip.lateral_slip.max(initial=0.0)), detail)
 
     def reset(self) -> None:
         """Forget all that is known from tick to tick; for after an exception."""
@@ -254,10 +246,11 @@ class Deformer(BaseDeformer[DeformReport]):
         self.clock.mark("maintenance")
         if edit is None:
             return result
-        before, chart, slip = work.chart.copy(), edit.chart, result.slip
+        before, slip = work.chart.copy(), result.slip
+        chart, source = edit
         if self._rolling:  # a removed node joins two arcs into one that must be drivable again
             chart, slip = project_rolling(space, chart)
-        work.edit(edit, chart, scene)
+        work.edit(chart, source, scene)
         edited = replace(result, certificate=work.certify(scene), slip=slip)
         if _is_proven(result) and not _is_proven(edited):  # the removed nodes were needed
             work.replace(before, scene)
@@ -272,7 +265,7 @@ class Deformer(BaseDeformer[DeformReport]):
         world = work.kin.points(points.joint, local)
         return protective_hulls(world, np.repeat(free[:, None], len(points.names), axis=1), cap=cap)
 
-    def _report(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> DeformReport:
+    def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> DeformReport:
         hulls = self._hulls() if detail else None
         rest, wide = result.moved < self.params.rest_step, ""
         if rest:
@@ -284,10 +277,11 @@ class Deformer(BaseDeformer[DeformReport]):
         if result.slip > SLIP_LIMIT:
             status = DeformStatus.BROKEN if rest else DeformStatus.DEFORMING
             reason = f"a segment slips sideways by {result.slip:.2e} m, more than {SLIP_LIMIT:g} m"
-        common = self._common(scene, result, iterations, queries, detail)
+        report = self._reported(DeformReport, scene, result, queries, detail, status=status, reason=reason, hulls=hulls)
         self._proven, self._scene = _is_proven(result), scene
-        errors = None if self.constraint is None else self.constraint.errors(self.workspace.kin)
-        return DeformReport(status=status, reason=reason, tunnel=hulls, constraint_errors=errors, **common)
+        if self.constraint is None:
+            return report
+        return replace(report, constraint_errors=self.constraint.errors(self.workspace.kin))
 
 
 def _is_proven(result: TickResult) -> bool:

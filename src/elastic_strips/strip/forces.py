@@ -1,11 +1,13 @@
-"""Forces of the default preset. Each adds force and matrix to a :class:`System` and returns its potential."""
+"""Forces of the default preset. Each adds force, matrix and potential to a :class:`System`."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.collision import Contacts, SelfContacts, SelfProximity
+from elastic_strips.collision import SelfProximity
+from elastic_strips.collision.narrowphase import Contacts
+from elastic_strips.collision.self_distance import SelfContacts
 from elastic_strips.robot import ConfigurationSpace, Kinematics
 
 from .solver import System
@@ -21,7 +23,7 @@ def repulsive_magnitude(distance: Array, k_r: float, influence: float) -> Array:
     return k_r * np.maximum(influence - distance, 0.0)
 
 
-def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array) -> float:
+def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array) -> None:
     """Springs between neighbouring nodes: V = ½ Σ_j v_jᵀ diag(w) v_j with v_j = ``pin.difference(q_j, q_{j+1})``.
 
     Being quadratic in the spacing itself, it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.
@@ -32,9 +34,6 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
         space: configuration space.
         v: (N−1, nv) segment tangents.
         weight: (nv,) stiffness of each tangent coordinate.
-
-    Returns:
-        The potential V.
     """
     pull = v * weight
     energy = 0.5 * float(np.einsum("ij,ij->", pull, v))
@@ -56,7 +55,6 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
     diagonal[1:, index, index] += weight[b:]
     upper[:, index, index] -= weight[b:]
     system.energies["elastic"] = energy
-    return energy
 
 
 def add_repulsion(
@@ -69,7 +67,7 @@ def add_repulsion(
     influence: float,
     k_near: float = 0.0,
     near: float = 0.0,
-) -> float:
+) -> None:
     """Repulsion at the links' witness points: Eqs. 2–3 mapped by Eqs. 6–7, with a stiffer layer close to obstacles.
 
     V = Σ ½ k_r (d_r − d)₊² + ½ k_near (d_near − d)₊².
@@ -81,9 +79,6 @@ def add_repulsion(
         joint: (G,) joint of each body.
         k_r, influence: gain and influence distance d_r [m].
         k_near, near: gain and distance [m] of the stiff layer.
-
-    Returns:
-        The potential V.
     """
     distance = contacts.distance
     energy = float(repulsive_potential(distance, k_r, influence).sum())
@@ -98,17 +93,12 @@ def add_repulsion(
         rows = kin.directional(contacts.node, joint[contacts.body], contacts.witness, contacts.direction)
         system.add_rows(contacts.node, rows, push, stiffness)
     system.energies["repulsion"] = energy
-    return energy
 
 
 def add_self_repulsion(
     system: System, kin: Kinematics, proximity: SelfProximity, contacts: SelfContacts, *, k_s: float
-) -> float:
-    """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊², d_s the pair's repulsion distance.
-
-    Returns:
-        The potential V.
-    """
+) -> None:
+    """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊², d_s the pair's repulsion distance."""
     influence = proximity.repulsion[contacts.pair]
     gap = np.maximum(influence - contacts.distance, 0.0)
     energy = 0.5 * k_s * float((gap**2).sum())
@@ -119,15 +109,10 @@ def add_self_repulsion(
         rows = rows - kin.directional(contacts.node, joint[two], contacts.second, contacts.direction)
         system.add_rows(contacts.node, rows, k_s * gap, np.where(gap > 0.0, k_s, 0.0))
     system.energies["self_collision"] = energy
-    return energy
 
 
-def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *, k_l: float, margin: float) -> float:
-    """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊².
-
-    Returns:
-        The potential V.
-    """
+def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *, k_l: float, margin: float) -> None:
+    """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
     below = np.maximum(space.lower + margin - chart, 0.0)
     above = np.maximum(chart - space.upper + margin, 0.0)
     energy = 0.5 * k_l * float((below**2).sum() + (above**2).sum())
@@ -136,10 +121,9 @@ def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *,
         index = np.arange(space.nv)
         system.diagonal[:, index, index] += k_l * ((below > 0).astype(float) + (above > 0))
     system.energies["joint_limits"] = energy
-    return energy
 
 
-def add_posture(system: System, space: ConfigurationSpace, chart: Array, target: Array, *, k_p: Array) -> float:
+def add_posture(system: System, space: ConfigurationSpace, chart: Array, target: Array, *, k_p: Array) -> None:
     """Pull the joints towards a posture: V = ½ Σ k_p (θ − θ*)².
 
     Args:
@@ -148,9 +132,6 @@ def add_posture(system: System, space: ConfigurationSpace, chart: Array, target:
         chart: (N, nv) nodes.
         target: (nv,) or (N, nv) posture; the base's entries do not count.
         k_p: (nv,) gains, zero for the base.
-
-    Returns:
-        The potential V.
     """
     b = space.base_nv
     off = np.zeros_like(chart)
@@ -163,4 +144,3 @@ def add_posture(system: System, space: ConfigurationSpace, chart: Array, target:
     index = np.arange(space.nv)
     system.diagonal[:, index, index] += k_p
     system.energies["posture"] = energy
-    return energy

@@ -1,10 +1,10 @@
-"""What a tick hands out: the strip, its status with the reason, its certificate, what it cost."""
+"""Reports: the result of a tick, with the strip, its status and the reason, its certificate, and what it cost."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -72,6 +72,8 @@ class DeformReport(Summary):
         tunnel: protective hulls, or None where they were not requested.
         constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
     """
+
+    connectivity_counts: ClassVar[bool] = False  # whether a strip whose protective hulls do not overlap is refused
 
     strip: Strip
     status: DeformStatus

@@ -2,28 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.robot import ConfigurationSpace
-
-
-@dataclass(frozen=True, slots=True)
-class Edit:
-    """A change of a strip's nodes.
-
-    Attributes:
-        chart: (M, nv) the new nodes.
-        source: (M,) index of the old node that each was; −1 for a new one.
-        inserted, removed: how many.
-    """
-
-    chart: Array
-    source: Indices
-    inserted: int
-    removed: int
 
 
 def node_spacing(space: ConfigurationSpace, chart: Array, weight: Array) -> Array:
@@ -41,7 +23,7 @@ def resample(
     min_spacing: float,
     split: Mask | None = None,
     max_nodes: int = 512,
-) -> Edit | None:
+) -> tuple[Array, Indices] | None:
     """Divide segments that are too long, or marked; drop inner nodes that are too close to their neighbours.
 
     Args:
@@ -54,12 +36,14 @@ def resample(
         max_nodes: no node is inserted above this number.
 
     Returns:
-        The edit, or None where nothing changes.
+        The new nodes (M, nv), and the index (M,) of the old node that each was, −1 for a new one; None where nothing
+        changes.
     """
     spacing = node_spacing(space, chart, weight)
     pieces = np.clip(np.ceil(spacing / max_spacing).astype(int), 1, 8)
     if split is not None:
-        pieces[split & (spacing > 0.05 * min_spacing)] = np.maximum(pieces[split & (spacing > 0.05 * min_spacing)], 2)
+        halved = split & (spacing > 0.05 * min_spacing)
+        pieces[halved] = np.maximum(pieces[halved], 2)
     room = max_nodes - len(chart)
     if int((pieces - 1).sum()) > room:  # marked segments first, then where the pieces are longest
         wanted, priority = pieces, np.zeros(len(spacing)) if split is None else split * 1e6
@@ -72,8 +56,7 @@ def resample(
         undivided = pieces[j - 1] == 1 and pieces[j] == 1
         if undivided and keep[j - 1] and spacing[j - 1] + spacing[j] < min_spacing:
             keep[j] = False
-    inserted, removed = int((pieces - 1).sum()), int((~keep).sum())
-    if inserted == 0 and removed == 0:
+    if keep.all() and (pieces == 1).all():
         return None
     rows, source = [], []
     for j in range(len(chart)):
@@ -84,4 +67,4 @@ def resample(
             s = np.arange(1, pieces[j]) / pieces[j]
             rows.extend(space.interpolate(chart[j][None], chart[j + 1][None], s))
             source.extend([-1] * (pieces[j] - 1))
-    return Edit(np.array(rows), np.asarray(source, dtype=np.intp), inserted, removed)
+    return np.array(rows), np.asarray(source, dtype=np.intp)

@@ -10,6 +10,7 @@ from elastic_strips.robot import ConfigurationSpace
 ROLLING_TOLERANCE = 1e-9
 """Largest sideways travel [m] of a segment that counts as none."""
 
+_YAW_WEIGHT = 0.1  # cost of turning against moving, in the projection [m²/rad²]
 _PLANE = ConfigurationSpace(
     nq=4,
     nv=3,
@@ -106,41 +107,31 @@ class BandedSolver:
         return delta
 
 
-def project_rolling(
-    space: ConfigurationSpace,
-    chart: Array,
-    *,
-    yaw_weight: float = 0.1,
-    iterations: int = 12,
-    tolerance: float = ROLLING_TOLERANCE,
-) -> tuple[Array, float]:
+def project_rolling(space: ConfigurationSpace, chart: Array, *, iterations: int = 12) -> tuple[Array, float]:
     """Move the inner nodes' base poses, as little as possible, until every segment can be driven: v_y = 0.
 
     Each segment has one scalar constraint on its two nodes, so a Newton step is one scalar tridiagonal solve
-    C M⁻¹ Cᵀ λ = −c with M = diag(1, 1, yaw_weight) per node.
+    C M⁻¹ Cᵀ λ = −c with M = diag(1, 1, w) per node, w the cost of turning.
 
     Args:
         space: configuration space with a planar root.
         chart: (N, nv) nodes; not changed.
-        yaw_weight: cost of turning against moving [m²/rad²].
         iterations: most Newton steps.
-        tolerance: residual to reach [m].
 
     Returns:
-        The projected nodes, and the largest |v_y| [m] that is left (above ``tolerance`` if it did not converge).
+        The projected nodes, and the largest |v_y| [m] that is left (above 1e-9 m if it did not converge).
     """
     from scipy.linalg.lapack import dptsv  # late: slow to import
 
     chart = chart.copy()
-    base = chart[:, :3]
-    plane = _PLANE
-    inverse_mass = np.array([1.0, 1.0, 1.0 / yaw_weight])
+    base, plane = chart[:, :3], _PLANE
+    inverse_mass = np.array([1.0, 1.0, 1.0 / _YAW_WEIGHT])
     residual = np.inf
     for iteration in range(iterations + 1):
         v = plane.difference(base[:-1], base[1:])
         c = v[:, 1]
         residual = float(np.abs(c).max(initial=0.0))
-        if residual <= tolerance or iteration == iterations or len(chart) < 3 or not np.isfinite(residual):
+        if residual <= ROLLING_TOLERANCE or iteration == iterations or len(chart) < 3 or not np.isfinite(residual):
             break
         first, second = plane.base_difference_jacobians(v)
         row_a, row_b = first[:, 1, :].copy(), second[:, 1, :].copy()

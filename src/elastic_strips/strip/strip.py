@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import chart_clearance
+from elastic_strips.collision.strip_certificate import chart_clearance
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -113,7 +113,7 @@ class Strip(Summary):
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
 
-    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose way
+    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose arc
     is not defined, as far below as the robot could reach). Infinite without obstacles; what is more than 10 km away
     counts as 10 km away.
 

@@ -12,20 +12,18 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 from lxml import etree
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError, RobotError, SceneError, nearest_name
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.robot.urdf import floats, read_xml, resolve_mesh, search_folders
 from elastic_strips.scene.decompose import load_mesh
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_type
+from elastic_strips.validation import check_number, check_type
 
 _ASK = "give wheel_speed=…, track=… and wheel_radius=…"
 _SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
@@ -99,7 +97,7 @@ def _read_wheels(robot: RobotModel) -> _Wheels:
     return found[0]
 
 
-def _skeleton(root: Any) -> str:
+def _skeleton(root: etree._Element) -> str:
     """The URDF's joints alone: what else it holds may not be strict."""
     bare = deepcopy(root)
     bare.set("name", bare.get("name") or "robot")
@@ -113,7 +111,7 @@ def _skeleton(root: Any) -> str:
     return etree.tostring(bare, encoding="unicode")
 
 
-def _radius(root: Any, link_name: str, path: Path) -> float | None:
+def _radius(root: etree._Element, link_name: str, path: Path) -> float | None:
     """Radius [m] of a wheel's link: of its round collision shape, then of its visual one, then of its meshes."""
     link = next((link for link in root.findall("link") if link.get("name") == link_name), None)
     if link is None:
@@ -144,7 +142,7 @@ def _radius(root: Any, link_name: str, path: Path) -> float | None:
 
 
 _UNLIMITED = 1e6
-"""Speeds [rad/s or m/s] above this are a description's way to say that there is no limit."""
+"""Speeds [rad/s or m/s] above this mean in a description that there is no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -245,15 +243,16 @@ class MotionLimits(Summary):
                     wheel_speed = found.speed * wheel_radius
             drive, change = [wheel_speed] * 2, [wheel_acceleration] * 2
         elif robot.base_kind is BaseKind.OMNI:
+            track = wheel_radius = 0.0
             drive, change = list(base_speed), list(base_acceleration)
             if len(drive) != 3 or len(change) != 3:
                 raise ParameterError("base_speed and base_acceleration have three entries: x, y, yaw")
         else:
+            track = wheel_radius = 0.0
             drive, change = [], []
-        rolling = robot.base_kind is BaseKind.DIFF_DRIVE
         return MotionLimits(
-            track=float(track or 0.0) if rolling else 0.0,
-            wheel_radius=float(wheel_radius or 0.0) if rolling else 0.0,
+            track=float(track),
+            wheel_radius=float(wheel_radius),
             drive_speed=np.array(drive, dtype=float),
             drive_acceleration=np.array(change, dtype=float),
             joint_speed=speed,
@@ -323,14 +322,11 @@ def _joint_limits(
     acceleration: float | Mapping[str, float],
     prismatic_acceleration: float,
 ) -> tuple[Array, Array]:
-    names = robot.joint_names
-    first = robot.space.base_nv
-    stated = robot.model.velocityLimit[first:]
-    prismatic = prismatic_joints(robot)
+    names, stated = robot.joint_names, robot.model.velocityLimit[robot.space.base_nv :]
     speeds = _named(speed, names, "joint_speed")
     changes = _named(acceleration, names, "joint_acceleration")
     out_speed, out_change = np.empty(len(names)), np.empty(len(names))
-    for i, name in enumerate(names):
+    for i, (name, sliding) in enumerate(zip(names, sliding_joints(robot), strict=True)):
         value = speeds.get(name, float(stated[i]))
         if name not in speeds and not 0.0 < value < _UNLIMITED:
             raise ParameterError(
@@ -339,34 +335,22 @@ def _joint_limits(
             )
         out_speed[i] = value
         # one number for all joints means the revolute ones: 4 is plenty for an arm and absurd for a lift
-        default = prismatic_acceleration if prismatic[i] else (changes.get(name, 4.0))
         named = isinstance(acceleration, Mapping) and name in acceleration
-        out_change[i] = changes[name] if named else default
+        out_change[i] = prismatic_acceleration if sliding and not named else changes.get(name, 4.0)
     return out_speed, out_change
 
 
-def prismatic_joints(robot: RobotModel) -> npt.NDArray[np.bool_]:
+def sliding_joints(robot: RobotModel) -> Mask:
     """(n,) which planned joints slide, so that their coordinate is a length [m]."""
-    model = robot.model
-    first = 2 if robot.space.planar else 1
-    kinds = [model.joints[i].shortname().removeprefix("JointModel") for i in range(first, model.njoints)]
-    return np.array([kind.startswith("P") for kind in kinds], dtype=bool)
+    return robot.tree.prismatic[robot.tree.chart_index >= 0]
 
 
 def _named(values: float | Mapping[str, float] | None, names: Sequence[str], what: str) -> dict[str, float]:
     if values is None:
         return {}
     if not isinstance(values, Mapping):
-        return {name: _number(values, what) for name in names}
+        return dict.fromkeys(names, check_number(what, values, above=0.0))
     for name in values:
         if name not in names:
             raise ParameterError(f"{what}: there is no planned joint {name!r}{nearest_name(name, names)}")
-    return {name: _number(value, f"{what}[{name!r}]") for name, value in values.items()}
-
-
-def _number(value: float | npt.ArrayLike, what: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise ParameterError(f"{what}={value!r} is not a number")
-    if not np.isfinite(value) or value <= 0.0:
-        raise ParameterError(f"{what}={value!r} must be positive and finite")
-    return float(value)
+    return {name: check_number(f"{what}[{name!r}]", value, above=0.0) for name, value in values.items()}

@@ -10,15 +10,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.space import ConfigurationSpace
 from elastic_strips.summary import Summary
 
-from .limits import MotionLimits, prismatic_joints
+from .limits import MotionLimits, sliding_joints
 
 _LEVER = 0.25
 """Length that makes an angle comparable with a travel [m/rad]: of joints, and of the yaw of an omnidirectional base."""
@@ -34,7 +33,7 @@ def metric(robot: RobotModel, limits: MotionLimits) -> Array:
     """
     k = limits.drive_dim
     drive = {0: [], 2: [np.sqrt(0.5)] * 2, 3: [1.0, 1.0, _LEVER]}[k]
-    return np.concatenate([drive, np.where(prismatic_joints(robot), 1.0, _LEVER)])
+    return np.concatenate([drive, np.where(sliding_joints(robot), 1.0, _LEVER)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +52,23 @@ class Polyline:
     tangent: Array
     y: Array
     s: Array
-    stops: npt.NDArray[np.intp]
+    stops: Indices
 
     def travel(self, s: Array) -> Array:
         """Travel (G, m) at lengths ``s`` (G,)."""
-        i = np.searchsorted(self.s[1:-1], s, side="right")
-        h = self.s[i + 1] - self.s[i]
-        part = (s - self.s[i]) / np.where(h > 0.0, h, 1.0)
-        return self.y[i] + part[:, None] * (self.y[i + 1] - self.y[i])
+        i, part = self._segment(s)
+        return self.y[i] + part * (self.y[i + 1] - self.y[i])
 
     def pose(self, space: ConfigurationSpace, s: Array) -> Array:
         """Chart rows (G, nv) at lengths ``s`` (G,), on the arcs between the nodes."""
+        i, part = self._segment(s)
+        return space.integrate(self.chart[i], part * self.tangent[i])
+
+    def _segment(self, s: Array) -> tuple[Indices, Array]:
+        """The segment (G,) that each length is in, and which part (G, 1) of it lies behind."""
         i = np.searchsorted(self.s[1:-1], s, side="right")
         h = self.s[i + 1] - self.s[i]
-        part = (s - self.s[i]) / np.where(h > 0.0, h, 1.0)
-        return space.integrate(self.chart[i], part[:, None] * self.tangent[i])
+        return i, ((s - self.s[i]) / np.where(h > 0.0, h, 1.0))[:, None]
 
 
 def polyline(
@@ -90,8 +91,8 @@ def polyline(
     return Polyline(chart, tangent, y, s, _stops(y * weight, s, None if heading is None else heading * weight))
 
 
-def _stops(y: Array, s: Array, heading: Array | None) -> npt.NDArray[np.intp]:
-    """Nodes where the way turns too sharply for wheels and joints to follow without a stop; and the last one.
+def _stops(y: Array, s: Array, heading: Array | None) -> Indices:
+    """Nodes where the path turns too sharply for wheels and joints to follow without a stop; and the last one.
 
     A change between forwards and backwards is one of them, unless the base turns so fast about it that no wheel and no
     joint changes its speed abruptly.
@@ -106,7 +107,7 @@ def _stops(y: Array, s: Array, heading: Array | None) -> npt.NDArray[np.intp]:
     return np.append(nodes[1:-1][stop], nodes[-1])
 
 
-def spread(s: Array, gap: float, *, merge_first: bool = True) -> npt.NDArray[np.intp]:
+def spread(s: Array, gap: float, *, merge_first: bool = True) -> Indices:
     """Indices of the nodes that stay where those nearer than ``gap`` to the one before are dropped; both ends stay.
 
     Without ``merge_first`` the first node ahead stays even where it is nearer.
@@ -198,7 +199,8 @@ class Curve:
         y1 = c1 + x * (2.0 * c2 + 3.0 * x * c3)
         y2 = 2.0 * c2 + 6.0 * x * c3
         if self.weights is not None:
-            j, u = self.windows(s)
+            j = np.searchsorted(self.edges[1:-1], s, side="right")
+            u = (s - self.edges[j]) / (self.edges[j + 1] - self.edges[j])
             weight, width = self.weights[j], (self.edges[1:] - self.edges[:-1])[j, None]
             before = np.cumsum(self.weights[:, 0], axis=0) - self.weights[:, 0]  # a step stays
             value, rate, bend = (shape[:, None] for shape in shapes(u))
@@ -207,28 +209,18 @@ class Curve:
             y2 += (bend @ weight)[:, 0] / (width * width)
         return y, y1, y2
 
-    def windows(self, s: Array) -> tuple[npt.NDArray[np.intp], Array]:
-        """The window that each of ``s`` (G,) is in, and where in it, from 0 to 1."""
-        j = np.searchsorted(self.edges[1:-1], s, side="right")
-        return j, (s - self.edges[j]) / (self.edges[j + 1] - self.edges[j])
-
-    def shaped(self, edges: Array, weights: Array) -> Curve:
-        """The same spline with shapes in windows."""
-        return replace(self, edges=edges, weights=weights)
-
 
 _LARGEST = 0.1  # largest shape, as a part of its window's length: more would swing
 _NEAR = 1e-6  # distance from the strip that counts as none [m]
 _ITERATIONS = 6
+_PANELS = 12  # of the integral over a window
 
 # Shapes to use, as (body's x, y or yaw; step, bump or odd bump). A step in yaw would turn all windows behind it.
 _ROLLING = (0, 0), (0, 1), (0, 2), (2, 1), (2, 2)
 _SLIDING = (0, 0), (1, 0)
 
 
-def follow(
-    space: ConfigurationSpace, limits: MotionLimits, line: Polyline, curve: Curve, window: float, *, panels: int = 12
-) -> Curve:
+def follow(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, curve: Curve, window: float) -> Curve:
     """The curve with shapes that bring the base onto the strip at the end of every window of its length.
 
     The yaw is a sum of travels: it depends on y alone, and no shape used changes it at the end of a window. So how far
@@ -241,14 +233,13 @@ def follow(
         line: the strip's polyline; the curve starts at its first node.
         curve: of travel over length; it has no shapes yet.
         window: about the length of a window [m].
-        panels: for the integral over a window; at least one per knot.
     """
     count = max(round(curve.length / window), 1)
     edges = curve.length * np.arange(count + 1) / count
     width = curve.length / count
     start, k = line.chart[0], limits.drive_dim
     target = line.pose(space, edges[1:])[:, :2]
-    points, value, rate = _gauss(panels)
+    points, value, rate = _gauss()
     part = np.full(len(points), 1.0 / len(points))
     y, y1, _ = curve((edges[:-1, None] + width * points).ravel())
     yaw = start[2] + limits.to_twist(y[:, :k])[:, 2].reshape(count, -1)
@@ -263,7 +254,7 @@ def follow(
         vx = twist[..., 0] + weights[:, :, 0] @ rate.T / width
         vy = twist[..., 1] + weights[:, :, 1] @ rate.T / width
         cos, sin = np.cos(angle), np.sin(angle)
-        px, py = cos * vx - sin * vy, sin * vx + cos * vy  # the base's way per length
+        px, py = cos * vx - sin * vy, sin * vx + cos * vy  # the base's motion per length
         miss = target - start[:2] - width * np.cumsum(np.stack([px @ part, py @ part], axis=1), axis=0)
         worst = float(np.abs(miss).max())
         if worst < least:
@@ -275,8 +266,8 @@ def follow(
         jacobian = np.empty((count, 2, len(parts)))
         for i, (axis, c) in enumerate(parts):
             along = part * (rate[:, c] if axis < 2 else value[:, c] * (width / lever))
-            ways = ((cos, sin), (-sin, cos), (-py, px))[axis]
-            jacobian[:, 0, i], jacobian[:, 1, i] = ways[0] @ along, ways[1] @ along
+            directions = ((cos, sin), (-sin, cos), (-py, px))[axis]
+            jacobian[:, 0, i], jacobian[:, 1, i] = directions[0] @ along, directions[1] @ along
         square = jacobian @ jacobian.transpose(0, 2, 1) + 1e-6 * np.eye(2)
         step = (np.linalg.solve(square, ask[..., None]).transpose(0, 2, 1) @ jacobian)[:, 0]
         weights = weights.copy()
@@ -289,14 +280,14 @@ def follow(
         return curve
     drive = np.zeros((count, SHAPES, y.shape[1]))
     drive[..., :k] = limits.to_drive(best / [1.0, 1.0, lever])
-    return curve.shaped(edges, drive)
+    return replace(curve, edges=edges, weights=drive)
 
 
 @cache
-def _gauss(panels: int) -> tuple[Array, Array, Array]:
+def _gauss() -> tuple[Array, Array, Array]:
     """Points (Q,) in [0, 1] of the two-point Gauss rule in equal panels, and the shapes (Q, SHAPES) and their rates."""
     offset = 0.5 / np.sqrt(3.0)
-    points = (np.arange(panels)[:, None] + [0.5 - offset, 0.5 + offset]).ravel() / panels
+    points = (np.arange(_PANELS)[:, None] + [0.5 - offset, 0.5 + offset]).ravel() / _PANELS
     return (points, *shapes(points)[:2])
 
 
@@ -308,7 +299,7 @@ _RANGE_SLACK = 1e-6  # [rad or m]
 
 
 class RetimingError(ElasticStripsError):
-    """A path cannot be driven as asked: no room to brake, a start velocity off the path, limits that cannot be kept."""
+    """A path cannot be driven as requested: no room to brake, a start off the path, or limits that are too low."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -320,7 +311,6 @@ class DrivePath(Summary):
         curve: the travel of drive and joints over the length.
         grid: (G,) lengths on which it is timed, with every knot among them.
         y1, y2: (G, m) derivatives on the grid.
-        target: (nv,) chart row on the strip where it is to end.
     """
 
     start: Array
@@ -328,11 +318,6 @@ class DrivePath(Summary):
     grid: Array
     y1: Array
     y2: Array
-    target: Array
-
-    @property
-    def length(self) -> float:
-        return self.curve.length
 
     def finer(self, count: int) -> DrivePath:
         """The same path on a grid with ``count`` steps for each of its own."""
@@ -354,7 +339,6 @@ def smooth_path(
     bend: Array | None = None,
     lead: float = _GAP,
     window: float = 0.5,
-    refine: int = 1,
 ) -> DrivePath:
     """A smooth path from the first node along a polyline.
 
@@ -366,8 +350,7 @@ def smooth_path(
         heading: (m,) direction of the velocity at the start, in which the path begins; None from rest.
         bend: (m,) second derivative by length with which it begins; None for any.
         lead: nodes nearer to the start than this are no knots [m].
-        window: about the length of way in which the base is led back to the strip [m].
-        refine: knots per node; more of them round the corners less, and slow the robot there.
+        window: about the length of path in which the base is led back to the strip [m].
 
     Raises:
         RetimingError: the heading points away from the path, or would take a joint out of its range.
@@ -376,9 +359,6 @@ def smooth_path(
     s[-1] = length
     knots = s[spread(s, _GAP)]
     knots = knots[(knots == 0.0) | (knots >= min(lead, length))]
-    if refine > 1:
-        part = np.arange(refine) / refine
-        knots = np.append((knots[:-1, None] + part * np.diff(knots)[:, None]).ravel(), knots[-1])
     control = line.travel(greville(knots))
     if heading is not None:
         slope = heading / np.linalg.norm(heading * weight)
@@ -394,10 +374,10 @@ def smooth_path(
         _keep_range(robot, limits, line.chart[0], control)
     curve = Curve.near(knots, control)
     if limits.drive_dim:
-        curve = follow(robot.space, limits, line, curve, window, panels=12 * refine)
+        curve = follow(robot.space, limits, line, curve, window)
     grid = _grid(knots)
     _, y1, y2 = curve(grid)
-    return DrivePath(line.chart[0], curve, grid, y1, y2, line.pose(robot.space, np.array([length]))[0])
+    return DrivePath(line.chart[0], curve, grid, y1, y2)
 
 
 def _keep_range(robot: RobotModel, limits: MotionLimits, start: Array, control: Array) -> None:

@@ -10,9 +10,8 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.space import wrap_angle
 from elastic_strips.strip import Strip
-from elastic_strips.validation import check_type
+from elastic_strips.validation import check_array, check_number, check_type
 
 from .limits import MotionLimits
 from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
@@ -28,15 +27,15 @@ _LEADS = ((0.04, 0.5), (0.08, 1.0))
 """Nearest knot to the start and length of the windows [m]; the second turns more gently into the polyline."""
 
 _STILL = 5e-4  # part of the speed limits below which a start counts as rest
-_SLOW = 0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the way
+_SLOW = 0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the path
 _SHARPEST = 10.0  # bend at the start [1/m] up to which it is continued
 _GROWTH = 1.3
-_NOWHERE = 1e-6  # shorter ways are none [m]
+_NOWHERE = 1e-6  # shorter paths are none [m]
 
 
 @dataclass(frozen=True, slots=True)
 class _Start:
-    """Time [s], velocity (m,) of drive and joints, whether that is one, and the bend (m,) of the way, where known."""
+    """Time [s], velocity (m,) of drive and joints, whether that is one, and the bend (m,) of the path, where known."""
 
     time: float
     velocity: Array
@@ -71,9 +70,7 @@ class Retimer:
                 f"the limits are for {self.limits.drive_dim} drive coordinates and {len(self.limits.joint_speed)} "
                 f"joints; {robot.name!r} has {k} and {robot.nv - robot.space.base_nv}"
             )
-        if not 1e-4 <= dt <= 0.1:
-            raise ParameterError(f"dt={dt!r} must be between 1e-4 and 0.1 s")
-        self.dt = float(dt)
+        self.dt = check_number("dt", dt, low=1e-4, high=0.1, unit="s")
         self.weight = metric(robot, self.limits)
         self._speed, self._acceleration = self.limits.speed, self.limits.acceleration
         load_solver()
@@ -87,7 +84,6 @@ class Retimer:
         distance: float = np.inf,
         start_time: float = 0.0,
         speed: float = 1.0,
-        refine: int = 1,
     ) -> Trajectory:
         """The fastest motion along the nodes ahead that ends at rest.
 
@@ -98,12 +94,11 @@ class Retimer:
         Args:
             chart: (K, nv) nodes; it starts exactly at the first one.
             v_start: (nv,) velocity there: body twist, joint rates; None or about zero: from rest.
-            a_start: (nv,) acceleration there, with which the way goes on bending as it did before: replanning from a
+            a_start: (nv,) acceleration there, with which the path goes on bending as it did before: replanning from a
                 state of a trajectory then seldom fails. None where unknown.
             distance: how far to go [m]: the base's travel, a joint's turn counted as 0.25 m/rad.
             start_time: time of the first sample [s].
             speed: part of the speed limits to use, in (0, 1]. A faster start is braked to it.
-            refine: knots per node, 1 to 8: more hug the strip's arcs more closely, and slow the robot in bends.
 
         Raises:
             ConfigurationError: nodes of the wrong shape or not finite.
@@ -111,20 +106,18 @@ class Retimer:
             RetimingError: it cannot be driven like that. What the robot drives now still can.
         """
         nodes = self._nodes(chart)
-        self._check(distance, start_time, speed, refine)
+        if not distance > 0.0:
+            raise ParameterError(f"distance={distance!r} m must be positive")
+        check_number("speed", speed, above=0.0, high=1.0)
         start = self._start(start_time, v_start, a_start)
-        if len(nodes) < 2:
-            nodes = np.vstack([nodes, nodes])
         line = polyline(self.robot, self.limits, self.weight, nodes, start.velocity if start.moving else None)
-        return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed, refine)
+        return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed)
 
-    def full(self, chart: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0, refine: int = 1) -> Trajectory:
+    def full(self, chart: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0) -> Trajectory:
         """All of the nodes (K, nv) from rest to rest, with a stop wherever one is needed; else as :meth:`horizon`."""
         nodes = self._nodes(chart)
-        self._check(np.inf, start_time, speed, refine)
+        check_number("speed", speed, above=0.0, high=1.0)
         start = self._start(start_time, None, None)
-        if len(nodes) < 2:
-            nodes = np.vstack([nodes, nodes])
         stops = polyline(self.robot, self.limits, self.weight, nodes).stops
         pieces: list[Trajectory] = []
         first = 0
@@ -134,36 +127,20 @@ class Retimer:
                 start = replace(start, time=pieces[-1].end_time)
                 piece = np.vstack([pieces[-1].chart[-1], piece[1:]])
             line = polyline(self.robot, self.limits, self.weight, piece)
-            pieces.append(self._drive(line, float(line.s[-1]), start, np.inf, speed, refine))
+            pieces.append(self._drive(line, float(line.s[-1]), start, np.inf, speed))
             first = stop
         return joined(pieces)
 
     def brake(self, trajectory: Trajectory, t: float) -> Trajectory:
-        """The earliest stop on the way of a trajectory from time ``t`` on: :func:`brake` with these limits."""
+        """The earliest stop on the path of a trajectory from time ``t`` on: :func:`brake` with these limits."""
         return brake(trajectory, t, limits=self.limits, dt=self.dt)
 
     def _nodes(self, chart: npt.ArrayLike) -> Array:
-        nodes = np.asarray(chart, dtype=float)
-        nv = self.robot.nv
-        if nodes.ndim != 2 or nodes.shape[1] != nv or len(nodes) < 1:
-            raise ConfigurationError(f"nodes have shape {nodes.shape}; {self.robot.name!r} wants (K, {nv}), K ≥ 1")
-        if not np.isfinite(nodes).all():
-            at = tuple(int(i) for i in np.argwhere(~np.isfinite(nodes))[0])
-            raise ConfigurationError(f"nodes{list(at)} = {nodes[at]} is not finite")
-        return nodes
-
-    def _check(self, distance: float, start_time: float, speed: float, refine: int) -> None:
-        if not distance > 0.0:
-            raise ParameterError(f"distance={distance!r} m must be positive")
-        if not np.isfinite(start_time):
-            raise ParameterError(f"start_time={start_time!r} s must be finite")
-        if not 0.0 < speed <= 1.0:
-            raise ParameterError(f"speed={speed!r} must be in (0, 1]")
-        if isinstance(refine, bool) or not isinstance(refine, (int, np.integer)) or not 1 <= refine <= 8:
-            raise ParameterError(f"refine={refine!r} must be an integer between 1 and 8")
+        nodes = check_array(f"nodes of {self.robot.name!r}", chart, (None, self.robot.nv), error=ConfigurationError)
+        return nodes if len(nodes) > 1 else np.vstack([nodes, nodes])
 
     def _start(self, time: float, v: npt.ArrayLike | None, a: npt.ArrayLike | None) -> _Start:
-        nv = self.robot.nv
+        time, nv = check_number("start_time", time, unit="s"), self.robot.nv
         given = {"v_start": v, "a_start": a}
         rows = {name: np.zeros(nv) if row is None else np.asarray(row, dtype=float) for name, row in given.items()}
         for name, row in rows.items():
@@ -180,30 +157,23 @@ class Retimer:
                 f"the limit is {self._speed[worst]:.4g}"
             )
         if over.max(initial=0.0) <= _STILL:
-            return _Start(float(time), np.zeros_like(velocity), False)
+            return _Start(time, np.zeros_like(velocity), False)
         x = float(((velocity * self.weight) ** 2).sum())
         if a is None or x < _SLOW * _SLOW:
-            return _Start(float(time), velocity, True)
+            return _Start(time, velocity, True)
         change = self.limits.to_coordinates(rows["a_start"])
         bend = (change - velocity * float((change * velocity) @ self.weight**2) / x) / x
         sharpness = float(np.linalg.norm(bend * self.weight))
-        return _Start(float(time), velocity, True, bend * min(1.0, _SHARPEST / max(sharpness, 1e-12)))
+        return _Start(time, velocity, True, bend * min(1.0, _SHARPEST / max(sharpness, 1e-12)))
 
-    def braking_length(self, velocity: Array) -> float:
-        """Way [m in the metric] to brake on straight from a velocity (m,) of drive and joints."""
-        with np.errstate(divide="ignore"):
-            rate = float(np.min(self._acceleration / np.abs(velocity), initial=np.inf))
-        return 0.5 * float(np.linalg.norm(velocity * self.weight)) / rate
-
-    def _drive(
-        self, line: Polyline, available: float, start: _Start, distance: float, speed: float, refine: int
-    ) -> Trajectory:
+    def _drive(self, line: Polyline, available: float, start: _Start, distance: float, speed: float) -> Trajectory:
         """A motion over ``distance`` or what is needed to stop, and no more than the length ``available``."""
-        braking = self.braking_length(start.velocity)
+        with np.errstate(divide="ignore"):
+            rate = float(np.min(self._acceleration / np.abs(start.velocity), initial=np.inf))
+        braking = 0.5 * float(np.linalg.norm(start.velocity * self.weight)) / rate  # [m in the metric], straight on
         if available < max(0.9 * braking, _NOWHERE):
             if not start.moving:
-                still = stationary(self.robot, self.limits, line.chart[0], start.time, self.dt)
-                return replace(still, end_error=(0.0, 0.0))
+                return stationary(self.robot, self.limits, line.chart[0], start.time, self.dt)
             raise RetimingError(
                 f"the robot has to stop within {available:.4g} m and needs {braking:.4g} m to brake; keep to the "
                 "trajectory that it drives"
@@ -217,7 +187,7 @@ class Retimer:
                 heading = start.velocity if start.moving else None
                 path = smooth_path(
                     self.robot, self.limits, line, length,
-                    weight=self.weight, heading=heading, bend=start.bend, lead=lead, window=window, refine=refine,
+                    weight=self.weight, heading=heading, bend=start.bend, lead=lead, window=window,
                 )  # fmt: skip
             result = self._timed(path, start, speed, _MARGINS[margin])
             if isinstance(result, Trajectory):
@@ -247,7 +217,7 @@ class Retimer:
             highest = (self._speed / rate).min(axis=1)  # path speed
         bound = (margin[0] * speed * highest) ** 2
         x = float(((start.velocity * self.weight) ** 2).sum())
-        if x > bound[0]:  # too fast: brake to the bound, hard but not so hard that there is only one way to
+        if x > bound[0]:  # too fast: brake to the bound, hard but not so hard that there is only one profile to
             falling = braked(path.grid, path.y1, path.y2, acceleration, x, 0.9)
             bound = np.maximum(bound, np.minimum(falling, (now * highest) ** 2))
         profile = fastest(path.grid, path.y1, path.y2, bound, acceleration, x)
@@ -257,42 +227,38 @@ class Retimer:
         # whole steps only: the robot arrives within the last one, and waits for what is left of it
         time = np.arange(np.ceil(profile.duration / self.dt - 1e-9) + 1.0) * self.dt
         s, rate, change = profile(np.minimum(time, profile.duration))
-        s[-1], rate[-1] = path.length, 0.0
+        s[-1], rate[-1] = path.curve.length, 0.0
         y, y1, y2 = path.curve(s)
         v, a = y1 * rate[:, None], y2 * (rate * rate)[:, None] + y1 * change[:, None]
         a[-1] = 0.0
         why = broken_limit(time, y, v, a, speed * self._speed, self._acceleration)
         if why:
             return why
-        rows = integrate_travel(self.robot, self.limits, path.start, y)
-        miss = path.target[:3] - rows[-1, :3] if self.limits.drive_dim else np.zeros(3)
-        return Trajectory(
-            robot=self.robot,
-            limits=self.limits,
-            time=time + start.time,
-            chart=rows,
-            v=self.limits.to_tangent(v),
-            a=self.limits.to_tangent(a),
-            end_error=(float(np.hypot(miss[0], miss[1])), abs(float(wrap_angle(miss[2])))),
-        )
+        return _trajectory(self.robot, self.limits, time + start.time, path.start, y, v, a)
 
 
-def retime(
-    strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01, speed: float = 1.0, refine: int = 1
+def _trajectory(
+    robot: RobotModel, limits: MotionLimits, time: Array, start: Array, y: Array, v: Array, a: Array
 ) -> Trajectory:
+    """Travel, velocities and accelerations (M, m) of drive and joints as a trajectory from the chart row ``start``."""
+    rows = integrate_travel(robot, limits, start, y)
+    return Trajectory(robot, limits, time, rows, limits.to_tangent(v), limits.to_tangent(a))
+
+
+def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01, speed: float = 1.0) -> Trajectory:
     """A whole strip from rest to rest, as fast as the limits allow; it stops at cusps and sharp corners.
 
     Args:
         strip: the strip.
         limits: :meth:`MotionLimits.for_robot` where None.
         dt: distance of the samples [s].
-        speed, refine: as in :meth:`Retimer.horizon`.
+        speed: as in :meth:`Retimer.horizon`.
 
     Raises:
         ParameterError: an argument out of its range.
         RetimingError: a piece cannot be driven within the limits.
     """
-    return Retimer(strip.robot, limits, dt=dt).full(strip.chart, speed=speed, refine=refine)
+    return Retimer(strip.robot, limits, dt=dt).full(strip.chart, speed=speed)
 
 
 _BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)
@@ -302,7 +268,7 @@ _STOPPED = 1e-9  # squared part of the trajectory's own speed that counts as non
 def brake(trajectory: Trajectory, t: float, *, limits: MotionLimits | None = None, dt: float = 0.01) -> Trajectory:
     """The trajectory from time ``t`` [s] on, slowed down as fast as the limits allow until it stands.
 
-    The way stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
+    The path stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
     Where that gains nothing (it brakes already, or stands) this is what is left of the trajectory; either way it ends
     at rest if the trajectory does.
 
@@ -350,7 +316,7 @@ class _Timed:
         """The profile over τ that falls from rate 1 as fast as |ÿτ̇² + ẏτ̈| ≤ a allows; None where it does not reach 0.
 
         At a rate below 1 the trajectory's acceleration is within its limit, so a constant rate is always allowed; and
-        of two ways down the lower one stays below the other, so each step may take the hardest braking there is.
+        of two profiles the lower one stays below the other, so each step may take the hardest braking there is.
         """
         time, v = self.time.copy(), self.v.copy()
         v[0] = v[0] + (self.begin - time[0]) * self.a[0]
@@ -379,11 +345,4 @@ def _sampled_stop(
     v[-1] = a[-1] = 0.0
     if broken_limit(time, y, v, a, limits.speed, limits.acceleration):
         return None
-    return Trajectory(
-        robot=trajectory.robot,
-        limits=limits,
-        time=time + own.begin,
-        chart=integrate_travel(trajectory.robot, limits, start, y),
-        v=limits.to_tangent(v),
-        a=limits.to_tangent(a),
-    )
+    return _trajectory(trajectory.robot, limits, time + own.begin, start, y, v, a)

@@ -1,10 +1,9 @@
-"""Speed profiles: the fastest way along a path that keeps every limit (TOPP-RA), by toppra's linear programs."""
+"""Speed profiles: the fastest motion along a path that keeps every limit (TOPP-RA), by toppra's linear programs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ _RATES = np.array([1e-9, -1.0])  # of (acceleration, squared speed): the largest
 
 
 @cache
-def load_solver() -> tuple[Any, Any]:
+def load_solver() -> tuple[type, object]:
     """The solver's class and the name of linear constraints. Late: with toppra comes Matplotlib, a third of a second.
 
     Only its linear programs are used, in two passes of our own: nothing of it logs.
@@ -33,17 +32,17 @@ class _Box:
 
     identical = True
 
-    def __init__(self, a: Array, b: Array, bound: Array, kind: Any) -> None:
+    def __init__(self, a: Array, b: Array, bound: Array, kind: object) -> None:
         rows = a.shape[1]
         both = np.vstack([np.eye(rows), -np.eye(rows)])
         limits = np.column_stack([np.zeros(len(bound)), bound])
         self._kind = kind
         self._params = a, b, np.zeros_like(a), both, np.ones(2 * rows), None, limits
 
-    def get_constraint_type(self) -> Any:
+    def get_constraint_type(self) -> object:
         return self._kind
 
-    def compute_constraint_params(self, path: Any, gridpoints: Array, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+    def compute_constraint_params(self, *_: object) -> tuple[object, ...]:
         return self._params
 
 
@@ -150,7 +149,7 @@ def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float,
         lower, upper = float((-room[i] - slope[i] * x[i]).max()), float((room[i] - slope[i] * x[i]).min())
         if lower < 0.0:
             u = min(part * lower, 0.5 * (lower + upper))
-        else:  # in a bend that takes so much that the way has to be hurried on
+        else:  # in a bend that takes so much that the robot has to speed up
             u = lower + (1.0 - part) * (upper - lower)
         x[i + 1] = max(x[i] + 2.0 * h[i] * u, 0.0)
     return x

@@ -14,6 +14,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.summary import Summary
+from elastic_strips.validation import check_array
 
 from .limits import MotionLimits
 
@@ -43,7 +44,7 @@ class Trajectory(Summary):
     """A timed motion: samples joined by exact arcs of the base and straight lines of the joints.
 
     Between two samples the robot moves on the arc that joins them, evenly in time: what a certificate proves about
-    the samples and the arcs is proved about every reference that :meth:`at` hands out.
+    the samples and the arcs is proved about every reference that :meth:`at` returns.
 
     Attributes:
         robot: whose motion this is.
@@ -52,8 +53,6 @@ class Trajectory(Summary):
         chart: (M, nv) chart rows x, y, yaw, joints. Angles run on: they are not wrapped.
         v: (M, nv) velocity at the samples: body twist (v_x, v_y, ω) [m/s, rad/s], joint rates [rad/s or m/s].
         a: (M, nv) its rate of change [m/s², rad/s²].
-        end_error: distance [m] and angle [rad] by which the base ends beside the point that it was to end at; None
-            where there was none.
     """
 
     robot: RobotModel
@@ -62,7 +61,6 @@ class Trajectory(Summary):
     chart: Array
     v: Array
     a: Array
-    end_error: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check and freeze.
@@ -71,23 +69,15 @@ class Trajectory(Summary):
             ParameterError: fewer than two samples, wrong shapes, values that are not finite, or time that does not
                 ascend.
         """
-        for name in ("time", "chart", "v", "a"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        count = len(self.time) if self.time.ndim == 1 else 0
-        if count < 2:
-            raise ParameterError(f"a trajectory has at least 2 samples in time (M,); got shape {self.time.shape}")
+        time = check_array("time", self.time, (None,))
+        if len(time) < 2:
+            raise ParameterError(f"a trajectory has at least 2 samples in time (M,); got shape {time.shape}")
+        if not (time[1:] > time[:-1]).all():
+            raise ParameterError("time must be strictly ascending")
+        object.__setattr__(self, "time", time)
         for name in ("chart", "v", "a"):
-            array = getattr(self, name)
-            if array.shape != (count, self.robot.nv):
-                raise ParameterError(
-                    f"{name} has shape {array.shape}; {self.robot.name!r} wants {count, self.robot.nv}"
-                )
-            if not np.isfinite(array).all():
-                raise ParameterError(f"{name} holds values that are not finite")
-        if not np.isfinite(self.time).all() or not (self.time[1:] > self.time[:-1]).all():
-            raise ParameterError("time must be finite and strictly ascending")
+            what, shape = f"{name} of {self.robot.name!r}", (len(time), self.robot.nv)
+            object.__setattr__(self, name, check_array(what, getattr(self, name), shape))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -118,23 +108,6 @@ class Trajectory(Summary):
         if not self.robot.space.planar:
             return np.zeros(len(self))
         return self.v[:, 0].copy() if self.limits.drive_dim == 2 else np.hypot(self.v[:, 0], self.v[:, 1])
-
-    @property
-    def turn_rate(self) -> Array:
-        """(M,) [rad/s]; zeros for a fixed base."""
-        return self.v[:, 2].copy() if self.robot.space.planar else np.zeros(len(self))
-
-    @property
-    def drive(self) -> Array:
-        """(M, k) speeds of the drive coordinates: rims left, right [m/s] of a differential drive."""
-        return self.limits.to_drive(self.v[:, : self.robot.space.base_nv])
-
-    @property
-    def wheel_speeds(self) -> Array:
-        """(M, 2) turning speeds of the wheels, left and right [rad/s]; (M, 0) where the base has none."""
-        if self.limits.drive_dim != 2:
-            return np.zeros((len(self), 0))
-        return self.drive / self.limits.wheel_radius
 
     @cached_property
     def steps(self) -> Array:

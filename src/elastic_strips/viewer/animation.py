@@ -20,8 +20,8 @@ from elastic_strips.validation import check_number, check_type, shown
 
 from . import commands, geometry
 from .commands import Command, Track
-from .drawing import CERTIFIED, MOVING, REFUSED, STILL, THREADS, UNCHECKED, Drawing, Snapshot, hexcolor, segment_colors
-from .geometry import Floats, RobotPoses
+from .drawing import CERTIFIED, MOVING, REFUSED, STATIC, THREADS, UNCHECKED, Drawing, Snapshot, segment_colors
+from .geometry import Floats, RobotPoses, linear
 
 STATE_COLORS = {
     "moving": "#2b6cb0",
@@ -43,12 +43,8 @@ _HEIGHT = 1.0  # of the camera; higher than for a strip, as obstacles hide what 
 class StripAnimation:
     """A robot that drives along a strip, or along a sequence of them while the strip gives way.
 
-    Attributes:
-        robot: Who drives.
-        scene: The scene at the beginning; obstacles with a motion move.
-        strips: Nodes (N, nq) of each strip, evenly spread over the duration.
-        reports: A report or None for each of them.
-        duration: How long it takes [s].
+    The strips, nodes (N, nq) with a report or None for each, are evenly spread over the duration [s]. Obstacles of the
+    scene that have a motion move.
     """
 
     robot: RobotModel
@@ -115,7 +111,7 @@ def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: 
 
 
 def strip_and_report(item: object) -> tuple[object, DeformReport | None]:
-    """Return the strip that something is about, or itself, and the report that says what is certified of it."""
+    """Return the strip of a report and the report, or what was given and None."""
     report = cast(DeformReport, item) if hasattr(item, "certificate") and hasattr(item, "strip") else None
     return getattr(item, "strip", item), report
 
@@ -135,7 +131,7 @@ def draw_strips(drawing: Drawing, play: StripAnimation) -> list[Command]:
         path = drawing.obstacles.path(obstacle)
         tracks += commands.motion_tracks(path, _obstacle_poses(obstacle, play.scene.time + share * play.duration))
     if len(charts) > 1:
-        out += [commands.visible(path, False) for path in STILL]
+        out += [commands.visible(path, False) for path in STATIC]
         out += _sequence(drawing, play, charts, tracks, frames)
     out.append(drawing.camera(np.concatenate(charts), play.scene))
     out.append(commands.animation(tracks, fps))
@@ -150,8 +146,8 @@ def _frames(duration: float) -> tuple[int, float]:
 
 def _robot_tracks(drawing: Drawing, matrices: Floats) -> list[Track]:
     """Let the robot's bodies move: (F, B, 16) matrices."""
-    moved = [commands.motion_tracks(path, matrices[:, b]) for b, path in enumerate(drawing.body_paths)]
-    return [track for tracks in moved for track in tracks]
+    paths = enumerate(drawing.body_paths)
+    return [track for b, path in paths for track in commands.motion_tracks(path, matrices[:, b])]
 
 
 def _obstacle_poses(obstacle: Obstacle, times: Array) -> Floats:
@@ -217,8 +213,7 @@ def run_replay(robot: RobotModel, record: Record, *, speed: float, begin: float 
         InputError: another robot than the recorded one, a speed that is not positive, or nothing between begin and end.
     """
     record.check_robot(robot)
-    if not (np.isfinite(speed) and 1e-3 <= speed <= 1e3):
-        raise InputError(f"speed = {speed} must be between 0.001 and 1000")
+    check_number("speed", speed, low=1e-3, high=1e3)
     first, last = float(record.control.time[0]), float(record.control.time[-1])
     a, b = max(first, first if begin is None else begin), min(last, last if end is None else end)
     if not b > a:
@@ -243,7 +238,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out += drawing.obstacles.draw(scene, alone=passing)
     poses.update(chart)
     matrices, points = poses.matrices(drawing.joints), poses.points()
-    out.append(drawing.robot_at(matrices[0]))
+    out.append(commands.transforms("/robot", drawing.body_paths, matrices[0]))
     tracks = _robot_tracks(drawing, matrices)
     out += _obstacles(drawing, record, scene, times, tracks)
     out += _traces(play, chart, state, points[:, -1], tracks)
@@ -252,7 +247,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out += shown
     goal = chart[-1] if record.goal is None else record.goal
     out += drawing.markers(np.stack((record.control.chart[0], goal)))
-    out += [commands.visible(path, False) for path in (*STILL, "/tunnel")]
+    out += [commands.visible(path, False) for path in (*STATIC, "/tunnel")]
     drawing.playing = True
     out.append(drawing.camera(np.concatenate((chart, goal[None])), scene, height=_HEIGHT))
     out += _captions(drawing, play, times, points, bool(shown))
@@ -294,11 +289,11 @@ def _traces(play: RunReplay, chart: Array, state: NDArray[np.uint8], hand: Array
         inside = (rows.time >= play.begin) & (rows.time <= play.end) & np.isfinite(rows.reference).all(axis=1)
         nodes = rows.reference[inside]
         nodes = nodes[_evenly(nodes[:, :2], _MAX_TRACE)]
-        colors = np.tile(hexcolor(_REFERENCE), (max(len(nodes) - 1, 0), 1))
+        colors = np.tile(linear(_REFERENCE), (max(len(nodes) - 1, 0), 1))
         band = geometry.ribbon(robot.space, nodes, colors, width=0.014, height=0.02)
         if band is not None:
             out.append(commands.mesh("/playback/trace/reference", band, commands.material(lit=False), cast=False))
-    colors = np.array([hexcolor(_color(record, code)) for code in range(len(record.states))])
+    colors = np.array([linear(_color(record, code)) for code in range(len(record.states))])
     for name, points in (("hand", hand), ("base", base)) if robot.space.planar else (("hand", hand),):
         chosen = _evenly(points, _MAX_TRACE)
         if len(chosen) < 2:
@@ -333,7 +328,7 @@ def _ring(play: RunReplay, chart: Array, state: NDArray[np.uint8], tracks: list[
     out: list[Command] = []
     for code in np.unique(state).tolist():
         path = f"/playback/state/{code}"
-        look = commands.material(hexcolor(_color(play.record, code)), opacity=0.85, lit=False)
+        look = commands.material(linear(_color(play.record, code)), opacity=0.85, lit=False)
         out.append(commands.mesh(path, geometry.ring(0.52, 0.6), look, cast=False))
         tracks.append(commands.visible_track(path, state == code))
     return out
@@ -355,7 +350,7 @@ def _recorded_strips(drawing: Drawing, play: RunReplay, times: Array, tracks: li
         nodes = planning.strip(row)
         nodes = nodes[np.unique(np.linspace(0, len(nodes) - 1, _MAX_NODES).round().astype(int))]
         poses.update(nodes)
-        color = hexcolor(CERTIFIED if planning.certified[row] else REFUSED)
+        color = linear(CERTIFIED if planning.certified[row] else REFUSED)
         path = f"/playback/strips/{k}"
         out += drawing.strip(path, nodes, poses.points(), np.tile(color, (len(nodes) - 1, 1)))
         until = planning.time[rows[k + 1]] if k + 1 < len(rows) else np.inf
@@ -364,7 +359,7 @@ def _recorded_strips(drawing: Drawing, play: RunReplay, times: Array, tracks: li
 
 
 def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, strips: bool) -> list[Command]:
-    """What the card says at each time."""
+    """The content of the card over time."""
     record, planning = play.record, play.record.planning
     speed = np.linalg.norm(np.gradient(points, times, axis=0), axis=-1).max(axis=-1)
     codes = record.control.state
@@ -396,7 +391,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
 
 
 def _note(record: Record, t: float, row: int) -> str:
-    """The last event if it is fresh, else what the planner says."""
+    """The last event if it is recent, else the planner's reason."""
     fresh = [e for e in record.events if t - _EVENT < e.time <= t]
     if fresh:
         return f"{fresh[-1].kind}: {fresh[-1].reason}" if fresh[-1].reason else fresh[-1].kind

@@ -1,7 +1,7 @@
-"""Commands: what a browser is told, as (key, MessagePack bytes), and the HTML page that carries them out.
+"""Commands for browsers, as (key, MessagePack bytes), and the HTML page that executes them.
 
-A key is ``path + NUL + kind``. A later command with the same key makes an earlier one superfluous, so that whoever is
-slow (a browser, a pipe) may skip to the newest. Kinds ``object``, ``property …``, ``delete`` and ``animation`` are
+A key is ``path + NUL + kind``. A later command with the same key replaces an earlier one, so that a slow
+receiver (a browser, a pipe) may skip to the newest. Kinds ``object``, ``property …``, ``delete`` and ``animation`` are
 meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions`` and ``camera`` are read by ``web/page.js``.
 
 The page is meshcat's script plus that one, which adds a better background, lights and camera, objects that are drawn
@@ -74,13 +74,7 @@ def material(
 
 
 def mesh(
-    path: str,
-    data: MeshData,
-    look: Document,
-    *,
-    instances: int | None = None,
-    cast: bool = True,
-    veiled: bool = False,
+    path: str, data: MeshData, look: Document, *, instances: int | None = None, cast: bool = True, veiled: bool = False
 ) -> Command:
     """Put a mesh at a path, in the place of what was there.
 
@@ -88,7 +82,7 @@ def mesh(
         path: Where in the tree of the scene.
         data: The triangles.
         look: What ``material`` returned.
-        instances: If given, the mesh is drawn where an ``instances`` command says; room for so many at first.
+        instances: If given, the mesh is drawn at the poses of an ``instances`` command; room for so many at first.
         cast: Whether it casts and receives shadows.
         veiled: Whether a translucent mesh hides its own inside (with ``instances`` only).
     """
@@ -96,19 +90,10 @@ def mesh(
     if data.colors is not None:
         attributes["color"] = _attribute(data.colors)
     identity = f"es-{next(_serial)}"
-    geometry = {
-        "uuid": identity + "-g",
-        "type": "BufferGeometry",
-        "data": {
-            "attributes": attributes,
-            "index": {
-                "itemSize": 1,
-                "type": "Uint32Array",
-                "array": umsgpack.Ext(_UINT32, np.ascontiguousarray(data.faces, dtype="<u4").tobytes()),
-                "normalized": False,
-            },
-        },
-    }
+    faces = umsgpack.Ext(_UINT32, np.ascontiguousarray(data.faces, dtype="<u4").tobytes())
+    index = {"itemSize": 1, "type": "Uint32Array", "array": faces, "normalized": False}
+    buffers = {"attributes": attributes, "index": index}
+    geometry = {"uuid": identity + "-g", "type": "BufferGeometry", "data": buffers}
     look = {**look, "uuid": identity + "-m", "vertexColors": data.colors is not None}
     body: Document = {
         "uuid": identity,
@@ -131,7 +116,7 @@ def mesh(
 
 
 def instances(path: str, matrices: ArrayLike, colors: ArrayLike | None = None) -> Command:
-    """Say where the instances of a mesh are: (K, 16) column-major matrices, and (K, 3) linear colours."""
+    """Place the instances of a mesh: (K, 16) column-major matrices, and (K, 3) linear colours."""
     data: Document = {"type": "instances", "path": path, "matrices": _floats(matrices)}
     if colors is not None:
         data["colors"] = _floats(colors)
@@ -277,7 +262,7 @@ def _page(title: str, last: str, data: str = "") -> str:
 
 
 def live_page(title: str) -> str:
-    """Return the page that asks its server for the picture."""
+    """Return the page that gets the picture from its server."""
     return _page(title, "live.js")
 
 
@@ -287,7 +272,7 @@ def static_page(title: str, log: CommandLog) -> str:
     return _page(title, "standalone.js", f'<script id="es-data" type="application/octet-stream">{packed}</script>')
 
 
-def inline_frame(page: str, height: int = 480) -> str:
+def inline_frame(page: str) -> str:
     """Wrap a standalone page for a notebook."""
     source = page.replace("&", "&amp;").replace('"', "&quot;")
-    return f'<iframe srcdoc="{source}" style="width: 100%; height: {height}px; border: 0; border-radius: 8px"></iframe>'
+    return f'<iframe srcdoc="{source}" style="width: 100%; height: 480px; border: 0; border-radius: 8px"></iframe>'

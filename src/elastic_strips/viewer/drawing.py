@@ -10,7 +10,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Obstacle, Part, Scene
+from elastic_strips.scene import Obstacle, Scene
+from elastic_strips.scene.parts import Part
 from elastic_strips.strip.report import DeformReport, DeformStatus
 
 from . import commands, geometry
@@ -20,10 +21,10 @@ from .geometry import Body, Floats, MeshData, RobotPoses, linear
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
 THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
-STILL = ("/ghosts", "/strip", "/forces", "/trouble")
-"""What a picture shows and what plays may have to hide."""
+STATIC = ("/ghosts", "/strip", "/forces", "/trouble")
+"""Parts of a still picture that an animation may hide."""
 _TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
-_STANDING, MOVING, _CLOUD = linear(0xC9A27E), linear(0xE07A3F), linear(0xA3ADB8)
+_STANDING, MOVING, _CLOUD = linear("#c9a27e"), linear("#e07a3f"), linear("#a3adb8")
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
@@ -46,11 +47,6 @@ class Snapshot:
     frame: bool = False
     q: ArrayLike | None = None
     live: bool = False
-
-
-def hexcolor(color: str) -> tuple[float, float, float]:
-    """Turn ``"#rrggbb"`` into linear RGB."""
-    return linear(int(color[1:], 16))
 
 
 class Drawing:
@@ -81,7 +77,8 @@ class Drawing:
         chart = snapshot.robot.space.to_chart(snapshot.nodes)
         poses.update(chart)
         points = poses.points()
-        out += self._ghosts(poses, points)
+        matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
+        out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
         out += self.strip("/strip", chart, points, segment_colors(snapshot.report, len(chart) - 1))
         out += self.markers(chart)
         out += self._forces(snapshot.report)
@@ -89,7 +86,7 @@ class Drawing:
         out += self._trouble(snapshot.report, chart)
         if snapshot.q is not None:
             poses.update(snapshot.robot.space.to_chart(np.asarray(snapshot.q))[None])
-        out.append(self.robot_at(poses.matrices(self.joints, [0])[0]))
+        out.append(commands.transforms("/robot", self.body_paths, poses.matrices(self.joints, [0])[0]))
         out.append(self.card(snapshot))
         if self._first("camera") or snapshot.frame:
             out.append(self.camera(chart, snapshot.scene))
@@ -113,7 +110,7 @@ class Drawing:
         out = [commands.delete("/robot"), commands.delete("/ghosts")]
         look = commands.material(roughness=0.55)
         out += [commands.mesh(p, b.mesh, look) for p, b in zip(self.body_paths, self.bodies, strict=True)]
-        look = commands.material(hexcolor(_GHOST), opacity=0.27, roughness=0.9)
+        look = commands.material(linear(_GHOST), opacity=0.27, roughness=0.9)
         for body in geometry.ghost_bodies(self.bodies):
             out.append(
                 commands.mesh(f"/ghosts/{body.joint}", body.mesh, look, instances=self.ghosts, cast=False, veiled=True)
@@ -125,13 +122,9 @@ class Drawing:
         if not self.playing:
             return []
         self.playing = False
-        shown = [commands.visible(path, True) for path in STILL]
+        shown = [commands.visible(path, True) for path in STATIC]
         self._made -= {path for path in self._made if path.startswith("/playback")}
         return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
-
-    def robot_at(self, matrices: Floats) -> Command:
-        """Move the solid robot: (B, 16) matrices."""
-        return commands.transforms("/robot", self.body_paths, matrices)
 
     def strip(self, path: str, chart: Array, points: Array, colors: Array) -> list[Command]:
         """Draw the paths of the control points and of the base below ``path``, the base's in ``colors`` (N - 1, 3)."""
@@ -142,8 +135,9 @@ class Drawing:
             look = commands.material(roughness=0.8)
             out.append(commands.mesh(threads, geometry.rod(), look, instances=points.shape[1], cast=False))
         share = np.linspace(0.0, 1.0, points.shape[1])[:, None]
-        shade = (1.0 - share) * np.array(hexcolor(BASE_THREAD)) + share * np.array(hexcolor(HAND_THREAD))
-        rods = geometry.threads(points, 0.0055)
+        shade = (1.0 - share) * np.array(linear(BASE_THREAD)) + share * np.array(linear(HAND_THREAD))
+        starts, ends = (np.swapaxes(rows, 0, 1).reshape(-1, 3) for rows in (points[:-1], points[1:]))
+        rods = geometry.between(starts, ends, 0.0055)
         out.append(commands.instances(threads, rods, np.repeat(shade, len(points) - 1, axis=0)))
         band = geometry.ribbon(self.robot.space, chart, colors, height=0.004)
         if band is not None:
@@ -201,10 +195,6 @@ class Drawing:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         return commands.hud({**card, "rows": rows, "legend": [*legend, THREADS]})
 
-    def _ghosts(self, poses: RobotPoses, points: Array) -> list[Command]:
-        matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
-        return [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
-
     def markers(self, chart: Array) -> list[Command]:
         """Lay rings where the first and the last of chart rows (N, nv) have their base."""
         assert self.robot is not None
@@ -213,7 +203,7 @@ class Drawing:
         out: list[Command] = []
         if self._first("markers"):
             for name, color in (("start", BASE_THREAD), ("goal", HAND_THREAD)):
-                look = commands.material(hexcolor(color), opacity=0.85, lit=False)
+                look = commands.material(linear(color), opacity=0.85, lit=False)
                 out.append(commands.mesh(f"/markers/{name}", geometry.ring(0.44, 0.5), look, cast=False))
         poses = np.tile(np.eye(4), (2, 1, 1))
         for T, (x, y, yaw) in zip(poses, chart[[0, -1], :3], strict=True):
@@ -225,7 +215,7 @@ class Drawing:
     def _forces(self, report: DeformReport | None) -> list[Command]:
         forces = None if report is None else report.forces
         arrows = None if forces is None else geometry.arrows(forces.points, forces.vectors)
-        return self._many("/forces", geometry.arrow(), commands.material(hexcolor(_FORCE)), arrows)
+        return self._many("/forces", geometry.arrow(), commands.material(linear(_FORCE)), arrows)
 
     def _hulls(self, report: DeformReport | None) -> list[Command]:
         """Draw the protective hulls; they are many, so they are hidden until the viewer's controls show them."""
@@ -237,7 +227,7 @@ class Drawing:
             matrices = geometry.spheres(report.tunnel.points[::every].reshape(-1, 3)[keep], radii[keep])
             if "/tunnel" not in self._made:
                 out = [commands.visible("/tunnel", False)]
-        look = commands.material(hexcolor(_HULL), opacity=0.07, hides=False)
+        look = commands.material(linear(_HULL), opacity=0.07, hides=False)
         return self._many("/tunnel", geometry.sphere(16), look, matrices) + out
 
     def _trouble(self, report: DeformReport | None, chart: Array) -> list[Command]:
@@ -251,7 +241,7 @@ class Drawing:
             foot, top = spot * [1.0, 1.0, 0.0], spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN]
             ball, head = geometry.spheres(spot, _SPOT), geometry.spheres(top, _HEAD)
             pole = geometry.between(foot[None], top[None], _POLE)
-        clear, solid = (commands.material(hexcolor(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
+        clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
         return [
             *self._many("/trouble/spot", geometry.sphere(), clear, ball, room=1),
             *self._many("/trouble/head", geometry.sphere(), solid, head, room=1),
@@ -277,24 +267,18 @@ class Drawing:
 def segment_colors(report: DeformReport | None, count: int) -> Array:
     """Colours (count, 3) of the segments: certified, not certified, or not checked at all."""
     if report is None:
-        return np.tile(hexcolor(UNCHECKED), (count, 1))
-    return np.where(report.certificate.segments[:, None], hexcolor(CERTIFIED), hexcolor(REFUSED))
+        return np.tile(linear(UNCHECKED), (count, 1))
+    return np.where(report.certificate.segments[:, None], linear(CERTIFIED), linear(REFUSED))
 
 
 def _trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: RobotPoses) -> Array | None:
     """Where (3,) [m] the worst segment is: between the hulls that do not connect, or at the link that is not clear.
 
-    Args:
-        robot: The robot.
-        report: About the strip.
-        chart: (N, nv) the strip's nodes.
-        poses: Of the robot; left at the worst segment.
-
-    Returns:
-        The place, or None where nothing is known to be wrong.
+    None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
     """
     tunnel, broken = report.tunnel, report.certificate.broken
-    if tunnel is not None and report.connectivity_counts and not tunnel.connected.all():
+    counts = getattr(report, "connectivity_counts", False)  # of the paper's reports alone
+    if tunnel is not None and counts and not tunnel.connected.all():
         j, c = np.unravel_index(int(np.argmin(tunnel.overlap)), tunnel.overlap.shape)
         return 0.5 * (tunnel.points[j, c] + tunnel.points[j + 1, c])
     if broken is None or not 0 <= broken.segment < len(chart) - 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import coal
@@ -46,8 +46,7 @@ class MeshData:
 
     def colored(self, rgb: ArrayLike) -> MeshData:
         """Return the mesh with one linear RGB colour at every vertex."""
-        colors = np.tile(np.asarray(rgb, dtype=np.float32), (len(self.vertices), 1))
-        return MeshData(self.vertices, self.normals, self.faces, colors)
+        return replace(self, colors=np.tile(np.asarray(rgb, dtype=np.float32), (len(self.vertices), 1)))
 
     def scaled(self, factors: ArrayLike) -> MeshData:
         """Return the mesh scaled along its axes."""
@@ -57,21 +56,15 @@ class MeshData:
         return MeshData(self.vertices * f, normals, self.faces, self.colors)
 
 
-def linear(color: int | Sequence[float]) -> tuple[float, float, float]:
-    """Turn an sRGB colour, ``0xrrggbb`` or three floats in [0, 1], into the linear RGB that lighting works in."""
-    rgb = ((color >> 16) / 255, (color >> 8 & 255) / 255, (color & 255) / 255) if isinstance(color, int) else color[:3]
+def linear(color: str | Sequence[float]) -> tuple[float, float, float]:
+    """Turn an sRGB colour, ``"#rrggbb"`` or three floats in [0, 1], into the linear RGB that lighting works in."""
+    rgb = [byte / 255 for byte in bytes.fromhex(color[1:])] if isinstance(color, str) else color
     r, g, b = (float(c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4) for c in rgb)
     return r, g, b
 
 
 def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> MeshData:
-    """Compute normals: smooth within patches of faces that meet at less than the crease angle, sharp between them.
-
-    Args:
-        vertices: (V, 3) positions [m].
-        faces: (F, 3) indices.
-        crease: Angle between two faces [rad] above which their common edge is drawn sharp.
-    """
+    """Compute normals: smooth within patches of faces that meet at less than the crease angle [rad], sharp between."""
     mesh = trimesh.Trimesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False)
     mesh.merge_vertices(digits_vertex=6)
     mesh.update_faces(mesh.nondegenerate_faces(height=1e-9))
@@ -83,12 +76,6 @@ def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> M
     return MeshData(
         split.vertices.astype(np.float32), split.vertex_normals.astype(np.float32), split.faces.astype(np.uint32)
     )
-
-
-def _hull(points: ArrayLike) -> MeshData:
-    """Convex hull of (V, 3) points."""
-    found = trimesh.convex.convex_hull(np.asarray(points, dtype=float))
-    return _shaded(found.vertices, found.faces)
 
 
 def merged(meshes: Iterable[MeshData]) -> MeshData:
@@ -137,24 +124,24 @@ def sphere(segments: int = 24) -> MeshData:
 
 
 @cache
-def cylinder(segments: int = 32) -> MeshData:
+def cylinder() -> MeshData:
     """Cylinder of radius 1 and length 1 about the origin, along z."""
-    return _revolved([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)], segments)
+    return _revolved([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)], 32)
 
 
 @cache
-def cone(segments: int = 32) -> MeshData:
+def cone() -> MeshData:
     """Cone of radius 1 and length 1 along z, apex up, origin at mid-height.
 
     The ring below the apex has the normals of the side, which the apex cannot have.
     """
-    return _revolved([(0.0, -0.5), (1.0, -0.5), (0.002, 0.498), (0.0, 0.5)], segments)
+    return _revolved([(0.0, -0.5), (1.0, -0.5), (0.002, 0.498), (0.0, 0.5)], 32)
 
 
 @cache
-def rod(sides: int = 6) -> MeshData:
+def rod() -> MeshData:
     """Cylinder of radius 1 without end faces, along z from 0 to 1."""
-    return _revolved([(1.0, 0.0), (1.0, 1.0)], sides, crease=np.pi)
+    return _revolved([(1.0, 0.0), (1.0, 1.0)], 6, crease=np.pi)
 
 
 @cache
@@ -201,18 +188,15 @@ def _flat(vertices: Array, faces: NDArray[np.intp], colors: Array | None = None)
 def from_coal(geometry: coal.CollisionGeometry) -> MeshData | None:
     """Triangles of a Coal shape in its own frame, or None for a shape that has no surface to draw (a plane)."""
     kind, size = shape_of(geometry)
-    if kind is ShapeKind.BOX:
-        return box().scaled(2 * np.array(size))
-    if kind is ShapeKind.SPHERE:
-        return sphere().scaled(np.full(3, size[0]))
+    if kind.value in UNIT_MESHES:
+        return UNIT_MESHES[kind.value]().scaled(_factors(geometry))
     if kind is ShapeKind.ELLIPSOID:
         return sphere().scaled(size)
     if kind is ShapeKind.CAPSULE:
         return _capsule(size[0], 2 * size[1])
-    if kind in (ShapeKind.CYLINDER, ShapeKind.CONE):
-        return (cylinder() if kind is ShapeKind.CYLINDER else cone()).scaled((size[0], size[0], 2 * size[1]))
     if kind is ShapeKind.CONVEX:
-        return _hull(vertices(geometry))
+        hull = trimesh.convex.convex_hull(vertices(geometry))
+        return _shaded(hull.vertices, hull.faces)
     return _shaded(vertices(geometry), faces(geometry)) if kind is ShapeKind.MESH else None
 
 
@@ -233,7 +217,7 @@ def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
     read: dict[object, MeshData | None] = {}
     parts: dict[int, list[MeshData]] = defaultdict(list)
     for item in model.geometryObjects:
-        is_file = "." in item.meshPath  # of a primitive Pinocchio says BOX, CYLINDER, …
+        is_file = "." in item.meshPath  # of a primitive it is BOX, CYLINDER, …
         name = (item.meshPath, *np.round(item.meshScale, 9)) if is_file else item.name
         if name not in read:
             read[name] = from_coal(item.geometry)
@@ -249,26 +233,26 @@ def ghost_bodies(bodies: tuple[Body, ...]) -> tuple[Body, ...]:
     """Return the bodies without colours, and coarser where they are heavy."""
     heavy = sum(len(body.mesh.faces) for body in bodies) > _GHOST_FACES
     coarse = [clustered(body.mesh, 0.012) if heavy else body.mesh for body in bodies]
-    return tuple(
-        Body(body.joint, MeshData(mesh.vertices, mesh.normals, mesh.faces))
-        for body, mesh in zip(bodies, coarse, strict=True)
-    )
+    return tuple(Body(body.joint, replace(mesh, colors=None)) for body, mesh in zip(bodies, coarse, strict=True))
 
 
 UNIT_MESHES: dict[str, Callable[[], MeshData]] = {"box": box, "sphere": sphere, "cylinder": cylinder, "cone": cone}
-"""By the name that ``unit_shape`` gives."""
+"""By the shape of an obstacle, which is also the kind of its Coal shape."""
 
 
 def unit_shape(obstacle: Obstacle) -> tuple[str, Array] | None:
-    """Say which unit mesh, scaled by which factors along its axes, an obstacle is; None if it is none of them."""
+    """Name and scale factors (3,) of the unit mesh that an obstacle is; None if it is none of them."""
     if obstacle.shape not in UNIT_MESHES or len(obstacle.parts) != 1:
         return None
-    shape = obstacle.parts[0].geometry
-    if obstacle.shape == "box":
-        return "box", 2.0 * np.asarray(shape.halfSide)
-    if obstacle.shape == "sphere":
-        return "sphere", np.full(3, float(shape.radius))
-    return obstacle.shape, np.array([shape.radius, shape.radius, 2.0 * shape.halfLength])
+    return obstacle.shape, _factors(obstacle.parts[0].members[0])
+
+
+def _factors(geometry: coal.CollisionGeometry) -> Array:
+    """By what a unit mesh is scaled along its axes to be this box, sphere, cylinder or cone."""
+    kind, size = shape_of(geometry)
+    if kind is ShapeKind.BOX:
+        return 2 * np.array(size)
+    return np.full(3, size[0]) if kind is ShapeKind.SPHERE else np.array([size[0], size[0], 2 * size[1]])
 
 
 def obstacle_mesh(obstacle: Obstacle) -> MeshData | None:
@@ -332,7 +316,7 @@ class RobotPoses:
         return self._kinematics.points(self._joint, self._local)
 
     def matrices(self, joints: Sequence[int], nodes: Sequence[int] | None = None) -> Floats:
-        """RobotPoses of the bodies of some joints at some nodes (all by default), (N, B, 16) column-major."""
+        """Matrices of the bodies of some joints at some nodes (all by default), (N, B, 16) column-major."""
         T = self._kinematics.T[list(joints), : self._kinematics.n]
         if nodes is not None:
             T = T[:, list(nodes)]
@@ -371,15 +355,15 @@ def spheres(centers: ArrayLike, radii: ArrayLike) -> Floats:
     return result
 
 
-def arrows(points: ArrayLike, vectors: ArrayLike, longest: float = 0.45) -> Floats:
-    """Matrices (K, 16) of arrows, the longest of them ``longest`` [m]; very small ones are left out."""
+def arrows(points: ArrayLike, vectors: ArrayLike) -> Floats:
+    """Matrices (K, 16) of arrows, the longest of them 0.45 m; very small ones are left out."""
     points, vectors = np.asarray(points, dtype=float).reshape(-1, 3), np.asarray(vectors, dtype=float).reshape(-1, 3)
     size = np.linalg.norm(vectors, axis=1)
     size = np.where(np.isfinite(size), size, 0.0)
     keep = (size > 0.03 * size.max(initial=0.0)) & (size > 1e-9)
     if not keep.any():
         return np.zeros((0, 16), dtype=np.float32)
-    scale = longest / size[keep].max()
+    scale = 0.45 / size[keep].max()
     length = size[keep] * scale
     return between(points[keep], points[keep] + vectors[keep] * scale, np.clip(0.09 * length, 0.008, 0.03))
 
@@ -410,7 +394,7 @@ def interpolated(space: ConfigurationSpace, chart: Array, at: Array, where: Arra
 
 
 def ribbon(
-    space: ConfigurationSpace, chart: Array, colors: Array, *, width: float = 0.06, height: float = 0.0, steps: int = 4
+    space: ConfigurationSpace, chart: Array, colors: Array, *, width: float = 0.06, height: float = 0.0
 ) -> MeshData | None:
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
@@ -420,13 +404,13 @@ def ribbon(
         colors: (N - 1, 3) linear RGB.
         width: Width of the band [m].
         height: Height above the floor [m].
-        steps: Pieces per segment, so that arcs look like arcs.
 
     Returns:
         None where the base does not move.
     """
     if len(chart) < 2 or not space.planar:
         return None
+    steps = 4  # per segment, so that arcs look like arcs
     s = np.broadcast_to(np.linspace(0.0, 1.0, steps + 1), (len(chart) - 1, steps + 1))
     path = space.interpolate(chart[:-1, None], chart[1:, None], s)[..., :2]
     flat = path.reshape(-1, 2)  # ((N - 1) (steps + 1), 2): the ends of a segment appear twice, once for each colour
@@ -443,10 +427,3 @@ def ribbon(
     i = 2 * (np.arange(len(chart) - 1)[:, None] * (steps + 1) + np.arange(steps)[None]).reshape(-1)
     faces = np.vstack((np.column_stack((i, i + 1, i + 3)), np.column_stack((i, i + 3, i + 2))))
     return _flat(vertices, faces, np.repeat(colors, 2 * (steps + 1), axis=0))
-
-
-def threads(points: Array, radius: float) -> Floats:
-    """Matrices (C (N - 1), 16) of rods along each control point's path through the nodes (N, C, 3)."""
-    starts = np.swapaxes(points[:-1], 0, 1).reshape(-1, 3)
-    ends = np.swapaxes(points[1:], 0, 1).reshape(-1, 3)
-    return between(starts, ends, radius)

@@ -1,4 +1,4 @@
-"""Server: a process of its own that hands the newest picture to every browser that asks, on the loopback only.
+"""Server: a process of its own that sends the newest picture to every browser that connects, on the loopback only.
 
 ``ServerProcess`` runs this file as a script. The process knows neither robots nor scenes and needs no port besides the
 browser's: page and commands arrive on standard input, and when that ends, because the parent closed it or died, the
@@ -119,8 +119,10 @@ class ServerProcess:
         finally:
             theirs.close()
         atexit.register(self.close)
-        line = self._first_line()
-        name, _, value = line.partition("=")
+        answer = self._process.stdout
+        assert answer is not None
+        ready, _, _ = select.select([answer], [], [], _START)
+        name, _, value = (answer.readline().decode().strip() if ready else "").partition("=")
         if name != "url":
             self.close()
             raise ServerError(f"the server does not start: {value or 'no answer'}")
@@ -169,11 +171,6 @@ class ServerProcess:
         self._socket.close()
         if process.stdout is not None:
             process.stdout.close()
-
-    def _first_line(self) -> str:
-        assert self._process.stdout is not None
-        ready, _, _ = select.select([self._process.stdout], [], [], _START)
-        return self._process.stdout.readline().decode().strip() if ready else ""
 
 
 # What the process runs
@@ -228,7 +225,7 @@ async def _serve(port: int) -> None:
             clients.discard(self)
 
         def on_message(self, message: str | bytes) -> None:
-            """Browsers have nothing to say."""
+            """Browsers send nothing."""
 
         def push(self) -> None:
             if not self.sending and len(self.pending):

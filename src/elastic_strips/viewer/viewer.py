@@ -34,10 +34,10 @@ _Job = Snapshot | StripAnimation | RunReplay
 
 
 class Viewer:
-    """Shows robots, scenes and strips; it never disturbs whoever plans.
+    """Shows robots, scenes and strips, and never blocks the caller.
 
     ``show``, ``update`` and ``animate`` hand over the newest picture and return at once; a thread of the viewer's own
-    draws it, and a process of its own serves it to browsers, on 127.0.0.1 only. If one of them dies, the trouble is
+    draws it, and a process of its own serves it to browsers, on 127.0.0.1 only. If one of them dies, that is
     logged once, ``alive`` turns False and ``update`` does nothing any more; ``save_html`` still works.
 
     Example:
@@ -144,7 +144,7 @@ class Viewer:
             self._scene = scene
         job = Snapshot(strip.robot, self._scene, strip.q, about, q=q, live=True)
         if self._lost:
-            self._missed = job  # nobody looks; save_html may want it
+            self._missed = job  # no browser gets it; save_html may
         else:
             self._post(job)
 
@@ -250,7 +250,7 @@ class Viewer:
         with self._condition:
             old = self._pending
             if isinstance(job, Snapshot) and isinstance(old, Snapshot) and old.frame and not job.frame:
-                job = dataclasses.replace(job, frame=True)  # nobody skips the camera
+                job = dataclasses.replace(job, frame=True)  # the camera move is not to be skipped
             self._pending = job
             self._posted += 1
             self._condition.notify_all()

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from elastic_strips.collision import protective_hulls
+from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.scene import Box, Scene, Sphere
 from elastic_strips.strip import Deformer, Strip
 from elastic_strips.strip.paper import PaperDeformer

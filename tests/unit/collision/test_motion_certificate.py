@@ -8,7 +8,6 @@ from brute_force import configuration, link_distances, make_obstacle, random_cha
 
 from elastic_strips.collision import (
     BodySet,
-    Certifier,
     Forecast,
     MotionBounds,
     MotionCertifier,
@@ -16,6 +15,7 @@ from elastic_strips.collision import (
     SegmentState,
     SelfProximity,
 )
+from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.robot import Kinematics
 from elastic_strips.scene import Box, Scene, Sphere
 

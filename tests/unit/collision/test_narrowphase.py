@@ -8,7 +8,8 @@ import pytest
 from brute_force import SHAPES, configuration, distance, link_poses, make_scene, outside, random_chart, transform
 from scipy.optimize import minimize
 
-from elastic_strips.collision import GJK_EXCESS, BodySet, ObstacleProximity
+from elastic_strips.collision import BodySet, ObstacleProximity
+from elastic_strips.collision.narrowphase import GJK_EXCESS
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.coal_shapes import convex_from_vertices
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere

@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 from brute_force import SHAPES, configuration, link_distances, make_scene, random_chart, random_pose, scene_pieces
 
-from elastic_strips.collision import GJK_EXCESS, BodySet, ObstacleProximity
+from elastic_strips.collision import BodySet, ObstacleProximity
+from elastic_strips.collision.narrowphase import GJK_EXCESS
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
 

@@ -7,7 +7,14 @@ import pinocchio as pin
 import pytest
 from brute_force import link_distances
 
-from elastic_strips.control.tasks import DeliberativeLayer, DriveAndReach, DriveTo, InverseKinematics, Part, ReachHand
+from elastic_strips.control.tasks import (
+    DeliberativeLayer,
+    DriveAndReach,
+    DriveTo,
+    InverseKinematics,
+    ReachHand,
+    StepKind,
+)
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.scene import Box, Scene
 
@@ -30,7 +37,7 @@ def placement(robot, q, frame="hand_frame"):
 def test_driving_keeps_the_arm(layer, silvermate):
     here = silvermate.home(joints={"arm_1_joint": 0.4})
     (step,) = layer.decompose(DriveTo(3.0, 2.0, 1.0), here, SCENE).steps
-    assert step.part is Part.NAVIGATION
+    assert step.kind is StepKind.NAVIGATION
     np.testing.assert_allclose(silvermate.space.to_chart(step.q)[:3], (3.0, 2.0, 1.0))
     np.testing.assert_array_equal(step.q[4:], here[4:])
 
@@ -38,7 +45,7 @@ def test_driving_keeps_the_arm(layer, silvermate):
 def test_what_is_near_is_reached_from_here(layer, silvermate):
     here, target = silvermate.home(), (0.3, -0.1, 0.9)
     (step,) = layer.decompose(ReachHand(target), here, SCENE).steps
-    assert step.part is Part.MANIPULATION
+    assert step.kind is StepKind.MANIPULATION
     np.testing.assert_array_equal(step.q[:4], here[:4])
     np.testing.assert_allclose(placement(silvermate, step.q).translation, target, atol=2e-3)
 
@@ -46,7 +53,7 @@ def test_what_is_near_is_reached_from_here(layer, silvermate):
 def test_what_is_far_is_driven_to_first(layer, silvermate):
     target = (2.9, 0.1, 0.85)
     drive, reach = layer.decompose(ReachHand(target), silvermate.home(), SCENE).steps
-    assert (drive.part, reach.part) == (Part.NAVIGATION, Part.MANIPULATION)
+    assert (drive.kind, reach.kind) == (StepKind.NAVIGATION, StepKind.MANIPULATION)
     np.testing.assert_allclose(drive.q[:4], reach.q[:4], atol=1e-12)
     np.testing.assert_array_equal(drive.q[4:], silvermate.home()[4:])
     np.testing.assert_allclose(placement(silvermate, reach.q).translation, target, atol=2e-3)
@@ -69,7 +76,7 @@ def test_the_arm_has_room_where_the_base_drives_to(silvermate):
 def test_both_at_once_is_one_goal(layer, silvermate):
     task = DriveAndReach(DriveTo(2.2, 0.0, 0.0), ReachHand((2.7, -0.1, 0.9), (0.0, 0.0, 0.0, 1.0)))
     (step,) = layer.decompose(task, silvermate.home(), SCENE).steps
-    assert step.part is Part.WHOLE_BODY
+    assert step.kind is StepKind.WHOLE_BODY
     there = placement(silvermate, step.q)
     np.testing.assert_allclose(there.translation, (2.7, -0.1, 0.9), atol=2e-3)
     assert np.linalg.norm(pin.log3(there.rotation)) < 1e-2

@@ -9,10 +9,11 @@ import pytest
 from drivable import limits_of, most_used
 
 from elastic_strips.collision import Forecast
-from elastic_strips.control import Controller, DriveParams, predict
+from elastic_strips.control import Controller, DriveParams
 from elastic_strips.control.evasion import EvasivePlanner, lattice, motion_to, roll_to_rest
 from elastic_strips.control.lookahead import ObstacleLookahead
 from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
+from elastic_strips.control.prediction import predict
 from elastic_strips.control.progress import reconnect
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line
@@ -71,8 +72,8 @@ def test_rollouts_are_where_the_motions_are(jackal_box):
     limits = limits_for(jackal_box)
     start = some_state(jackal_box, limits, 1)
     kinds = lattice(limits).different
-    rollouts, rest = roll_to_rest(limits, start, kinds, np.full(len(kinds), 0.3), part=PART, dt=0.1)
-    for target, pose, end in zip(kinds, rollouts.pose, rest, strict=True):
+    _, poses, rest = roll_to_rest(limits, start, kinds, np.full(len(kinds), 0.3), part=PART, dt=0.1)
+    for target, pose, end in zip(kinds, poses, rest, strict=True):
         motion = motion_to(jackal_box, limits, start, target, part=PART, duration=0.3, dt=0.02)
         assert motion is not None
         assert motion.duration == pytest.approx(end, abs=0.03)

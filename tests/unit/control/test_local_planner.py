@@ -11,7 +11,8 @@ from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
 from elastic_strips.strip import Strip
-from elastic_strips.trajectory import MotionLimits, stationary
+from elastic_strips.trajectory import MotionLimits
+from elastic_strips.trajectory.trajectory import stationary
 
 PILLAR = Cylinder(0.2, 1.4, at=(2.6, -0.9, 0.7), name="pillar")
 WALKER = Cylinder(0.25, 1.7, at=(2.0, -4.5, 0.85), name="walker", motion=Twist((0.0, 0.5, 0.0)))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.control import DriveParams, ObstacleAssumptions, predict
-from elastic_strips.control.prediction import ArrivalTimes, as_expected
+from elastic_strips.control import DriveParams, ObstacleAssumptions
+from elastic_strips.control.prediction import ArrivalTimes, as_expected, predict
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, UnknownMotion, World
-from elastic_strips.sim import Fault, NoisyGroundTruth, PerceptionError, PerceptionParams
+from elastic_strips.sim import Fault, PerceptionError, PerceptionParams
 from elastic_strips.sim.faults import FaultPlan, FaultyPerception
+from elastic_strips.sim.perception import NoisyGroundTruth
+from elastic_strips.trajectory import MotionLimits
 
 ASSUMED = ObstacleAssumptions(position_error=0.01, velocity_error=0.05, acceleration=0.4, max_speed=2.0)
 
@@ -136,11 +138,12 @@ def test_parameters_are_checked(values, message):
 
 
 def test_arrival_times(silvermate):
-    pace = np.full(silvermate.nv, 0.5)
+    arrival = ArrivalTimes(silvermate, MotionLimits.for_robot(silvermate))
+    arrival.pace[:] = 0.5
     chart = np.repeat(silvermate.space.to_chart(silvermate.home())[None], 3, axis=0)
     chart[1:, 0] = 1.0
     chart[2, 4] += 0.25
-    np.testing.assert_allclose(ArrivalTimes(silvermate, pace)(chart), [0.0, 2.0, 2.5])
+    np.testing.assert_allclose(arrival(chart), [0.0, 2.0, 2.5])
 
 
 def test_what_keeps_to_the_assumptions_is_as_expected():

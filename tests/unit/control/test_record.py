@@ -9,7 +9,7 @@ import pytest
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.interfaces import RunState
-from elastic_strips.control.record import STATES, Recorder, RecordError
+from elastic_strips.control.record import DRIVE_NAMES, STATES, Recorder, RecordError
 from elastic_strips.errors import InputError
 from elastic_strips.robot import BaseKind
 from elastic_strips.scene import Scene, World
@@ -17,7 +17,7 @@ from elastic_strips.scene import Scene, World
 
 def fill(recorder, robot, count, rng):
     """Random rows; what was written, by column."""
-    k = recorder.drive_dim
+    k = len(DRIVE_NAMES[robot.base_kind])
     sizes = {name: robot.nv for name in ("chart", "v", "reference", "reference_v", "estimate")}
     sizes |= {"drive": k, "joints": len(robot.joint_names)}
     written = {name: rng.normal(size=(count, size)) for name, size in sizes.items()}
@@ -30,7 +30,7 @@ def fill(recorder, robot, count, rng):
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 300])
 def test_rows_survive_growing(robot, rng, count):
-    recorder = Recorder(robot, Scene(), capacity=8)
+    recorder = Recorder(robot, Scene())
     written = fill(recorder, robot, count, rng)
     control = recorder.finish().control
     assert len(recorder) == len(control) == count
@@ -59,7 +59,7 @@ def test_a_record_does_not_change_when_recording_goes_on(silvermate, rng):
 
 
 def test_what_is_not_known_is_nan(silvermate):
-    recorder = Recorder(silvermate, Scene(), capacity=2)
+    recorder = Recorder(silvermate, Scene())
     for k in range(7):
         recorder.control(float(k), chart=np.zeros(10), v=np.zeros(10))
     recorder.planning(0.0)
@@ -95,17 +95,6 @@ def test_ticks_keep_their_strips_phases_and_reasons(silvermate, rng):
     assert [planning.row_at(t) for t in (-0.01, 0.0, 0.15, 0.2, 9.0)] == [-1, 0, 1, 2, 2]
 
 
-@pytest.mark.parametrize("every, kept", [(0, []), (1, [0, 1, 2, 3, 4, 5, 6]), (3, [0, 3, 6])])
-def test_strips_can_be_thinned(silvermate, every, kept):
-    recorder = Recorder(silvermate, Scene(), strip_every=every)
-    recorder.control(0.0, chart=np.zeros(10), v=np.zeros(10))
-    for k in range(7):
-        recorder.planning(0.1 * k, strip=np.full((3, 10), float(k)))
-    planning = recorder.finish().planning
-    assert [k for k in range(7) if len(planning.strip(k))] == kept
-    assert all((planning.strip(k) == k).all() for k in kept)
-
-
 def test_a_run_has_what_identifies_it(silvermate):
     record = straight_run(silvermate, moving_world())
     assert record.robot == "silvermate"
@@ -124,10 +113,6 @@ def test_a_run_has_what_identifies_it(silvermate):
 
 
 def test_rows_that_make_no_sense_are_refused(silvermate, tiago):
-    with pytest.raises(RecordError, match="strip_every = -1"):
-        Recorder(silvermate, Scene(), strip_every=-1)
-    with pytest.raises(RecordError, match="0 states"):
-        Recorder(silvermate, Scene(), states=())
     with pytest.raises(RecordError, match=r"goal has shape \(3,\)"):
         Recorder(silvermate, Scene(), goal=[0, 0, 0])
     recorder = Recorder(silvermate, Scene())

@@ -10,7 +10,8 @@ import pytest
 from elastic_strips.collision import BrokenSegment, Certificate
 from elastic_strips.control import RunState, Supervisor
 from elastic_strips.planning import straight_line
-from elastic_strips.trajectory import MotionLimits, Retimer, stationary
+from elastic_strips.trajectory import MotionLimits, Retimer
+from elastic_strips.trajectory.trajectory import stationary
 
 GOOD = Certificate(0.02, np.ones(3, dtype=bool), np.zeros(3, dtype=np.int8), None, 0)
 BAD = Certificate(

@@ -7,7 +7,7 @@ import pytest
 
 from elastic_strips.control import DriveParams, RunState
 from elastic_strips.control import replanning as replanning_room
-from elastic_strips.control.replanning import SwitchingReplanner, slow
+from elastic_strips.control.replanning import SwitchingReplanner, standing
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning import StripSetParams
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
@@ -70,8 +70,8 @@ def test_what_is_fast_closes_nothing():
             Box((0.3, 0.3, 1.0), at=(2.0, 0.0, 0.5), name="crate"),
         ]
     )
-    assert slow(scene).names == ("cabinet", "crate")
-    assert all(obstacle.motion is None for obstacle in slow(scene))
+    assert standing(scene, below=0.3).names == ("cabinet", "crate")
+    assert all(obstacle.motion is None for obstacle in standing(scene, below=0.3))
 
 
 def test_a_drive_changes_sides(silvermate):

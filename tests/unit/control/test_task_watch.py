@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elastic_strips.control.tasks import ConstraintMonitor, ConstraintState
+from elastic_strips.control.tasks.hybrid import ConstraintMonitor, ConstraintState
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Scene

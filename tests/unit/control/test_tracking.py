@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from following import follow_trajectory
 from motions import smooth_motion, trajectory_of
 
 from elastic_strips.control.estimation import StateEstimator
@@ -13,7 +14,6 @@ from elastic_strips.control.interfaces import Command
 from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.errors import ParameterError
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
-from elastic_strips.sim.tracking_bound import follow_trajectory
 from elastic_strips.trajectory.limits import MotionLimits
 from elastic_strips.trajectory.trajectory import ReferenceState
 

@@ -137,7 +137,7 @@ def test_sixteen_bit_images(tmp_path):
 
 
 def test_wrong_arguments_and_missing_files(tmp_path):
-    with pytest.raises(ScenarioError, match=r"unknown='wall'; valid: 'free', 'occupied'"):
+    with pytest.raises(ScenarioError, match=r"unknown='wall' is unknown. Valid: free, occupied"):
         load_nav2_map(write(tmp_path), unknown="wall")
     with pytest.raises(ScenarioError, match="Voxels size"):
         load_nav2_map(write(tmp_path), height=0.0)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from ray_caster import box_segments, cast, scan
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import LaserScan, SceneEstimatorParams, rays_of, scan_scene
+from elastic_strips.perception import LaserScan, SceneEstimatorParams, scan_scene
 from elastic_strips.perception.clusters import cluster_obstacles, clusters_of, fit_circle
+from elastic_strips.perception.readings import rays_of
 from elastic_strips.scene import Box, Cylinder
 
 PARAMS = SceneEstimatorParams()
@@ -122,8 +123,8 @@ def test_the_break_distance_grows_with_range_and_step():
 def test_a_step_in_depth_splits_though_no_ray_is_free(depth):
     plates = [(2.0, -1.0, 2.0, 0.0), (2.0 + depth, -0.5, 2.0 + depth, 1.5)]
     near, far = clusters_of(rays_of(scan((0, 0, 0), segments=plates), (0, 0, 0)), PARAMS)
-    assert not near.hidden_last
-    assert far.hidden_first
+    assert not near.hidden
+    assert far.hidden
     assert near.points[:, 0].max() < 2.01 < far.points[:, 0].min()
 
 
@@ -144,8 +145,7 @@ def test_dropouts_do_not_split_and_make_ends_uncertain():
     ends = np.flatnonzero(np.isfinite(ranges))
     ranges[ends[0] - 1] = np.nan
     (cluster,) = clusters_of(rays_of(_with(reading, ranges), (0, 0, 0)), PARAMS)
-    assert cluster.hidden_first
-    assert not cluster.hidden_last
+    assert cluster.hidden
 
 
 def test_a_laser_that_hangs_upside_down_sees_the_same_world():

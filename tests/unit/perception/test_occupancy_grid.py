@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from ray_caster import box_segments, scan
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import LaserScan, OccupancyGrid, RangeRing, SceneEstimatorParams, rays_of
+from elastic_strips.perception import LaserScan, RangeRing, SceneEstimatorParams
+from elastic_strips.perception.occupancy_grid import OccupancyGrid
+from elastic_strips.perception.readings import rays_of
 from elastic_strips.scene import Voxels
 
 WALL = [(2.0, -3.0, 2.0, 3.0)]

@@ -211,8 +211,6 @@ def test_a_mover_keeps_solid_and_name_and_moves_on_in_the_scene():
         np.testing.assert_allclose(obstacle.pose[:2, 3], movers[0].position)
         later = scene.at(t + 1.0).obstacle(movers[0].name)
         np.testing.assert_allclose(later.pose[:2, 3], movers[0].position + movers[0].velocity, atol=1e-9)
-        assert not movers[0].within(0.0, 0.02)
-        assert movers[0].within(1.0, 1.0)
     assert len(solids) > 10
     assert len({id(s) for s in solids}) <= 3
     assert solids[-1] is solids[-2]

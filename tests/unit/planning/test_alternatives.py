@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.planning import homotopy_class, plan_report, separating_obstacles, strip_cost
-from elastic_strips.planning.homotopy.alternatives import AlternativesSearch, base_path
+from elastic_strips.planning import plan_report
+from elastic_strips.planning.homotopy.alternatives import AlternativesSearch, base_path, strip_cost
+from elastic_strips.planning.homotopy.classes import homotopy_class, separating_obstacles
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Deformer, DeformParams

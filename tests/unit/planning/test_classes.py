@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.planning import ObstacleCluster, homotopy_class, obstacle_clusters, separating_obstacles
+from elastic_strips.planning.homotopy.classes import ObstacleCluster, cluster_map, homotopy_class, separating_obstacles
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 
 AT = {"a": (1.0, 0.3), "b": (2.0, -0.4), "c": (2.0, 0.9), "d": (3.1, 0.1)}
@@ -112,7 +112,7 @@ def test_what_the_base_cannot_pass_between_is_one(silvermate) -> None:
     base = 2 * 0.27
     for gap, names in ((base - 0.08, {"one+two"}), (base + 0.12, {"one", "two"})):
         boxes = [Box((0.4, 0.4, 1.0), at=(2.0, s * (0.2 + gap / 2), 0.5), name=n) for s, n in ((1, "one"), (-1, "two"))]
-        clusters = obstacle_clusters(silvermate, Scene(boxes), [[0.0, 0.0], [4.0, 0.0]])
+        clusters = cluster_map(silvermate, Scene(boxes), [[0.0, 0.0], [4.0, 0.0]]).clusters
         assert {c.name for c in clusters} == names, gap
     assert clusters[0].obstacles in (("one",), ("two",))
     assert all(c.area > 0.16 for c in clusters)
@@ -130,13 +130,13 @@ def test_what_is_above_or_under_the_robot_does_not_count(silvermate) -> None:
         (Cylinder(0.1, 1.0, at=(12.0, 0.0, 0.5), name="far away"), 0),
     ]
     for thing, count in things:
-        assert len(obstacle_clusters(silvermate, Scene([thing]), ends)) == count, thing.name
+        assert len(cluster_map(silvermate, Scene([thing]), ends).clusters) == count, thing.name
 
 
 def test_pieces_of_one_obstacle_that_are_apart_have_names_of_their_own(silvermate) -> None:
     cells = np.array([[1.0, 0.0, 0.5], [3.0, 0.0, 0.5]])
-    clusters = obstacle_clusters(silvermate, Scene([Voxels(cells, 0.1, name="cloud")]), [[0.0, 0.0], [4.0, 0.0]])
-    assert [c.name for c in clusters] == ["cloud", "cloud#2"]
+    found = cluster_map(silvermate, Scene([Voxels(cells, 0.1, name="cloud")]), [[0.0, 0.0], [4.0, 0.0]])
+    assert [c.name for c in found.clusters] == ["cloud", "cloud#2"]
 
 
 def test_wrong_input_is_named(silvermate, gantry) -> None:
@@ -145,6 +145,4 @@ def test_wrong_input_is_named(silvermate, gantry) -> None:
     with pytest.raises(ParameterError, match="finite"):
         homotopy_class([[0.0, 0.0], [np.nan, 0.0]], POINTS)
     with pytest.raises(ParameterError, match="fixed"):
-        obstacle_clusters(gantry, Scene([]), [[0.0, 0.0]])
-    with pytest.raises(ParameterError, match=r"resolution=0\.0"):
-        obstacle_clusters(silvermate, Scene([]), [[0.0, 0.0]], resolution=0.0)
+        cluster_map(gantry, Scene([]), [[0.0, 0.0]])

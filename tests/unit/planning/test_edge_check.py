@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastic_strips.planning import Validity, certify_path, ompl_path, straight_line
+from elastic_strips.planning import ompl_path, straight_line
+from elastic_strips.planning.ompl_planner import Validity, certify_path
 from elastic_strips.scene import Box, Cylinder, Scene
 from elastic_strips.strip import Deformer
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastic_strips.planning import grid_path, homotopy_class, homotopy_paths, obstacle_clusters
-from elastic_strips.planning.homotopy.classes import _heights, _summed, cluster_map
+from elastic_strips.planning import grid_path
+from elastic_strips.planning.homotopy.classes import _heights, _summed, cluster_map, homotopy_class, homotopy_paths
 from elastic_strips.scene import Box, Cylinder, Scene
 
 PILLARS = Scene([Cylinder(0.2, 1.4, at=(x, y, 0.7)) for x, y in ((1.5, 0.1), (3.0, -0.9), (3.0, 0.8), (4.5, 0.0))])
@@ -17,7 +17,7 @@ def test_each_way_is_of_another_class_and_the_first_is_the_grid_s(silvermate) ->
     assert len(ways) >= 5
     assert len({w.homotopy_class for w in ways}) == len(ways)
     assert [w.cost for w in ways] == sorted(w.cost for w in ways)
-    clusters = obstacle_clusters(silvermate, PILLARS, [[0.0, 0.0], [6.0, 0.0]])
+    clusters = cluster_map(silvermate, PILLARS, [[0.0, 0.0], [6.0, 0.0]]).clusters
     assert len(clusters) == 4
     best = grid_path(silvermate, PILLARS, start, goal).points
     assert best is not None
@@ -41,7 +41,8 @@ def test_all_sides_of_two_pillars_are_found(silvermate) -> None:
 def test_crossings_along_a_tree_equal_those_of_its_paths(silvermate, rng) -> None:
     """Random paths over a grid, knight's moves too, against the words of the same paths."""
     scene = Scene([Cylinder(0.1, 1.4, at=(*at, 0.7)) for at in ((0.0, 0.2), (1.3, -0.7), (1.3, 0.8), (2.6, 0.1))])
-    field = cluster_map(silvermate, scene, [[0.0, 0.0], [2.6, 0.0]], widen=1.0)
+    ends = np.array([[0.0, 0.0], [2.6, 0.0]])
+    field = cluster_map(silvermate, scene, ends, box=(ends[0] - 1.0, ends[1] + 1.0))
     heights, shape = _heights(field), field.labels.shape
     at = [np.rint((c.at - field.low) / 0.05).astype(int) for c in field.clusters]
     numbers = {c.name: int(heights[i, j + 1] - heights[i, j]) for c, (i, j) in zip(field.clusters, at, strict=True)}

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.planning import grid_path, plan_report, straight_line
-from elastic_strips.planning.initial_strip import STUCK_TICKS, path_rows, path_strip, relax_path
+from elastic_strips.planning import grid_path, plan_report
+from elastic_strips.planning.initial_strip import STUCK_TICKS, line_strip, path_rows, path_strip, relax_path
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Deformer, Strip
+from elastic_strips.strip import Deformer
 
 REACH = {
     "arm_1_joint": 0.61, "arm_2_joint": 0.25, "arm_3_joint": -0.58, "arm_4_joint": 1.53, "arm_5_joint": 0.46,
@@ -46,17 +46,15 @@ def test_rows_are_tucked_only_where_that_changes_something(silvermate, jackal_bo
 def test_what_gets_no_clearer_is_given_up(silvermate) -> None:
     """A line through a box: patience makes it longer and slower, and leads nowhere."""
     scene = Scene([Box((0.8, 3.0, 1.4), at=(3.0, 0.0, 0.7), name="block")])
-    rows = straight_line(silvermate, silvermate.home(), silvermate.home(x=6.0), spacing=0.13)
-    strip = Strip.from_chart(silvermate, rows)
+    problem = PlanningProblem(silvermate, scene, silvermate.home(), silvermate.home(x=6.0), timeout=60.0)
+    strip = line_strip(problem)
     seen = []
-    report = relax_path(Deformer(silvermate), strip, scene, stuck=STUCK_TICKS, watch=seen.append)
+    report = relax_path(problem, strip, stuck=STUCK_TICKS, watch=seen.append)
     assert not report.usable
     assert report.ticks == len(seen) < 25
     assert "block" in report.reason
     assert report.reason.endswith(f"(after {report.ticks} ticks)")
-    at_once = relax_path(Deformer(silvermate), strip, scene, stuck=STUCK_TICKS, over=lambda: True)
-    assert at_once.ticks == 1
-    assert relax_path(Deformer(silvermate), strip, scene, stuck=STUCK_TICKS, max_ticks=3).ticks == 3
+    assert relax_path(problem, strip, stuck=STUCK_TICKS, over=lambda: True).ticks == 1
 
 
 @pytest.mark.parametrize("y", [0.9, -0.8])
@@ -65,10 +63,10 @@ def test_what_can_be_relaxed_comes_out_as_with_patience(silvermate, y) -> None:
     start, goal = silvermate.home(), silvermate.home(x=5.0)
     way = grid_path(silvermate, scene, start, goal).points
     assert way is not None
-    problem = PlanningProblem(silvermate, scene, start, goal)
+    problem = PlanningProblem(silvermate, scene, start, goal, timeout=60.0)
     rows, _ = next(path_rows(problem, way))
     strip = path_strip(problem, rows)
-    one, two = (relax_path(Deformer(silvermate), strip, scene, stuck=stuck) for stuck in (None, STUCK_TICKS))
+    one, two = (relax_path(problem, strip, stuck=stuck) for stuck in (None, STUCK_TICKS))
     assert one.usable
     np.testing.assert_array_equal(one.strip.q, two.strip.q)
     assert one.ticks == two.ticks

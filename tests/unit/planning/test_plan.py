@@ -9,7 +9,8 @@ import pytest
 from brute_force import link_distances, make_obstacle, self_distances
 
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.planning import Validity, check_endpoints, ompl_path, plan, plan_report
+from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
+from elastic_strips.planning.ompl_planner import Validity
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 from elastic_strips.strip import Deformer, DeformParams
 

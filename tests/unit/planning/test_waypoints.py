@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_strips.planning import tucked_rows, waypoint_rows
+from elastic_strips.planning.initial_strip import tucked_rows, waypoint_rows
 
 WAY = np.column_stack((np.linspace(0.0, 3.0, 31), 0.4 * np.sin(np.linspace(0.0, np.pi, 31))))
 

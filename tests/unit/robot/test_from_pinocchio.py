@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 
 from elastic_strips.errors import ConfigurationError, RobotError
-from elastic_strips.robot import KinematicTree, RobotModel
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.kinematics import KinematicTree
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Deformer, DeformParams, Strip
 

@@ -13,8 +13,9 @@ import pinocchio as pin
 import pytest
 from brute_force import random_configurations
 
+from elastic_strips.catalogue import robot_summary
 from elastic_strips.errors import ConfigurationError, InputError, RobotError
-from elastic_strips.robot import BaseKind, RobotModel, load_robot, robot_names, robot_summary
+from elastic_strips.robot import BaseKind, RobotModel, load_robot, robot_names
 
 ARM = tuple(f"arm_{i}_joint" for i in range(1, 8))
 

@@ -122,7 +122,6 @@ def test_making_the_workspace_begins_anew(silvermate):
     world = walker()
     one = watch(silvermate, world, 8.0)
     np.testing.assert_array_equal(one, watch(silvermate, world, 8.0))
-    assert not len(Pedestrians(silvermate, World(Scene([Box((1, 1, 1), at=(5, 0, 0))]))))
 
 
 class Blind:

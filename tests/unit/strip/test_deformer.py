@@ -76,6 +76,7 @@ def test_details_are_given_when_asked_for(silvermate):
     report = Deformer(silvermate).step(line(silvermate), ASIDE, detail=True)
     assert report.forces is not None
     assert report.tunnel is not None
+    assert not report.connectivity_counts, "the viewer asks for it"
     assert report.forces.points.shape == report.forces.vectors.shape
     assert len(report.forces.points) > 5
     sizes = np.linalg.norm(report.forces.vectors, axis=1)

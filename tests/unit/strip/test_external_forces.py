@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 from brute_force import configuration, link_distances, make_obstacle, random_chart, self_distances
 
-from elastic_strips.collision import BodySet, Contacts, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.collision.narrowphase import Contacts
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
 from elastic_strips.strip.forces import add_repulsion, add_self_repulsion, repulsive_magnitude, repulsive_potential
@@ -61,7 +62,7 @@ def test_repulsion_is_minus_its_gradient(name, k_near, request):
         kin, proximity = update(robot, scene, chart)
         system = System(6, robot.nv)
         contacts = proximity.contacts()
-        energy = add_repulsion(
+        add_repulsion(
             system, kin, contacts, proximity.bodies.joint, k_r=K_R, influence=INFLUENCE, k_near=k_near, near=NEAR
         )
 
@@ -70,7 +71,7 @@ def test_repulsion_is_minus_its_gradient(name, k_near, request):
             v = 0.5 * K_R * np.maximum(INFLUENCE - d, 0.0) ** 2 + 0.5 * k_near * np.maximum(NEAR - d, 0.0) ** 2
             return float(v.sum())
 
-        assert energy == pytest.approx(sum(potential(row) for row in chart), rel=1e-4, abs=1e-9)
+        assert system.energies["repulsion"] == pytest.approx(sum(potential(row) for row in chart), rel=1e-4, abs=1e-9)
         for n in range(6):
             mine = contacts.distance[contacts.node == n]
             if len(mine) == 0:
@@ -133,7 +134,8 @@ def test_repulsion_without_contacts_is_nothing(silvermate):
     chart = silvermate.space.to_chart(silvermate.home())[None]
     kin, proximity = update(silvermate, Scene([Sphere(0.1, at=(9.0, 0.0, 0.15))]), chart)
     system = System(1, 10)
-    assert add_repulsion(system, kin, proximity.contacts(), proximity.bodies.joint, k_r=1.0, influence=0.3) == 0.0
+    add_repulsion(system, kin, proximity.contacts(), proximity.bodies.joint, k_r=1.0, influence=0.3)
+    assert system.energies["repulsion"] == 0.0
     assert not system.force.any()
     assert system.energies == {"repulsion": 0.0}
 
@@ -161,8 +163,8 @@ def test_self_repulsion_is_minus_its_gradient(name, request):
         kin.update(row[None])
         proximity.update(kin)
         system = System(1, robot.nv)
-        energy = add_self_repulsion(system, kin, proximity, proximity.contacts(), k_s=k_s)
-        assert energy == pytest.approx(potential(row), rel=1e-4)
+        add_self_repulsion(system, kin, proximity, proximity.contacts(), k_s=k_s)
+        assert system.energies["self_collision"] == pytest.approx(potential(row), rel=1e-4)
         slope, smooth = numeric(robot, row, potential)
         if not smooth:
             continue

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from drivable import arcs, limits_of, most_used
 
-from elastic_strips.trajectory import stationary
 from elastic_strips.trajectory.retiming import Retimer, brake
-from elastic_strips.trajectory.trajectory import Trajectory
+from elastic_strips.trajectory.trajectory import Trajectory, stationary
 
 
 def distance_from_way(stop: Trajectory, way: Trajectory) -> float:

@@ -184,8 +184,8 @@ def test_joints_without_a_speed_are_asked_for(gantry):
     [
         ({"joint_speed": {"spim": 1.0}}, "did you mean 'spin'"),
         ({"joint_speed": float("nan")}, "joint_speed"),
-        ({"joint_speed": -1.0}, "positive"),
-        ({"joint_speed": True}, "not a number"),
+        ({"joint_speed": -1.0}, "> 0"),
+        ({"joint_speed": True}, "a finite number"),
         ({"joint_speed": 1.0, "joint_acceleration": {"bend": 0.0}}, "joint_acceleration"),
         ({"joint_speed": 1.0, "prismatic_acceleration": -1.0}, "joint_acceleration"),
     ],

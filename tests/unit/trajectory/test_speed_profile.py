@@ -80,8 +80,8 @@ def test_as_fast_as_toppra(name, request):
 
         class Geometry(toppra.interpolator.AbstractGeometricPath):
             dof = len(weight)
-            path_interval = np.array([0.0, path.length])
-            duration = path.length
+            path_interval = np.array([0.0, path.curve.length])
+            duration = path.curve.length
 
             def __call__(self, s, order=0, curve=path.curve):
                 rows = curve(np.atleast_1d(s))[order]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
@@ -46,7 +48,8 @@ def test_it_stays_in_the_hull_of_its_control_points(rng):
 
 def shaped(rng: np.random.Generator) -> Curve:
     curve, _ = example(rng, 9)
-    return curve.shaped(curve.length * np.array([0.0, 0.3, 0.55, 1.0]), rng.normal(size=(3, SHAPES, 3)))
+    edges = curve.length * np.array([0.0, 0.3, 0.55, 1.0])
+    return replace(curve, edges=edges, weights=rng.normal(size=(3, SHAPES, 3)))
 
 
 def test_shapes_join_without_a_kink(rng):
@@ -68,7 +71,8 @@ def test_the_derivatives_are_those_of_the_curve(rng):
 def test_only_steps_stay(rng):
     curve, _ = example(rng, 9)
     weights = rng.normal(size=(2, SHAPES, 3))
-    end = curve.shaped(curve.length * np.array([0.0, 0.5, 1.0]), weights)(np.array([curve.length]))[0]
+    shaped_curve = replace(curve, edges=curve.length * np.array([0.0, 0.5, 1.0]), weights=weights)
+    end = shaped_curve(np.array([curve.length]))[0]
     np.testing.assert_allclose(end, curve(np.array([curve.length]))[0] + weights[:, :1].sum(axis=0), atol=1e-12)
 
 

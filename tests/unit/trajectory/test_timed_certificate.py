@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
-from elastic_strips.control import ObstacleAssumptions, predict
+from elastic_strips.control import ObstacleAssumptions
+from elastic_strips.control.prediction import predict
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Cylinder, Scene, Sphere, Twist, UnknownMotion
-from elastic_strips.trajectory import MotionLimits, Retimer, TrajectoryCertifier
+from elastic_strips.trajectory import MotionLimits, Retimer
+from elastic_strips.trajectory.trajectory import TrajectoryCertifier
 
 EXACT = ObstacleAssumptions(position_error=0.0, velocity_error=0.0, acceleration=0.0)
 

@@ -74,16 +74,12 @@ def test_shifting_and_the_strip(robot, motion):
 
 
 def test_speeds_of_base_and_wheels(robot, motion):
-    assert len(motion) == len(motion.time) == len(motion.base_speed) == len(motion.turn_rate)
+    assert len(motion) == len(motion.time) == len(motion.base_speed)
     limits = motion.limits
     k = limits.drive_dim
-    np.testing.assert_allclose(motion.drive, motor_travel(robot, limits, motion.v)[:, :k], atol=1e-14)
+    np.testing.assert_allclose(limits.to_coordinates(motion.v), motor_travel(robot, limits, motion.v), atol=1e-14)
     if k == 2:
-        np.testing.assert_allclose(motion.wheel_speeds * limits.wheel_radius, motion.drive, atol=1e-14)
         np.testing.assert_array_equal(motion.base_speed, motion.v[:, 0])
-    else:
-        assert motion.wheel_speeds.shape == (len(motion), 0)
-    assert motion.turn_rate.any() == bool(k)
     assert (motion.base_speed >= 0.0).all()
 
 
@@ -104,7 +100,6 @@ def test_it_is_a_frozen_copy(silvermate, motion):
     own = Trajectory(silvermate, limits_of(silvermate), np.arange(3.0), rows, rows, rows)
     rows[1] = 7.0
     assert not own.chart.any()
-    assert own.end_error is None
 
 
 def test_rest_at_the_end(silvermate, motion):
@@ -119,10 +114,10 @@ def test_rest_at_the_end(silvermate, motion):
         ({"time": [0.0]}, "at least 2 samples"),
         ({"time": [0.0, 1.0, 1.0]}, "ascending"),
         ({"time": [0.0, 2.0, 1.0]}, "ascending"),
-        ({"time": [0.0, 1.0, np.inf]}, "ascending"),
-        ({"chart": np.zeros((3, 4))}, "chart has shape"),
-        ({"v": np.zeros((2, 10))}, "v has shape"),
-        ({"a": np.full((3, 10), np.nan)}, "a holds values"),
+        ({"time": [0.0, 1.0, np.inf]}, "time.*finite"),
+        ({"chart": np.zeros((3, 4))}, "chart of .* shape"),
+        ({"v": np.zeros((2, 10))}, "v of .* shape"),
+        ({"a": np.full((3, 10), np.nan)}, "a of .* finite"),
     ],
 )
 def test_wrong_samples(silvermate, change, match):

@@ -95,6 +95,6 @@ def test_clustered_is_coarser_and_about_as_large():
 
 
 def test_linear_colours():
-    assert geometry.linear(0xFFFFFF) == pytest.approx((1, 1, 1))
-    assert geometry.linear(0x000000) == pytest.approx((0, 0, 0))
+    assert geometry.linear("#ffffff") == pytest.approx((1, 1, 1))
+    assert geometry.linear("#000000") == pytest.approx((0, 0, 0))
     assert geometry.linear((0.5, 0.5, 0.5))[0] == pytest.approx(0.2140, abs=1e-4)

@@ -232,7 +232,7 @@ def test_wrong_input_is_refused(silvermate, tiago, record):
         with pytest.raises(RecordError, match="the record is of 'silvermate'"):
             viewer.replay(tiago, record)
         for speed in (0.0, -1.0, np.nan, np.inf):
-            with pytest.raises(InputError, match="speed = "):
+            with pytest.raises(InputError, match="speed="):
                 viewer.replay(silvermate, record, speed=speed)
         for cut in ({"begin": 5.0, "end": 5.0}, {"begin": 100.0}, {"end": -1.0}):
             with pytest.raises(InputError, match="nothing to play"):

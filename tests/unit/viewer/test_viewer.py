@@ -22,6 +22,7 @@ import pytest
 import umsgpack
 from tornado.websocket import websocket_connect
 
+import elastic_strips as es
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.viewer import Viewer, commands
 
@@ -361,3 +362,13 @@ def test_wrong_input_raises(robot, scene, make_report):
 
 def test_the_page_does_not_end_its_script_early():
     assert commands._meshcat_script().lower().count("</script") == 0
+
+
+def test_a_report_with_hulls_is_drawn_where_the_strip_is_in_collision(robot):
+    strip = es.Strip(robot, [robot.home(x=x) for x in np.linspace(0.0, 2.0, 6)])
+    scene = es.Scene([es.Box((0.4, 0.4, 1.0), at=(1.0, 0.0, 0.5))])
+    report = es.Deformer(robot).step(strip, scene, detail=True)
+    assert report.tunnel is not None
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, report).html()
+        assert viewer.alive

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from .hybrid import ConstraintEvent, ConstraintMonitor, ConstraintState, HybridControl, PathService, deliberate
+from .hybrid import HybridControl, PathService, deliberate
 from .sequencing import Blackboard, Order, SequencingLayer
 from .tasks import (
     DeliberativeLayer,
     DriveAndReach,
     DriveTo,
     InverseKinematics,
-    Part,
     ReachHand,
-    ReachResult,
-    Step,
+    StepKind,
     Task,
     TaskPlan,
+    TaskStep,
 )
 
 __all__ = [
@@ -26,15 +25,11 @@ __all__ = [
     "Blackboard",
     "HybridControl",
     "Order",
-    "Part",
+    "StepKind",
     "InverseKinematics",
     "ReachHand",
-    "ReachResult",
     "SequencingLayer",
-    "Step",
+    "TaskStep",
     "Task",
-    "ConstraintEvent",
-    "ConstraintState",
-    "ConstraintMonitor",
     "deliberate",
 ]

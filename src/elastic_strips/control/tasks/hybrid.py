@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any
 
 import numpy.typing as npt
 
-from elastic_strips.control.controller import Controller
+from elastic_strips.control.controller import KEPT_EVENTS, Controller
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.params import DriveParams
 from elastic_strips.control.replanning import Replanner, standing
@@ -21,6 +21,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.constraint import ConstraintForce, OrientationConstraint
 from elastic_strips.strip.report import DeformReport
+from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_able, check_count, check_type, shown
 
 from .sequencing import Blackboard, Order, SequencingLayer
@@ -126,8 +127,8 @@ class PathService(Replanner):
         attempts: paths requested since the last goal.
     """
 
-    def __init__(self, *args: object, **options: object) -> None:
-        super().__init__(*args, **options)  # type: ignore[arg-type]
+    def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
+        super().__init__(robot, params, seed=seed, grid=grid)
         self.trouble, self.attempts = "", 0
         self._requested = False
 
@@ -174,7 +175,7 @@ def deliberate(
     params: DriveParams | None = None,
     seed: int = 0,
 ) -> TaskPlan:
-    """Divide a task into steps; where it cannot be done there are none, and the reason says why.
+    """Decompose a task into steps; where it cannot be done there are none, and the reason says why.
 
     Args:
         robot: the robot.
@@ -196,9 +197,9 @@ def deliberate(
 class HybridControl(Controller):
     """Workspace: sequencing and reactive layer for the steps of a task; it takes steps as every :class:`Controller`.
 
-    The deliberative layer divides the task (:func:`deliberate`); the sequencing layer has its steps done one after the
-    other; the reactive layer, the controller with its strip and its supervisor, moves the robot. Each knows the next by
-    a few calls only: steps and paths come down, the blackboard goes up.
+    The deliberative layer decomposes the task (:func:`deliberate`); the sequencing layer orders its steps; the reactive
+    layer, the controller with its strip and its supervisor, moves the robot. Steps and paths come down, the blackboard
+    goes up.
 
     Args:
         robot: the robot.
@@ -209,7 +210,7 @@ class HybridControl(Controller):
         params: of the drive.
         seed: of the planner.
         look: called after every planning tick, with this control.
-        **options: of the :class:`Controller`.
+        limits, strip, path, executor, events: of the :class:`Controller`.
 
     Attributes:
         paths: plans paths when the sequencing layer requests them.
@@ -233,7 +234,11 @@ class HybridControl(Controller):
         params: DriveParams | None = None,
         seed: int = 0,
         look: Callable[[HybridControl], object] | None = None,
-        **options: Any,
+        limits: MotionLimits | None = None,
+        strip: Strip | None = None,
+        path: npt.ArrayLike | None = None,
+        executor: Executor | None = None,
+        events: int | None = KEPT_EVENTS,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
         check_type("keep", keep, OrientationConstraint, none=True)
@@ -246,7 +251,10 @@ class HybridControl(Controller):
         self.sequencing = SequencingLayer([str(s) for s in plan.steps], max_scene_age=params.max_scene_age)
         self.paths = PathService(robot, params, seed=seed, grid=robot.space.planar)
         goals = [s.q for s in plan.steps]
-        super().__init__(robot, start, goals, scene, params=params, replanner=self.paths, seed=seed, **options)
+        super().__init__(
+            robot, start, goals, scene, params=params, limits=limits, strip=strip, path=path, replanner=self.paths,
+            executor=executor, seed=seed, events=events,
+        )  # fmt: skip
         force = self.planner.deformer.constraint
         self.monitor = None if force is None else ConstraintMonitor(force)
         self.orders: list[tuple[float, Order, str]] = []

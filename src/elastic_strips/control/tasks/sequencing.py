@@ -17,8 +17,7 @@ from elastic_strips.errors import ParameterError, missing_extra
 if TYPE_CHECKING:
     from .tree import Tree
 
-
-Answer = tuple["bool | None", str]
+_Answer = tuple["bool | None", str]
 
 
 class Order(str, Enum):
@@ -74,10 +73,9 @@ class SequencingLayer:
         if max_attempts < 1:
             raise ParameterError(f"SequencingLayer: max_attempts={max_attempts!r} must be at least 1")
         self.order, self.reason = Order.WAIT, "not started"
-        self._steps = tuple(steps)
         self._age, self._attempts = max_scene_age, max_attempts
         self._board = Blackboard()
-        self._tree = self._build()
+        self._tree = self._build(steps)
 
     def tick(self, board: Blackboard) -> Order:
         """Take in the blackboard, and decide."""
@@ -97,13 +95,13 @@ class SequencingLayer:
         """The tree in Graphviz' language; ``dot -Tsvg`` draws it."""
         return self._tree.dot()
 
-    def _build(self) -> Tree:
+    def _build(self, steps: Sequence[str]) -> Tree:
         try:
-            from .tree import Step, Tree
+            from .tree import Tree
         except ImportError as error:
             raise missing_extra("the sequencing layer", "py_trees", "control") from error
         return Tree(
-            [Step(name, partial(self._there, k)) for k, name in enumerate(self._steps)],
+            [(name, partial(self._there, k)) for k, name in enumerate(steps)],
             [("scene is fresh", self._fresh), ("robot knows where it is", self._localized)],
             usable=self._usable,
             ask=self._ask,
@@ -112,22 +110,22 @@ class SequencingLayer:
 
     # the leaves' questions
 
-    def _there(self, index: int) -> Answer:
+    def _there(self, index: int) -> _Answer:
         done = self._board.reached > index
         return done, "done" if done else ""
 
-    def _fresh(self) -> Answer:
+    def _fresh(self) -> _Answer:
         age = self._board.scene_age
         return (True, "") if age <= self._age else self._wait(f"the scene is {age:.2f} s old")
 
-    def _localized(self) -> Answer:
+    def _localized(self) -> _Answer:
         return (True, "") if self._board.localized else self._wait("odometry is lost")
 
-    def _usable(self) -> Answer:
+    def _usable(self) -> _Answer:
         board = self._board
         return not board.trouble and not board.planning, board.trouble
 
-    def _ask(self) -> Answer:
+    def _ask(self) -> _Answer:
         board = self._board
         if board.planning:
             return self._wait("the deliberative layer is planning")
@@ -137,10 +135,10 @@ class SequencingLayer:
         self.order, self.reason = Order.REQUEST_PATH, board.trouble
         return None, board.trouble
 
-    def _follow(self) -> Answer:
+    def _follow(self) -> _Answer:
         self.order, self.reason = Order.FOLLOW, "the strip is followed"
         return None, self.reason
 
-    def _wait(self, reason: str) -> Answer:
+    def _wait(self, reason: str) -> _Answer:
         self.order, self.reason = Order.WAIT, reason
         return None, reason

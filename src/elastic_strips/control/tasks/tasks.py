@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
-from elastic_strips.planning import Validity
+from elastic_strips.planning.ompl_planner import Validity
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Scene
@@ -106,6 +106,7 @@ _HOLD = 0.03  # how strongly a base is held where it was seen to have room: it m
 _RING = (0.4, 0.55, 0.7, 0.85)  # [m] distances of a base from what it reaches for, to begin with
 _DIRECTIONS = 12  # on each ring
 _POSTURES = 4  # of the arm, at each
+_STARTS = 24  # postures of the arm where the base stays
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,17 +132,16 @@ class InverseKinematics:
         robot: the robot.
         rng: of the places to begin at.
         margin: distance to keep to obstacles [m].
-        starts: how many places to begin at.
     """
 
-    def __init__(self, robot: RobotModel, rng: np.random.Generator, *, margin: float = 0.03, starts: int = 24) -> None:
-        self.robot, self.rng, self.margin, self.starts = robot, rng, margin, starts
+    def __init__(self, robot: RobotModel, rng: np.random.Generator, *, margin: float = 0.03) -> None:
+        self.robot, self.rng, self.margin = robot, rng, margin
         self._data = robot.model.createData()
 
     def with_arm(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
         """Move the joints alone, the base stays where ``q`` (nq,) has it."""
         chart = self.robot.space.to_chart(self.robot.check_q(q))
-        return self._search(scene, task, [chart, *self._postures(chart, self.starts - 1)], chart, base=False)
+        return self._search(scene, task, [chart, *self._postures(chart, _STARTS - 1)], chart, base=False)
 
     def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
         """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first.
@@ -268,8 +268,8 @@ class InverseKinematics:
         return index
 
 
-class Part(str, Enum):
-    """Which part of the robot a step is for; the strip moves the whole body in any case."""
+class StepKind(str, Enum):
+    """What a step is for; the strip moves the whole body in any case."""
 
     NAVIGATION = "navigation"
     MANIPULATION = "manipulation"
@@ -277,21 +277,21 @@ class Part(str, Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Step(Summary):
+class TaskStep(Summary):
     """One goal on the way to a task.
 
     Attributes:
-        part: of the robot.
+        kind: what it is for.
         q: (nq,) the goal.
         text: for people.
     """
 
-    part: Part
+    kind: StepKind
     q: Array
     text: str
 
     def __str__(self) -> str:
-        return f"{self.part.value}: {self.text}"
+        return f"{self.kind.value}: {self.text}"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -299,7 +299,7 @@ class TaskPlan(Summary):
     """What the layer made of a task: its steps, none where it cannot be done, and why."""
 
     task: Task
-    steps: tuple[Step, ...]
+    steps: tuple[TaskStep, ...]
     reason: str
 
 
@@ -327,17 +327,17 @@ class DeliberativeLayer:
         robot = self.robot
         here = robot.check_q(q, what="q")
         if isinstance(task, DriveTo):
-            step = Step(Part.NAVIGATION, self._driven(here, task), str(task))
+            step = TaskStep(StepKind.NAVIGATION, self._driven(here, task), str(task))
             return TaskPlan(task, (step,), "drive, the arm as it is")
         if isinstance(task, DriveAndReach):
             there = self._driven(here, task.drive)
             found = self._kinematics.with_arm(scene, there, task.reach)
             if found.q is None:
                 return TaskPlan(task, (), found.reason)
-            return TaskPlan(task, (Step(Part.WHOLE_BODY, found.q, str(task)),), found.reason)
+            return TaskPlan(task, (TaskStep(StepKind.WHOLE_BODY, found.q, str(task)),), found.reason)
         found = self._kinematics.with_arm(scene, here, task)
         if found.q is not None:
-            return TaskPlan(task, (Step(Part.MANIPULATION, found.q, str(task)),), f"from here; {found.reason}")
+            return TaskPlan(task, (TaskStep(StepKind.MANIPULATION, found.q, str(task)),), f"from here; {found.reason}")
         found = self._kinematics.with_base(scene, here, task)
         if found.q is None:
             return TaskPlan(task, (), found.reason)
@@ -348,8 +348,8 @@ class DeliberativeLayer:
         x, y, yaw = (float(value) for value in row[:3])
         drive = DriveTo(x, y, yaw)
         steps = (
-            Step(Part.NAVIGATION, robot.space.from_chart(before[None])[0], str(drive)),
-            Step(Part.MANIPULATION, found.q, str(task)),
+            TaskStep(StepKind.NAVIGATION, robot.space.from_chart(before[None])[0], str(drive)),
+            TaskStep(StepKind.MANIPULATION, found.q, str(task)),
         )
         return TaskPlan(task, steps, f"the arm does not reach from here: {drive} first; {found.reason}")
 

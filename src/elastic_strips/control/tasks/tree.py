@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 from py_trees import display
 from py_trees.behaviour import Behaviour
@@ -11,14 +10,14 @@ from py_trees.common import Status
 from py_trees.composites import Selector
 from py_trees.composites import Sequence as All
 
-Question = Callable[[], tuple["bool | None", str]]
-"""Asks whether something holds (None: not yet), and what is going on."""
+_Question = Callable[[], tuple["bool | None", str]]
+"""Whether something holds (None: not yet), and what is going on."""
 
 
 class _Leaf(Behaviour):
     """A question that is asked anew in every tick."""
 
-    def __init__(self, name: str, question: Question) -> None:
+    def __init__(self, name: str, question: _Question) -> None:
         super().__init__(name)
         self._question = question
 
@@ -33,18 +32,11 @@ class _Leaf(Behaviour):
             self.feedback_message = ""
 
 
-class Step(NamedTuple):
-    """The questions of one step."""
-
-    name: str
-    there: Question
-
-
 class Tree:
     """The steps one after the other: each is done where the robot is there, else it goes there.
 
     Args:
-        steps: in their order.
+        steps: name of each, in their order, and the question whether the robot is there.
         conditions: name and question of what has to hold before the strip can be followed.
         usable: whether there is a strip to follow.
         ask: what is done where there is none.
@@ -53,22 +45,22 @@ class Tree:
 
     def __init__(
         self,
-        steps: Sequence[Step],
-        conditions: Sequence[tuple[str, Question]],
+        steps: Sequence[tuple[str, _Question]],
+        conditions: Sequence[tuple[str, _Question]],
         *,
-        usable: Question,
-        ask: Question,
-        follow: Question,
+        usable: _Question,
+        ask: _Question,
+        follow: _Question,
     ) -> None:
         self.root = All("task", memory=True)
-        for number, step in enumerate(steps, 1):
+        for number, (name, there) in enumerate(steps, 1):
             strip = Selector("a strip to follow", memory=False)
             strip.add_children([_Leaf("strip is usable", usable), _Leaf("ask the deliberative layer", ask)])
             go = All("go there", memory=False)
-            go.add_children([_Leaf(name, question) for name, question in conditions])
+            go.add_children([_Leaf(*condition) for condition in conditions])
             go.add_children([strip, _Leaf("follow the strip", follow)])
-            both = Selector(f"{number}. {step.name}", memory=False)
-            both.add_children([_Leaf("is there", step.there), go])
+            both = Selector(f"{number}. {name}", memory=False)
+            both.add_children([_Leaf("is there", there), go])
             self.root.add_child(both)
 
     def tick(self) -> bool | None:

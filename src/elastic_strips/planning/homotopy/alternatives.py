@@ -80,7 +80,7 @@ class AlternativesSearch:
     were not enough. What relaxes into a class that is there already replaces it where it is cheaper.
 
     Args:
-        problem: what is asked.
+        problem: start, goal, scene, time and bounds.
         count: so many strips at most.
         without: classes among ``clusters`` that are not wanted, because they are there already.
         clusters: of the scene, about start and goal; found where None.
@@ -151,9 +151,7 @@ class AlternativesSearch:
         if self._class(strip) in self._without:
             return
         mark = perf_counter()
-        report = relax_line(
-            problem.deformer, strip, problem.scene, self._line_ticks, self._watch, over=problem.deadline.over
-        )
+        report = relax_line(problem, strip, self._line_ticks, self._watch)
         self.timings["line"] += perf_counter() - mark
         self._add(strip, report, "line", "straight line")
 
@@ -200,9 +198,7 @@ class AlternativesSearch:
         """Relax rows (N, nv); whether that gave a certified strip."""
         problem, mark = self._problem, perf_counter()
         strip = path_strip(problem, rows)
-        report = relax_path(
-            problem.deformer, strip, problem.scene, stuck=STUCK_TICKS, over=problem.deadline.over, watch=self._watch
-        )
+        report = relax_path(problem, strip, stuck=STUCK_TICKS, watch=self._watch)
         self.timings["relaxation"] += perf_counter() - mark
         return self._add(strip, report, method, what)
 

@@ -1,7 +1,7 @@
 """Homotopy classes: on which sides of the obstacles a path of the base goes, and paths over a grid of each class.
 
 A ray goes from a point of each obstacle upwards (towards +y) to infinity. The rays that a path crosses, in order and
-with the sense of the crossing, spell a word; a crossing and the next one back cancel. Two paths with the same ends have
+with the sense of the crossing, form a word; a crossing and the next one back cancel. Two paths with the same ends have
 the same reduced word if and only if one can be deformed into the other without passing over one of those points.
 """
 
@@ -19,8 +19,10 @@ from elastic_strips.planning.grid_path import (
     COMFORT,
     FLOOR,
     MOST_CELLS,
+    box_about,
     cell_cost,
     cell_graph,
+    clearance_map,
     grid_frame,
     owner_map,
     smooth_path,
@@ -72,60 +74,44 @@ class ClusterMap(Summary):
     inner: float
 
 
-def obstacle_clusters(
-    robot: RobotModel, scene: Scene, points: npt.ArrayLike, *, resolution: float = 0.05, widen: float = 3.0
-) -> tuple[ObstacleCluster, ...]:
-    """Obstacles about ``points``, merged where the base cannot pass between them; see :func:`cluster_map`."""
-    return cluster_map(robot, scene, points, resolution=resolution, widen=widen).clusters
-
-
 def cluster_map(
     robot: RobotModel,
     scene: Scene,
     points: npt.ArrayLike,
     *,
-    resolution: float = 0.05,
-    widen: float = 3.0,
     box: tuple[Array, Array] | None = None,
     over: Callable[[], bool] = lambda: False,
 ) -> ClusterMap:
     """The clusters of a scene about ``points``, on a grid.
 
     What is above the robot in its home posture, or on the floor below 2 cm, does not count: the robot passes under or
-    over it. Nor does what is farther away than ``widen``.
+    over it.
 
     Args:
         robot: the robot; its base must move.
         scene: the obstacles, as they stand.
         points: (K, 2) positions of the base that the grid has to hold [m].
-        resolution: edge of a cell [m]; larger where the grid would be too large.
-        widen: how far beyond the points the grid reaches [m].
-        box: low and high corner (2,) of the grid [m], instead of ``widen``; it holds the points.
+        box: low and high corner (2,) of the grid [m]; it holds the points, and reaches 3 m beyond them where None.
         over: says whether the time is over; then there are no clusters.
 
     Raises:
-        ParameterError: a fixed base, points of another shape or not finite, or a length that is not positive.
+        ParameterError: a fixed base, or points of another shape or not finite.
     """
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # late: slow to import
 
     xy = _points(points, least=1)
     if not robot.space.planar:
         raise ParameterError(f"the base of {robot.name!r} is fixed; diff_drive or omni is needed for classes of paths")
-    for name, value in (("resolution", resolution), ("widen", widen)):
-        if not value > 0.0:
-            raise ParameterError(f"{name}={value!r} must be > 0 m")
-    low, high = (xy.min(axis=0) - widen, xy.max(axis=0) + widen) if box is None else box
-    low, shape, resolution = grid_frame(low, high, resolution, MOST_CELLS)
+    low, shape, resolution = grid_frame(*(box_about(xy) if box is None else box), MOST_CELLS)
     footprint = PlanarFootprint.of(robot, robot.home_q)
     inner, height = footprint.inner, footprint.height
     owner = owner_map(scene, low, shape, resolution, height, over=over)
     taken = owner >= 0
+    labels = np.zeros(taken.shape, dtype=np.intp)
     if over() or not taken.any():
-        return ClusterMap((), np.zeros(taken.shape, dtype=np.intp), np.full(taken.shape, np.inf), low, resolution,
-                            inner)  # fmt: skip
-    clear = np.asarray(distance_transform_edt(~taken, sampling=resolution))
+        return ClusterMap((), labels, np.full(taken.shape, np.inf), low, resolution, inner)
+    clear = clearance_map(taken, resolution)
     closed = clear < inner
-    labels = np.zeros(closed.shape, dtype=np.intp)
     count = int(np.asarray(label(closed, structure=_EIGHT, output=labels)))
     depth = np.asarray(distance_transform_edt(closed)) * taken  # the middle of an obstacle, not of a gap that is closed
     middles = maximum_position(depth, labels, np.arange(1, count + 1))

@@ -38,8 +38,8 @@ class StripSetParams:
             before it is dropped, or the current one planned anew.
         divergence_distance: how far ahead [m] it is looked where a strip leads, once the robot has gone as far since it
             was planned.
-        divergence_angle: a strip is dropped then that leads another way than a certified current one by more than this
-            [rad]: the robot has passed where they part.
+        divergence_angle: a strip is dropped then whose direction differs from that of a certified current one by more
+            than this [rad]: the robot has passed where they part.
         plan_every: a planner is called at most once in so many ticks; 0 calls none.
         timeout: of a planner's call within a tick [s].
     """
@@ -66,6 +66,9 @@ class _Member:
         self.report, self.homotopy_class, self.method = found.report, found.homotopy_class, found.method
         self.origin = found.strip.chart[0].copy()  # where the robot was when it was planned
         self.broken = self.better = 0  # ticks in a row, of those in which it was deformed
+
+    def __str__(self) -> str:
+        return f"a strip of {self.report.strip.length:.2f} m"
 
     def deform(self, scene: Scene) -> None:
         self.report = self.deformer.step(self.report.strip, scene)
@@ -271,7 +274,7 @@ class StripSet:
         for member in self._members:
             member.better = 0
         if old is None:
-            events.append(f"took up a strip of {to.report.strip.length:.2f} m: {why}")
+            events.append(f"took up {to}: {why}")
             return
         events.append(f"switched from {self._sides(scene, old, to)}: {why}")
 
@@ -302,7 +305,7 @@ class StripSet:
                     why = f"it leads {np.degrees(angle):.0f}° off the current one: the robot has passed where they part"
             if why:
                 self._members.remove(member)
-                events.append(f"dropped {self._beside(member)}: {why}")
+                events.append(f"dropped {member}: {why}")
 
     def _lacks(self) -> bool:
         """Whether to call the planner: where the current strip is broken, or, less and less often, for more strips."""
@@ -319,7 +322,7 @@ class StripSet:
         for member in sorted(members, key=lambda m: (m is not self._current, m.cost)):
             if any(member.homotopy_class == other.homotopy_class for other in kept):
                 self._members.remove(member)
-                events.append(f"dropped {self._beside(member)}: it passes on the same sides as a better one")
+                events.append(f"dropped {member}: it passes on the same sides as a better one")
             else:
                 kept.append(member)
         return kept
@@ -365,10 +368,6 @@ class StripSet:
         self._futile = 0 if new else self._futile + 1
         if self._current is None and self._members:
             self._current = min(self._members, key=lambda m: m.cost)
-
-    @staticmethod
-    def _beside(member: _Member) -> str:
-        return f"a strip of {member.report.strip.length:.2f} m"
 
     def _report(self, events: list[str], fresh: list[_Member], *, planned: bool) -> StripSetReport:
         for event in events:
@@ -420,7 +419,7 @@ def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> D
     rows = np.vstack((first, rest[skip:]))
     if strip.robot.base_kind is BaseKind.DIFF_DRIVE:
         rows, slip = project_rolling(strip.robot.space, rows)
-        if slip > SLIP_LIMIT:  # it cannot be driven; the next tick starts from nothing that is held
+        if slip > SLIP_LIMIT:  # it cannot be driven; the next tick starts without known distances
             endpoints = strip.robot.space.from_chart(rows[[0, -1]])
             endpoints[-1] = strip.q[-1]
             return replace(report, strip=Strip.from_chart(strip.robot, rows, ends=endpoints), slip=slip)

@@ -3,28 +3,22 @@ with."""
 
 from __future__ import annotations
 
-from .base_controller import BASE_METHODS, BaseController, base_simulation, make_base_method
+from .base_controller import BASE_METHODS, BaseController, make_base_method
 from .base_method import BaseCommand, BaseLimits, BaseMethod, GoalParams
-from .certainty_grid import CV_MAX, BayesGrid, CertaintyGrid, GridParams, HistogramGrid, make_grid
-from .elastic_band import ElasticBand, ElasticBandParams, SensedPath
+from .certainty_grid import GridParams
+from .elastic_band import ElasticBand, ElasticBandParams
 from .force_fields import PotentialField, PotentialFieldParams, VirtualForceField, VirtualForceFieldParams
 from .histogram import HistogramParams, VectorFieldHistogram
 
 __all__ = [
     "BaseController",
-    "base_simulation",
     "BASE_METHODS",
     "make_base_method",
     "BaseMethod",
     "BaseCommand",
     "BaseLimits",
     "GoalParams",
-    "CertaintyGrid",
-    "HistogramGrid",
-    "BayesGrid",
     "GridParams",
-    "make_grid",
-    "CV_MAX",
     "PotentialField",
     "PotentialFieldParams",
     "VirtualForceField",
@@ -33,5 +27,4 @@ __all__ = [
     "HistogramParams",
     "ElasticBand",
     "ElasticBandParams",
-    "SensedPath",
 ]

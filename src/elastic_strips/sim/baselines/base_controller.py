@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -182,7 +181,7 @@ class BaseController(ControlLoop):
         self.state, self.reason = state, reason
 
 
-class RawReadings:
+class _RawReadings:
     """Workspace: what a robot's simulated sensors read, as it is; and whether the robot touches something.
 
     Args:
@@ -228,19 +227,21 @@ def base_simulation(
     goal: ArrayLike,
     method: str,
     *,
+    params: DriveParams | None = None,
     limits: MotionLimits | None = None,
+    base: BaseLimits | None = None,
+    patience: float = PATIENCE,
     sensors: SensorConfig | None = None,
     plant: Plant | None = None,
     seed: int = 0,
-    watch: Callable[[Any], object] | None = None,
+    watch: Callable[[Simulation[BaseController]], object] | None = None,
     realtime: bool = False,
     metadata: dict[str, object] | None = None,
-    **options: Any,
 ) -> Simulation[BaseController]:
     """A method for a base alone in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
-        robot, start, goal, method, limits, **options: of the :class:`BaseController`.
+        robot, start, goal, method, params, limits, base, patience: of the :class:`BaseController`.
         world: the true obstacles over time.
         sensors: what the sensors are like.
         plant: the machine; a :class:`KinematicPlant` where None.
@@ -248,10 +249,10 @@ def base_simulation(
         watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
     """
     check_able("watch", watch)
-    controller = BaseController(robot, start, goal, method, limits=limits, **options)
+    controller = BaseController(robot, start, goal, method, params=params, limits=limits, base=base, patience=patience)
     world, machine, rng = prepare(robot, world, controller.limits, plant, seed)
     machine.reset(controller.estimate)
-    senses = RawReadings(robot, world, machine, sensors, seed=rng)
+    senses = _RawReadings(robot, world, machine, sensors, seed=rng)
     return Simulation(
         controller, world, machine, senses, watch=watch, realtime=realtime,
         metadata={"method": method, **(metadata or {})},

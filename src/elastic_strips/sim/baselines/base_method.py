@@ -88,10 +88,6 @@ class BaseMethod(Protocol):
 
     name: str
 
-    def reset(self) -> None:
-        """Forget all that was sensed and done."""
-        ...
-
     def update(self, reading: Reading, pose: Array) -> None:
         """Take in a reading.
 
@@ -154,10 +150,6 @@ class CommandLimiter:
 
     def __init__(self, limits: BaseLimits, goal: GoalParams | None = None) -> None:
         self.limits, self.params = limits, GoalParams() if goal is None else goal
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what was commanded, and the progress."""
         self._time: float | None = None
         self._last = (0.0, 0.0)
         self._goal: tuple[float, ...] | None = None

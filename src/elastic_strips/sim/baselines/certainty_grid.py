@@ -22,7 +22,7 @@ from elastic_strips.perception import LaserScan, RangeRing, Reading
 from elastic_strips.validation import check_count, check_numbers
 
 Flags = npt.NDArray[np.bool_]
-Whole = npt.NDArray[np.int_]
+_Whole = npt.NDArray[np.int_]
 _CONE, _DEPTH = 0.05, 0.15  # [rad, m] how far a scanned point may be off a sonar's cone and range to explain them
 
 
@@ -78,10 +78,6 @@ class SensedPoints:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget them."""
         self._scans: dict[str, Array] = {}
         self._rings: dict[str, tuple[PlanarRays, float]] = {}
         self._points: Array | None = np.zeros((0, 2))
@@ -163,23 +159,13 @@ class CertaintyGrid:
 
     def __init__(self, params: GridParams | None = None) -> None:
         self.params = GridParams() if params is None else params
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
         self.values = np.zeros((int(self.params.size), int(self.params.size)))
         self.first = np.zeros(2, dtype=int)  # number of the window's first cell, along x and y
         self._placed = False
 
-    def cells_of(self, points: Array) -> Whole:
+    def cells_of(self, points: Array) -> _Whole:
         """(…, 2) numbers, in the world, of the cells that hold points (…, 2) [m]."""
         return np.floor(np.asarray(points) / self.params.cell).astype(int)
-
-    def value_at(self, point: Array) -> float:
-        """The stored value of the cell that holds a point (2,); 0 outside the window."""
-        i, j = self.cells_of(point) - self.first
-        size = len(self.values)
-        return float(self.values[i, j]) if 0 <= i < size and 0 <= j < size else 0.0
 
     def follow(self, position: Array) -> None:
         """Move the window, by whole cells, so that its middle cell holds the position; what leaves it is forgotten."""
@@ -239,7 +225,7 @@ class CertaintyGrid:
         dx, dy = middles[0][block[0], None], middles[1][None, block[1]]
         return np.hypot(dx, dy), np.arctan2(dy, dx)
 
-    def _inside(self, cells: Whole) -> Flags:
+    def _inside(self, cells: _Whole) -> Flags:
         return np.asarray(((cells >= 0) & (cells < len(self.values))).all(axis=-1))
 
     def _scanned(self, rays: PlanarRays) -> tuple[Flags, Flags]:
@@ -308,10 +294,6 @@ class BayesGrid(CertaintyGrid):
     def certainty(self) -> Array:
         """(N, N) certainty values from 0 to ``CV_MAX``: 15 (2p − 1) where p > ½."""
         return CV_MAX * np.maximum(np.tanh(0.5 * self.values), 0.0)
-
-    def probability(self) -> Array:
-        """(N, N) probability that a cell is occupied; ½ where nothing is known."""
-        return 0.5 * (1.0 + np.tanh(0.5 * self.values))
 
     def _add(self, signed: Array, block: tuple[slice, slice] = (slice(None), slice(None))) -> None:
         """Add readings that say 2p − 1 = ``signed``: ln(p/(1 − p)) = 2 artanh(2p − 1)."""

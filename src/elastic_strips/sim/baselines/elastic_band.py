@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
-from elastic_strips.planning.grid_path import cheapest_path, resample
+from elastic_strips.planning.grid_path import cheapest_path
 from elastic_strips.validation import check_numbers
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
@@ -142,10 +142,14 @@ def thinned(chain: Array, free: FreeDistance, *, least: float, overlap: float) -
     return chain[[*kept, len(points) - 1]]
 
 
-Planner = Callable[[Array, Array, Array], "Array | None"]
+_Planner = Callable[[Array, Array, Array], "Array | None"]
 """Sensed points (P, 2), start (2,), goal (2,) → waypoints (K, 2) from start to goal [m], or None."""
 _RETRY = 0.5  # [s] between two calls of the planner
 _CELLS = 20000  # of the planner's grid at most, about
+_RESOLUTION = 0.1  # [m] edge of its cells; larger where the goal is so far that there would be too many
+_SPARE = 0.04  # [m] clearance that a path must have
+_COMFORT = 0.3  # [m] clearance beyond that from which on more of it is worth nothing
+_WIDEN = 2.0  # [m] how far beyond start and goal the grid reaches
 _THIN = 0.75  # bubbles are taken out where the others overlap by more than is asked for
 
 
@@ -203,46 +207,33 @@ class SensedPath:
 
     Args:
         radius: of the base [m].
-        spare: clearance beyond it that the way must have [m].
-        comfort: clearance beyond that from which on more of it is worth nothing [m].
-        resolution: edge of a cell [m]; larger where the goal is so far that there would be too many.
-        widen: how far beyond start and goal the grid reaches [m].
     """
 
-    def __init__(
-        self,
-        radius: float,
-        *,
-        spare: float = 0.04,
-        comfort: float = 0.3,
-        resolution: float = 0.1,
-        widen: float = 2.0,
-    ) -> None:
-        self._inner, self._comfort, self._cell, self._widen = radius + spare, comfort, resolution, widen
+    def __init__(self, radius: float) -> None:
+        self._inner = radius + _SPARE
 
     def __call__(self, points: Array, start: Array, goal: Array) -> Array | None:
         """Waypoints (K, 2) from start to goal, or None."""
         ends = np.stack((start, goal))
-        low = ends.min(axis=0) - self._widen
-        size = ends.max(axis=0) + self._widen - low
-        cell = max(self._cell, math.sqrt(float(size.prod()) / _CELLS))
+        low = ends.min(axis=0) - _WIDEN
+        size = ends.max(axis=0) + _WIDEN - low
+        cell = max(_RESOLUTION, math.sqrt(float(size.prod()) / _CELLS))
         axes = [low[k] + cell * np.arange(math.ceil(size[k] / cell) + 1) for k in range(2)]
         at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        clear = FreeDistance(points, 0.0, self._inner + self._comfort)(at)
-        return cheapest_path(clear, low, cell, ends, inner=self._inner, comfort=self._comfort)
+        clear = FreeDistance(points, 0.0, self._inner + _COMFORT)(at)
+        return cheapest_path(clear, low, cell, ends, inner=self._inner, comfort=_COMFORT)
 
 
 class ElasticBand:
     """Quinlan and Khatib's elastic band for a round base.
 
-    The band starts as the path that is handed in, else as a straight line to the goal. Where it is broken (a bubble
-    has no room, or neighbours cannot be made to overlap) the planner is asked for another; without one, or if it knows
-    none, the base stands, is blocked, and tries again.
+    The band starts as a straight line to the goal. Where it is broken (a bubble has no room, or neighbours cannot be
+    made to overlap) the planner is asked for another; without one, or if it knows none, the base stands, is blocked,
+    and tries again.
 
     Args:
         limits: of the base.
         params: of the band.
-        path: (K, 2) waypoints to the first goal [m].
         planner: asked where the band is broken.
         goal: when a goal is reached.
     """
@@ -254,30 +245,15 @@ class ElasticBand:
         limits: BaseLimits,
         params: ElasticBandParams | None = None,
         *,
-        path: ArrayLike | None = None,
-        planner: Planner | None = None,
+        planner: _Planner | None = None,
         goal: GoalParams | None = None,
     ) -> None:
         self.params = ElasticBandParams() if params is None else params
         self.limits, self._planner, self._limiter = limits, planner, CommandLimiter(limits, goal)
         self._sensed = SensedPoints()
-        self._given = None if path is None else _checked_path(path)
-        self._forget()
-
-    def _forget(self) -> None:
         self.chain: Array | None = None
-        self._path, self._goal, self._asked = self._given, None, -math.inf
-
-    @property
-    def broken(self) -> bool:
-        """Whether there is no band at present."""
-        return self.chain is None
-
-    def reset(self) -> None:
-        """Forget all that was sensed and done."""
-        self._limiter.reset()
-        self._sensed.reset()
-        self._forget()
+        self._goal: Array | None = None
+        self._asked = -math.inf
 
     def update(self, reading: Reading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
@@ -294,7 +270,7 @@ class ElasticBand:
             return done
         position, target = np.array(pose[:2], dtype=float), np.array(goal[:2], dtype=float)
         if self._goal is not None and not np.allclose(self._goal, target, rtol=0.0, atol=1e-6):
-            self.chain, self._path = None, None
+            self.chain = None
         self._goal = target
         free = self.free_distance()
         self.chain = self._deformed(position, target, free)
@@ -308,12 +284,8 @@ class ElasticBand:
         """The band from where the base is, after some steps along its forces; None where it is broken."""
         if self.chain is not None:
             chain = np.concatenate((position[None], self.chain[1:]))
-        elif self._path is not None:
-            nearest = int(np.argmin(np.linalg.norm(self._path - position, axis=1)))
-            chain = np.concatenate((position[None], self._path[nearest + 1 :], target[None]))
         else:
             chain = np.stack((position, target))
-        self._path = None
         return self._settled(chain, free)
 
     def _settled(self, chain: Array, free: FreeDistance) -> Array | None:
@@ -353,15 +325,3 @@ class ElasticBand:
         bend = 2.0 * math.sin(alpha) / max(float(np.hypot(*to)), 1e-6)
         speed = min(speed, limits.max_speed, limits.max_turn / max(abs(bend), 1e-9))
         return self._limiter.drive(t, velocity, speed, bend * speed, remaining)
-
-
-def _checked_path(path: ArrayLike) -> Array:
-    """The path, a few centimetres between its points.
-
-    Raises:
-        ParameterError: not (K, 2) finite numbers with K ≥ 2.
-    """
-    points = np.array(path, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
-        raise ParameterError(f"path has shape {points.shape}; it must be (K, 2) finite numbers with K ≥ 2")
-    return resample(points, 0.1)

@@ -113,11 +113,6 @@ class PotentialField:
         self.limits, self._limiter, self._sensed = limits, CommandLimiter(limits, goal), SensedPoints()
         self._damping = self.params.attraction * self.params.conic / limits.max_speed
 
-    def reset(self) -> None:
-        """Forget all that was sensed and done."""
-        self._limiter.reset()
-        self._sensed.reset()
-
     def update(self, reading: Reading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
         self._sensed.update(reading, pose)
@@ -237,12 +232,6 @@ class VirtualForceField:
     ) -> None:
         self.params = VirtualForceFieldParams() if params is None else params
         self.limits, self.grid, self._limiter = limits, make_grid(grid), CommandLimiter(limits, goal)
-        self._turn = 0.0
-
-    def reset(self) -> None:
-        """Forget all that was sensed and done."""
-        self._limiter.reset()
-        self.grid.reset()
         self._turn = 0.0
 
     def update(self, reading: Reading, pose: Array) -> None:

@@ -261,17 +261,8 @@ class VectorFieldHistogram:
     ) -> None:
         self.params = HistogramParams() if params is None else params
         self.limits, self.grid, self._limiter = limits, make_grid(grid), CommandLimiter(limits, goal)
-        self._forget()
-
-    def _forget(self) -> None:
         self.blocked = np.zeros(self.params.sectors, dtype=bool)
         self.direction: float | None = None
-
-    def reset(self) -> None:
-        """Forget all that was sensed and done."""
-        self._limiter.reset()
-        self.grid.reset()
-        self._forget()
 
     def update(self, reading: Reading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""

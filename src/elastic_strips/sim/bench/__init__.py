@@ -3,11 +3,10 @@
 from .drive import bench_drive, bench_faults, bench_reaction, bench_soak
 from .plan import bench_plan, bench_replan
 from .problems import bench_bridge, bench_problems
-from .robots import RobotCase, bench_robots, robot_cases, robots_table, with_table
+from .robots import bench_robots
 from .tick import bench_tick
 
 __all__ = [
-    "RobotCase",
     "bench_bridge",
     "bench_drive",
     "bench_faults",
@@ -18,7 +17,4 @@ __all__ = [
     "bench_robots",
     "bench_soak",
     "bench_tick",
-    "robot_cases",
-    "robots_table",
-    "with_table",
 ]

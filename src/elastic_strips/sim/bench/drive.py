@@ -8,7 +8,6 @@ import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,8 @@ from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, Worl
 from elastic_strips.sim.closed_loop import Simulation, simulation
 from elastic_strips.sim.faults import FAULTS, Fault
 from elastic_strips.sim.perception import PerceptionParams
-from elastic_strips.sim.scenarios import STRIP, drive_scenario, get_scenario, make_simulation
+from elastic_strips.sim.scenarios import drive_scenario, get_scenario, make_simulation
+from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip.params import DeformParams
 
@@ -201,7 +201,7 @@ def _summary(runs: list[Figures]) -> Figures:
     }
 
 
-def _doomed_viewer(time: float) -> Callable[[Any], None]:
+def _doomed_viewer(time: float) -> Callable[[Simulation[Controller]], None]:
     """A watcher with a live viewer whose server is killed at a time [s]."""
     from elastic_strips.viewer import Viewer
 
@@ -380,6 +380,4 @@ def _resident() -> float:
         import resource
 
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    import os
-
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

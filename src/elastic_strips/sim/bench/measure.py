@@ -54,8 +54,8 @@ _WORK: Figures = {}
 
 
 def parallel_map(
-    work: Callable[[_Task], Figures], tasks: Sequence[_Task], processes: int | None = None
-) -> Iterator[Figures]:
+    work: Callable[[_Task], _Made], tasks: Sequence[_Task], processes: int | None = None
+) -> Iterator[_Made]:
     """Results of ``work`` on each task, in the order in which they are ready.
 
     Args:

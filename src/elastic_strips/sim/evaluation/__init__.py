@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from .drive_evaluation import Contact, Evaluation, evaluate, protective_separation
-from .visibility import Visibility, seen_obstacles, visible_to
+from .visibility import seen_obstacles, visible_to
 
 __all__ = [
     "Contact",
     "Evaluation",
-    "Visibility",
     "evaluate",
     "protective_separation",
     "seen_obstacles",

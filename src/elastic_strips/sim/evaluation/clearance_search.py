@@ -13,20 +13,21 @@ from __future__ import annotations
 import heapq
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.robot import LinkGeometry, RobotModel
-from elastic_strips.scene import Part, World
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.geometry import LinkGeometry
+from elastic_strips.scene import World
+from elastic_strips.scene.parts import Part
 
 _SIGNS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 
 
-class Link:
+class _Link:
     """A convex piece of the robot with what bounds it.
 
     Attributes:
@@ -78,7 +79,7 @@ class LinkMotion:
         """Place the links at samples (T, nv), and at ``more`` times [s] between them."""
         self._model, self._data = robot.model, robot.model.createData()
         self.time, self.q = _with_samples(robot, time, chart, more)
-        self.links = tuple(Link(robot, piece) for piece in robot.geometries)
+        self.links = tuple(_Link(robot, piece) for piece in robot.geometries)
         self.poses = self._poses()
         self._pace = self._travel()
         self._way = np.vstack((np.zeros((1, len(self.links))), np.cumsum(self._pace, axis=0)))
@@ -275,7 +276,7 @@ class ClearanceSearch:
             known = self._known[key] = self._ask(self.motion.links[link], self.motion.pose(link, place), part, T)
         return known
 
-    def _ask(self, link: Link, at: coal.Transform3s, part: int, T: Array) -> float:
+    def _ask(self, link: _Link, at: coal.Transform3s, part: int, T: Array) -> float:
         members = self._parts[part]
         if members.geometry is not None:
             return self._exact(link, at, members.geometry, T)
@@ -295,7 +296,7 @@ class ClearanceSearch:
             best = min(best, self._exact(link, at, members.boxes[i][0], pose))
         return best
 
-    def _exact(self, link: Link, at: coal.Transform3s, other: Any, T: Array) -> float:
+    def _exact(self, link: _Link, at: coal.Transform3s, other: coal.CollisionGeometry, T: Array) -> float:
         shape = link.shape
         if isinstance(other, coal.Cylinder):
             shape = link.rounded  # Coal's closed form for a sphere and a cylinder forgets the caps

@@ -192,16 +192,11 @@ def evaluate(
 
 
 def _motion(run: Record | Sequence[ArrayLike], robot: RobotModel) -> tuple[Array, Array, Array]:
-    if isinstance(run, Record):
-        return _checked(robot, run.control.time, run.control.chart, run.control.v)
+    rows = (run.control.time, run.control.chart, run.control.v) if isinstance(run, Record) else run
     try:
-        time, chart, v = (np.asarray(a, dtype=float) for a in run)
+        time, chart, v = (np.asarray(a, dtype=float) for a in rows)
     except (TypeError, ValueError):
         raise RecordError(f"a motion is a Record, or arrays (time, chart, v), not {shown(run)}") from None
-    return _checked(robot, time, chart, v)
-
-
-def _checked(robot: RobotModel, time: Array, chart: Array, v: Array) -> tuple[Array, Array, Array]:
     if time.ndim != 1 or not len(time) or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
         raise RecordError("the times of a motion must be one finite row (T,), T >= 1, strictly ascending")
     for name, array in (("chart", chart), ("v", v)):

@@ -6,16 +6,19 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import coal
 import numpy as np
 import numpy.typing as npt
 from lxml import etree
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, RobotError, missing_extra
-from elastic_strips.robot import BaseKind, LinkGeometry, RobotModel
+from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, support_points
+from elastic_strips.robot.geometry import LinkGeometry
 from elastic_strips.robot.urdf import read_xml
 from elastic_strips.scene import Obstacle
 from elastic_strips.sim.plant import PlantParams
@@ -33,7 +36,7 @@ _CASTER_CONTACT = (0.02, 1.0)
 _CONE_SIDES = 64
 
 
-def _add_robot(mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, wheels: list[str]) -> None:
+def _add_robot(mujoco: ModuleType, spec: Any, robot: RobotModel, limits: MotionLimits, wheels: list[str]) -> None:
     """The robot's pieces, its wheels and its casters; nothing of the robot touches the robot."""
     root = spec.worldbody.first_body()
     first = 2  # joint 1 is the planar root
@@ -73,7 +76,7 @@ def _add_robot(mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, 
             )  # fmt: skip
 
 
-def _add_obstacle(mujoco: Any, spec: Any, name: str, obstacle: Obstacle) -> bool:
+def _add_obstacle(mujoco: ModuleType, spec: Any, name: str, obstacle: Obstacle) -> bool:
     """One body with a geom per convex part; True where it moves."""
     moves = obstacle.motion is not None
     quat = np.zeros(4)
@@ -93,11 +96,13 @@ def _add_obstacle(mujoco: Any, spec: Any, name: str, obstacle: Obstacle) -> bool
     return moves
 
 
-def _shape_geoms(mujoco: Any, spec: Any, shape: Any, T: Array, name: str) -> list[dict[str, Any]]:
+def _shape_geoms(
+    mujoco: ModuleType, spec: Any, shape: coal.CollisionGeometry, T: Array, name: str
+) -> list[dict[str, Any]]:
     """Keywords of the geoms that make up a Coal shape at the pose T (4, 4) in its body."""
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T[:3, :3]).ravel())
-    values: dict[str, Any] = {"pos": T[:3, 3].copy(), "quat": quat}
+    values: dict[str, object] = {"pos": T[:3, 3].copy(), "quat": quat}
     kinds = mujoco.mjtGeom
     primitives = {
         ShapeKind.SPHERE: kinds.mjGEOM_SPHERE, ShapeKind.BOX: kinds.mjGEOM_BOX,
@@ -137,7 +142,7 @@ _WHEEL_ARMATURE = 0.01  # [kg m²]
 _LOOP = 0.01  # [s] time constant of the joints' speed loops alone; the rest of their lag is a filter of the command
 
 
-def import_mujoco() -> Any:
+def import_mujoco() -> ModuleType:
     """The package ``mujoco``.
 
     Raises:
@@ -259,7 +264,7 @@ def _weightless(inertial: Any) -> bool:
     return False
 
 
-def _lock(mujoco: Any, spec: Any, robot: RobotModel, kept: set[str]) -> None:
+def _lock(mujoco: ModuleType, spec: Any, robot: RobotModel, kept: set[str]) -> None:
     """Weld every joint that is neither planned nor a driven wheel at its locked value."""
     for joint in list(spec.joints):
         if joint.name in robot.joint_names or joint.name in kept:
@@ -278,7 +283,7 @@ def _lock(mujoco: Any, spec: Any, robot: RobotModel, kept: set[str]) -> None:
         spec.delete(joint)
 
 
-def _options(mujoco: Any, spec: Any, timestep: float) -> None:
+def _options(mujoco: ModuleType, spec: Any, timestep: float) -> None:
     option = spec.option
     option.timestep = timestep
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -289,7 +294,7 @@ def _options(mujoco: Any, spec: Any, timestep: float) -> None:
     )
 
 
-def _driven_wheels(mujoco: Any, spec: Any, limits: MotionLimits, path: Path) -> list[tuple[str, float]]:
+def _driven_wheels(mujoco: ModuleType, spec: Any, limits: MotionLimits, path: Path) -> list[tuple[str, float]]:
     """Names of the left and the right driven wheel's joints, and their signs."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
@@ -313,7 +318,7 @@ def _driven_wheels(mujoco: Any, spec: Any, limits: MotionLimits, path: Path) -> 
 
 
 def _add_motors(
-    mujoco: Any, spec: Any, robot: RobotModel, limits: MotionLimits, params: PlantParams, wheels: list[str]
+    mujoco: ModuleType, spec: Any, robot: RobotModel, limits: MotionLimits, params: PlantParams, wheels: list[str]
 ) -> tuple[Array, Array]:
     """Speed loops: torque = kv (command − speed), with kv such that what the motor moves follows with a time constant.
 
@@ -343,7 +348,7 @@ def _add_motors(
     return drag / kv, friction / kv
 
 
-def _inertia(mujoco: Any, spec: Any, robot: RobotModel, motors: list[str]) -> Array:
+def _inertia(mujoco: ModuleType, spec: Any, robot: RobotModel, motors: list[str]) -> Array:
     """Largest inertia [kg m² or kg] that each motor has to move, at home and with all joints at zero."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
@@ -364,7 +369,7 @@ def _inertia(mujoco: Any, spec: Any, robot: RobotModel, motors: list[str]) -> Ar
 
 
 def _layout(
-    mujoco: Any, model: Any, robot: RobotModel, wheels: list[tuple[str, float]], moves: dict[str, bool],
+    mujoco: ModuleType, model: Any, robot: RobotModel, wheels: list[tuple[str, float]], moves: dict[str, bool],
     compensation: tuple[Array, Array], filters: Array,
 ) -> MujocoModel:  # fmt: skip
     def ids(kind: Any, names: Iterable[str]) -> npt.NDArray[np.intp]:

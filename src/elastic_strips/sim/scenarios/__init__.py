@@ -6,38 +6,18 @@ from elastic_strips._late import late_names
 
 from .corridors import corridor_scene, moving_corridor
 from .registry import get_scenario, scenario_names
-from .run import FORMAT, FORMAT_VERSION, RunResult, result_document, run_scenario
+from .run import RunResult, result_document, run_scenario
 from .scenario import Scenario
 
 if TYPE_CHECKING:
-    from .drive import (
-        DRIVE_FORMAT,
-        DRIVE_FORMAT_VERSION,
-        DRIVE_METHODS,
-        PLANTS,
-        STRIP,
-        DriveOutcome,
-        conclude,
-        drive_document,
-        drive_scenario,
-        make_base_simulation,
-        make_simulation,
-    )
+    from .drive import DriveOutcome, drive_document, drive_scenario, make_base_simulation, make_simulation
 
 __all__ = [
-    "DRIVE_FORMAT",
-    "DRIVE_FORMAT_VERSION",
-    "DRIVE_METHODS",
-    "PLANTS",
-    "STRIP",
     "DriveOutcome",
-    "conclude",
     "drive_document",
     "drive_scenario",
     "make_base_simulation",
     "make_simulation",
-    "FORMAT",
-    "FORMAT_VERSION",
     "result_document",
     "RunResult",
     "Scenario",
@@ -51,9 +31,6 @@ __all__ = [
 __getattr__ = late_names(  # running a scenario needs nothing of what driving needs
     __name__,
     {
-        "drive": (
-            "DRIVE_METHODS", "PLANTS", "STRIP", "DriveOutcome", "conclude", "drive_scenario", "make_base_simulation",
-            "make_simulation", "DRIVE_FORMAT", "DRIVE_FORMAT_VERSION", "drive_document",
-        ),
+        "drive": ("DriveOutcome", "drive_document", "drive_scenario", "make_base_simulation", "make_simulation"),
     },
-)  # fmt: skip
+)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from functools import partial
+from typing import cast
 
 import numpy as np
 
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
-from elastic_strips.control import DRIVE_STRIP, Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import SwitchingReplanner
 from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.planning import StripSetParams
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
-from elastic_strips.sim import Perception, SensorPerception
-from elastic_strips.sim.baselines import BASE_METHODS, BaseController, base_simulation
+from elastic_strips.sim import Perception, PerceptionParams, SensorPerception, base_simulation
+from elastic_strips.sim.baselines import BASE_METHODS, BaseController
+from elastic_strips.sim.baselines.base_controller import PATIENCE
 from elastic_strips.sim.closed_loop import MACHINE, Simulation, simulation
 from elastic_strips.sim.evaluation import Contact, Evaluation, evaluate, protective_separation
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
@@ -26,7 +29,6 @@ from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
 from elastic_strips.sim.tracking_bound import Displacement
-from elastic_strips.strip import DeformParams
 from elastic_strips.summary import Summary
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_choice, check_count, check_type
@@ -102,7 +104,9 @@ def make_simulation(
     alternatives: int = 1,
     params: DriveParams | None = None,
     faults: Iterable[Fault] = (),
-    **options: Any,
+    perception: PerceptionParams | None = None,
+    watch: Callable[[Simulation[Controller]], object] | None = None,
+    realtime: bool = False,
 ) -> Simulation[Controller]:
     """A closed loop of the elastic strip for a scenario, ready to run.
 
@@ -117,7 +121,8 @@ def make_simulation(
             that has to give one up follows another.
         params: of the drive; the scenario's parameters of the strip are put into the default ones where None.
         faults: what goes wrong on purpose.
-        **options: of :func:`~elastic_strips.sim.simulation`.
+        perception: noise and delay of the scene that a robot without sensors knows.
+        watch, realtime: of :func:`~elastic_strips.sim.simulation`.
 
     Raises:
         InputError: start or goal in collision, an unknown plant, …
@@ -127,23 +132,21 @@ def make_simulation(
     check_count("alternatives", alternatives, low=1)
     problem = _Problem.of(scenario, robot, seed, plant)
     if params is None:
-        values = {**DRIVE_STRIP, **scenario.params.get("default", {})}
-        deform = DeformParams().replaced(**values)
+        deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
         params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
         if sensors is not None:
             params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE)
+    seen: PerceptionParams | Perception | None = perception
     if sensors is not None:
-        options["perception"] = SensorPerception(
-            problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed
-        )
+        seen = SensorPerception(problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed)
+    replanner = None
     if alternatives > 1:
-        options["replanner"] = SwitchingReplanner(
-            problem.robot, params, seed=problem.seed, grid=options.get("grid", True),
-            family=StripSetParams(count=alternatives),
-        )  # fmt: skip
+        family = StripSetParams(count=alternatives)
+        replanner = SwitchingReplanner(problem.robot, params, seed=problem.seed, grid=True, family=family)
     return simulation(
         problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
-        plant=problem.machine, faults=faults, seed=problem.seed, metadata=problem.metadata, **options,
+        plant=problem.machine, perception=seen, faults=faults, seed=problem.seed, watch=watch, realtime=realtime,
+        metadata=problem.metadata, replanner=replanner,
     )  # fmt: skip
 
 
@@ -155,7 +158,9 @@ def make_base_simulation(
     seed: int | None = None,
     plant: str = "kinematic",
     sensors: SensorConfig | None = None,
-    **options: Any,
+    patience: float = PATIENCE,
+    watch: Callable[[Simulation[BaseController]], object] | None = None,
+    realtime: bool = False,
 ) -> Simulation[BaseController]:
     """A closed loop of a method for a base alone; other arguments as in :func:`make_simulation`.
 
@@ -166,12 +171,13 @@ def make_base_simulation(
         seed: of plant and sensors; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"``.
         sensors: what the method drives by; the Silvermate's where None.
-        **options: of :func:`~elastic_strips.sim.base_simulation`.
+        patience, watch, realtime: of :func:`~elastic_strips.sim.base_simulation`.
     """
     problem = _Problem.of(scenario, robot, seed, plant)
     return base_simulation(
         problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
-        plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, **options,
+        plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, patience=patience,
+        watch=watch, realtime=realtime,
     )  # fmt: skip
 
 
@@ -209,9 +215,10 @@ class _Problem:
         return cls(robot, world, *scenario.ends(robot), limits, machine, seed, metadata)
 
 
-def conclude(
-    scenario: Scenario, driven: Simulation[Any], result: DriveResult, *, plant: str, seed: int
-) -> DriveOutcome:
+_Driven = Simulation[Controller] | Simulation[BaseController]
+
+
+def conclude(scenario: Scenario, driven: _Driven, result: DriveResult, *, plant: str, seed: int) -> DriveOutcome:
     """Evaluate a run."""
     controller, perception = driven.controller, driven.perception
     evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
@@ -225,7 +232,7 @@ def conclude(
         unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
     return DriveOutcome(
         scenario, driven.robot, plant, seed, result, evaluation, separation, method=controller.method,
-        physical_contacts=touched, sensors=() if suite is None else suite.names,
+        physical_contacts=touched, sensors=() if suite is None else suite.config.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
     )  # fmt: skip
@@ -239,7 +246,7 @@ def drive_scenario(
     seed: int | None = None,
     plant: str = "kinematic",
     time_limit: float | None = None,
-    **options: Any,
+    **options: object,
 ) -> DriveOutcome:
     """Drive a scenario from start to goal, and evaluate it.
 
@@ -252,11 +259,8 @@ def drive_scenario(
     check_type("scenario", scenario, Scenario, ScenarioError)
     check_choice("method", method, DRIVE_METHODS)
     seed = scenario.seed if seed is None else seed
-    driven: Simulation[Any]
-    if method == STRIP:
-        driven = make_simulation(scenario, robot=robot, seed=seed, plant=plant, **options)
-    else:
-        driven = make_base_simulation(scenario, method, robot=robot, seed=seed, plant=plant, **options)
+    make = make_simulation if method == STRIP else partial(make_base_simulation, method=method)
+    driven = cast("Callable[..., _Driven]", make)(scenario, robot=robot, seed=seed, plant=plant, **options)
     try:
         result = driven.run(time_limit=time_limit)
     finally:

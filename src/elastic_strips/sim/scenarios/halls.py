@@ -164,22 +164,19 @@ def closing_side(seed: int = 0) -> Scenario:
     Args:
         seed: not used; nothing here is random.
     """
-    scene = Scene(
-        [
-            Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
-            Box((9.0, 0.1, 1.4), at=(3.0, -1.85, 0.7), name="wall-right"),
-            Box((0.7, 0.7, 1.4), at=(3.0, -0.15, 0.7), name="box"),
-            Box((0.6, 0.8, 1.4), at=(3.0, 2.4, 0.7), name="cabinet", motion=Twist(np.array([0.0, -_SPEED, 0.0]))),
-        ]
-    )
-    return Scenario(
-        name=CLOSING,
-        summary=SCENARIOS[CLOSING],
-        scene=scene,
-        start=PoseSpec(0.0, 0.0, 0.0),
-        goal=PoseSpec(6.0, 0.0, 0.0),
-        seed=seed,
-    )
+    obstacles: list[Obstacle] = [
+        Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
+        Box((9.0, 0.1, 1.4), at=(3.0, -1.85, 0.7), name="wall-right"),
+        Box((0.7, 0.7, 1.4), at=(3.0, -0.15, 0.7), name="box"),
+        Box((0.6, 0.8, 1.4), at=(3.0, 2.4, 0.7), name="cabinet", motion=Twist(np.array([0.0, -_SPEED, 0.0]))),
+    ]
+    return _six_metres(CLOSING, obstacles, seed)
+
+
+def _six_metres(name: str, obstacles: list[Obstacle], seed: int) -> Scenario:
+    """Straight ahead from the origin to (6, 0) [m]."""
+    start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(6.0, 0.0, 0.0)
+    return Scenario(name=name, summary=SCENARIOS[name], scene=Scene(obstacles), start=start, goal=goal, seed=seed)
 
 
 BOTTLENECK, DEAD_END = "bottleneck", "dead-end"
@@ -196,19 +193,11 @@ def bottleneck(seed: int = 0) -> Scenario:
     Args:
         seed: not used; nothing here is random.
     """
-    return Scenario(
-        name=BOTTLENECK,
-        summary=SCENARIOS[BOTTLENECK],
-        scene=Scene(
-            [
-                _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
-                _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _HALL), across=_HALL),
-            ]
-        ),
-        start=PoseSpec(0.0, 0.0, 0.0),
-        goal=PoseSpec(6.0, 0.0, 0.0),
-        seed=seed,
-    )
+    walls: list[Obstacle] = [
+        _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
+        _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _HALL), across=_HALL),
+    ]
+    return _six_metres(BOTTLENECK, walls, seed)
 
 
 def dead_end(seed: int = 0) -> Scenario:
@@ -224,14 +213,7 @@ def dead_end(seed: int = 0) -> Scenario:
     for name, sign in (("left", 1.0), ("right", -1.0)):
         at = (middle, sign * side, 0.5 * _HEIGHT)
         walls.append(Box((_DEPTH, _THICK, _HEIGHT), at=at, name=name))
-    return Scenario(
-        name=DEAD_END,
-        summary=SCENARIOS[DEAD_END],
-        scene=Scene(walls),
-        start=PoseSpec(0.0, 0.0, 0.0),
-        goal=PoseSpec(6.0, 0.0, 0.0),
-        seed=seed,
-    )
+    return _six_metres(DEAD_END, walls, seed)
 
 
 def _wall(name: str, *, x: float, y: float, across: float) -> Box:

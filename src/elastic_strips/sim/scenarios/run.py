@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.catalogue import PRESETS
-from elastic_strips.collision import BrokenSegment
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
-from elastic_strips.io import obstacle_documents
+from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -85,7 +84,7 @@ def run_scenario(
     robot: RobotModel | None = None,
     preset: str | None = None,
     seed: int | None = None,
-    overrides: dict[str, Any] | None = None,
+    overrides: Mapping[str, object] | None = None,
     watch: Callable[[DeformReport], object] | None = None,
     timeout: float = 20.0,
 ) -> RunResult:
@@ -146,7 +145,7 @@ def run_scenario(
 _P = TypeVar("_P", bound="DeformParams | PaperParams")
 
 
-def _parameters(scenario: Scenario, params: _P, values: dict[str, Any]) -> _P:
+def _parameters(scenario: Scenario, params: _P, values: dict[str, object]) -> _P:
     whole = {f.name for f in fields(params) if f.type in (int, "int")}
     try:
         for name, value in values.items():
@@ -272,6 +271,7 @@ def result_document(result: RunResult) -> Document:
     """A run as plain values, ready for JSON. Lengths in metres, angles in radians."""
     check_type("result", result, RunResult)
     report, robot, strip = result.report, result.robot, result.report.strip
+    broken = report.certificate.broken
     paper = isinstance(report, PaperReport)
     base = BaseKind.OMNI if paper and robot.base_kind is BaseKind.DIFF_DRIVE else robot.base_kind
     ticks = 1e3 * result.tick_seconds
@@ -298,7 +298,7 @@ def result_document(result: RunResult) -> Document:
         "tick_ms": {f"p{p}": float(np.percentile(ticks, p)) if len(ticks) else None for p in (50, 95, 99)},
         "passage": result.passing_side,
         "max_heading_step_rad": report.heading_step if isinstance(report, PaperReport) else None,
-        "broken": None if result.certified or report.certificate.broken is None else _broken(report.certificate.broken),
+        "broken": None if result.certified or broken is None else asdict(broken),
         "base": base.value,
         "strip": {"joint_names": list(robot.joint_names), "q": strip.q.tolist()},
         "locked": {name: float(value) for name, value in robot.locked.items()},
@@ -313,14 +313,3 @@ def _all_parameters(params: DeformParams | PaperParams) -> Document:
     if isinstance(params, DeformParams):
         return PaperParams().as_dict() | params.as_dict()
     return DeformParams(max_spacing=0.25, min_spacing=0.0).as_dict() | params.as_dict()
-
-
-def _broken(broken: BrokenSegment) -> Document:
-    return {
-        "segment": broken.segment,
-        "link": broken.link,
-        "obstacle": broken.obstacle,
-        "clearance": broken.clearance,
-        "kind": broken.kind,
-        "certain": broken.certain,
-    }

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError
-from elastic_strips.io import PoseSpec, ScenarioSpec
+from elastic_strips.io import PoseSpec
+from elastic_strips.io.scene_file import ScenarioSpec
 from elastic_strips.robot import BaseKind, RobotModel, load_robot
 from elastic_strips.scene import Scene, World
 from elastic_strips.strip import DeformParams
@@ -45,7 +45,7 @@ class Scenario(Summary):
     robot: str = "silvermate"
     base: str | None = None
     preset: str = "default"
-    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    params: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     gap: tuple[str, str] | None = None
     seed: int = 0

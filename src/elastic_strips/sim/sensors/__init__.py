@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from .bodies import sensor_frames
 from .devices import SensorSuite
-from .params import InfraredParams, LaserParams, RingParams, SensorConfig, SonarParams, read_sensors, silvermate_sensors
+from .params import InfraredParams, LaserParams, SensorConfig, SonarParams, read_sensors, silvermate_sensors
 
 __all__ = [
     "InfraredParams",
     "LaserParams",
-    "RingParams",
     "SensorConfig",
     "SensorSuite",
     "SonarParams",

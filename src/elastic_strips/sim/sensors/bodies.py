@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -125,7 +126,7 @@ class SensorMount:
         return world, self._posture.T_base_world @ world
 
 
-Corners = tuple[Array, npt.NDArray[np.int64]]
+_Corners = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (V, 3) [m] and triangles (F, 3)."""
 
 _FARTHEST = 1e30  # [m] Embree says 1e37 where a ray meets nothing
@@ -159,7 +160,7 @@ class _TriangleBody:
         meshes: their corners; the triangles' order says which side is outside (right-handed).
     """
 
-    def __init__(self, meshes: Iterable[Corners]) -> None:
+    def __init__(self, meshes: Iterable[_Corners]) -> None:
         vertices, faces, count = [], [], 0
         for points, triangles in meshes:
             vertices.append(points)
@@ -214,7 +215,7 @@ class _TriangleBody:
         return True
 
 
-def _part_meshes(part: Part) -> list[Corners]:
+def _part_meshes(part: Part) -> list[_Corners]:
     """Triangles of a part of an obstacle, in the obstacle's frame."""
     shift = part.T_obstacle_part[:3, 3]
     if part.geometry is not None:
@@ -227,7 +228,7 @@ def _part_meshes(part: Part) -> list[Corners]:
     return [(points, faces)]
 
 
-def _hull_mesh(geometry: Any, padding: float = 0.0) -> Corners:
+def _hull_mesh(geometry: coal.CollisionGeometry, padding: float = 0.0) -> _Corners:
     """Triangles of a convex Coal shape, in its frame.
 
     Args:
@@ -242,13 +243,7 @@ def _hull_mesh(geometry: Any, padding: float = 0.0) -> Corners:
     return _hull(points)
 
 
-def joined(bodies: Sequence[tuple[Array, Sequence[Corners]]]) -> _TriangleBody:
-    """One body of meshes that stand still, each with the pose (4, 4) of its frame in the world."""
-    placed = [(points @ T[:3, :3].T + T[:3, 3], faces) for T, meshes in bodies for points, faces in meshes]
-    return _TriangleBody(placed)
-
-
-def _hull(points: Array) -> Corners:
+def _hull(points: Array) -> _Corners:
     """Triangles of the convex hull of points (V, 3), outside to the right hand."""
     from scipy.spatial import ConvexHull  # late: slow to import
 
@@ -277,19 +272,20 @@ class ObstacleRays:
         self._primitives: tuple[tuple[Part, ...], Primitives] = (), Primitives.of([])
         self._own: dict[str, _TriangleBody] = {}
         made: dict[int, _TriangleBody] = {}
-        still: list[tuple[Array, list[Corners]]] = []
+        still: list[_Corners] = []
         for obstacle in world.scene:
             name, meshes = obstacle.name or "", _meshes(obstacle)
             if not meshes:
                 continue
             if obstacle.motion is None and name not in world.appears and name not in world.vanishes:
-                still.append((obstacle.pose, meshes))
+                T = obstacle.pose
+                still += [(points @ T[:3, :3].T + T[:3, 3], faces) for points, faces in meshes]
                 continue
             shape = id(obstacle.solid)  # copies share it, and the world keeps it
             if shape not in made:
                 made[shape] = _TriangleBody(meshes)
             self._own[name] = made[shape]
-        self._still = joined(still) if still else None
+        self._still = _TriangleBody(still) if still else None
 
     def cast(self, t: float, rays: Rays, reach: float, *, normals: bool = False) -> Nearest:
         """Where rays, given in the world, first meet an obstacle at time ``t`` [s].
@@ -324,7 +320,7 @@ class ObstacleRays:
         return self._primitives[1]
 
 
-def _meshes(obstacle: Obstacle) -> list[Corners]:
+def _meshes(obstacle: Obstacle) -> list[_Corners]:
     """Triangles of an obstacle's parts that are no primitives, in its frame."""
     return [m for part in obstacle.parts if not is_primitive(part.geometry) for m in _part_meshes(part)]
 

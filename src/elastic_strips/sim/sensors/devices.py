@@ -13,7 +13,7 @@ from elastic_strips.errors import ParameterError, RobotError, SceneError
 from elastic_strips.perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
-from elastic_strips.validation import check_count, check_type
+from elastic_strips.validation import check_count, check_number, check_type
 
 from .bodies import ObstacleRays, Posture, SelfFilter, SensorMount
 from .params import LaserParams, RangeParams, RingParams, SensorConfig
@@ -243,18 +243,13 @@ class SensorSuite:
             self._sensors.append(_Clocked(device, 1.0 / params.rate))
         self.reset(time)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the sensors."""
-        return self.config.names
-
     def reset(self, t: float) -> None:
         """Begin at ``t`` [s]: all sensors fire then, and readings on their way are lost. The noise goes on.
 
         Raises:
             ParameterError: the time is not finite.
         """
-        self._start = self._now = _finite(t)
+        self._start = self._now = check_number("t", t, unit="s")
         self._pending: list[tuple[float, int, float, Reading]] = []  # time, sensor, arrival, reading
         for sensor in self._sensors:
             sensor.due = self._start
@@ -275,7 +270,7 @@ class SensorSuite:
             ParameterError: the time is not finite, or goes back.
             ConfigurationError: the chart row has another size, or is not finite.
         """
-        now = _finite(t)
+        now = check_number("t", t, unit="s")
         if now < self._now - _SLACK:
             raise ParameterError(f"observe at t={now!r} s after t={self._now!r} s; time must not go back: reset first")
         self._now = now
@@ -293,10 +288,3 @@ class SensorSuite:
             return ()
         self._pending = [entry for entry in self._pending if entry[2] > now + _SLACK]
         return tuple(entry[3] for entry in sorted(ready, key=lambda e: e[:2]))
-
-
-def _finite(t: float) -> float:
-    number = isinstance(t, (int, float, np.integer, np.floating)) and not isinstance(t, bool)
-    if not number or not math.isfinite(t):
-        raise ParameterError(f"t={t!r} must be a finite time [s]")
-    return float(t)

@@ -8,14 +8,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io.nodes import Node, load_yaml
 from elastic_strips.validation import check_count, check_number
 
-RingKind = Literal["sonar", "infrared"]
-KINDS: tuple[RingKind, ...] = ("sonar", "infrared")
+_RingKind = Literal["sonar", "infrared"]
+KINDS: tuple[_RingKind, ...] = ("sonar", "infrared")
 _MOST_RAYS = 100_000
 _SHORTEST_PERIOD = 1e-3  # [s]
 
@@ -62,11 +62,6 @@ class RangeParams:
     near_reads_min: bool
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: a value that is no number, not finite or outside its bounds.
-        """
         _check_name(self, "name")
         _check(
             self,
@@ -112,11 +107,6 @@ class LaserParams(RangeParams):
     near_reads_min: bool = False
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: a value outside its bounds.
-        """
         RangeParams.__post_init__(self)
         _check_name(self, "frame")
         _check(self, {"field_of_view": (0.0, 2.0 * math.pi + 1e-9, "rad")})
@@ -138,7 +128,7 @@ class RingParams(RangeParams):
             second.
     """
 
-    kind: RingKind
+    kind: _RingKind
     frames: tuple[str, ...]
     half_angle: float
     rays: int
@@ -147,11 +137,6 @@ class RingParams(RangeParams):
     groups: int
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: a value outside its bounds.
-        """
         RangeParams.__post_init__(self)
         if self.kind not in KINDS:
             raise ParameterError(f"{_where(self)}.kind={self.kind!r} is unknown{nearest_name(self.kind, KINDS)}")
@@ -173,7 +158,7 @@ class SonarParams(RingParams):
     """A ring of sonars; the figures are those assumed of twelve small ones of 3 m."""
 
     name: str = "sonar"
-    kind: RingKind = "sonar"
+    kind: _RingKind = "sonar"
     frames: tuple[str, ...] = tuple(f"sonar_{k}_frame" for k in range(12))
     half_angle: float = 0.2617993877991494
     rays: int = 31
@@ -195,7 +180,7 @@ class InfraredParams(RingParams):
     """Infrared distance sensors; the figures are those assumed of six triangulating ones of 0.8 m."""
 
     name: str = "infrared"
-    kind: RingKind = "infrared"
+    kind: _RingKind = "infrared"
     frames: tuple[str, ...] = tuple(f"ir_{k}_frame" for k in range(6))
     half_angle: float = 0.03
     rays: int = 7
@@ -229,11 +214,6 @@ class SensorConfig:
     self_padding: float = 0.01
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: something that is no sensor, two of one name, or a padding out of bounds.
-        """
         object.__setattr__(self, "sensors", tuple(self.sensors))
         names: set[str] = set()
         for sensor in self.sensors:
@@ -303,14 +283,14 @@ def _sensor(name: str, node: Node) -> _SensorParams:
     make = _KINDS[kind.text(valid=_KINDS)]
     known = {f.name: f.type for f in fields(make) if f.name != "name"}
     entries = node.mapping(("kind", *known), what=f"a {kind.value}")
-    values: dict[str, Any] = {"name": name}
+    values: dict[str, object] = {"name": name}
     for key, entry in entries.items():
         if key != "kind":
             values[key] = _value(str(known[key]), entry)
     return node.checked(make, **values)
 
 
-def _value(kind: str, node: Node) -> Any:
+def _value(kind: str, node: Node) -> object:
     """What a node holds, as the field of that type needs it."""
     if kind == "str":
         return node.text()

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+import coal
 import numpy as np
 import numpy.typing as npt
 
@@ -126,7 +126,7 @@ class Primitives:
     radius: Array
 
     @staticmethod
-    def of(geometries: Sequence[Any], padding: float = 0.0) -> Primitives:
+    def of(geometries: Sequence[coal.CollisionGeometry | None], padding: float = 0.0) -> Primitives:
         """The primitives among Coal geometries, each thicker by ``padding`` [m]; of cones only unpadded ones."""
         found = [(kind, k, size) for k, g in enumerate(geometries) for kind, size in _measured(g, padding)]
         found.sort()
@@ -177,12 +177,12 @@ class Primitives:
         return True
 
 
-def is_primitive(geometry: Any, padding: float = 0.0) -> bool:
+def is_primitive(geometry: coal.CollisionGeometry | None, padding: float = 0.0) -> bool:
     """Whether a Coal geometry, made thicker by ``padding`` [m], has formulas here."""
     return bool(_measured(geometry, padding))
 
 
-def _measured(geometry: Any, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
+def _measured(geometry: coal.CollisionGeometry | None, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
     """Kind and size of a Coal geometry; empty where there are no formulas."""
     kind, size = shape_of(geometry)
     if kind is ShapeKind.BOX:

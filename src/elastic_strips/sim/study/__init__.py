@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from .comparison import CASES, METHODS, Trial, TrialResult, attempt, compare
+from .comparison import CASES, METHODS, TrialResult, compare
 from .paper_study import PaperStudy, paper_study
-from .simulation import Detection, MapCell, Outcome, PaperRun, parameter_map, simulate_paper
+from .simulation import PaperRun, parameter_map, simulate_paper
 
 __all__ = [
     "paper_study",
     "PaperStudy",
     "simulate_paper",
     "PaperRun",
-    "Detection",
-    "Outcome",
     "compare",
-    "attempt",
-    "Trial",
     "TrialResult",
     "CASES",
     "METHODS",
     "parameter_map",
-    "MapCell",
 ]

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control import RunState
+from elastic_strips.control import Controller, RunState
 from elastic_strips.errors import ElasticStripsError, ParameterError, nearest_name
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim import Simulation
 from elastic_strips.sim.baselines import BASE_METHODS
 from elastic_strips.sim.baselines.base_controller import PATIENCE
 from elastic_strips.sim.bench.measure import cached, parallel_map
-from elastic_strips.sim.scenarios import STRIP, drive_scenario, get_scenario
+from elastic_strips.sim.scenarios import drive_scenario, get_scenario
+from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
 
-STRIP_SENSED = "strip-sensed"
-METHODS = (*BASE_METHODS, STRIP_SENSED, STRIP)
+_STRIP_SENSED = "strip-sensed"
+METHODS = (*BASE_METHODS, _STRIP_SENSED, STRIP)
 """Names of what is compared; ``strip-sensed`` sees what the base methods see, ``strip`` knows the obstacles."""
 CASES = ("case-1", "case-2", "case-3", "case-4", "case-5", "case-6", "bottleneck", "dead-end")
 _LIMIT = 90.0  # [s]
@@ -89,8 +89,7 @@ def compare(
     check_methods(methods)
     trials = [Trial(case, method, seed) for case in cases for method in methods for seed in seeds]
     rows: dict[Trial, TrialResult] = {}
-    for found in parallel_map(_attempt, trials, processes):
-        row = TrialResult(**found)
+    for row in parallel_map(attempt, trials, processes):
         rows[Trial(row.case, row.method, row.seed)] = row
         step(f"{row.case}, {row.method}")
     return tuple(rows[trial] for trial in trials)
@@ -106,13 +105,11 @@ def attempt(trial: Trial) -> TrialResult:
     check_methods([trial.method])
     robot: RobotModel = cached("silvermate", lambda: load_robot("silvermate"))
     scenario = get_scenario(trial.case, seed=trial.seed)
-    options: dict[str, Any] = {"sensors": None if trial.method == STRIP else SensorConfig()}
-    if trial.method in (STRIP, STRIP_SENSED):
-        options["watch"] = _Patience()
     try:
         outcome = drive_scenario(
-            scenario, method=STRIP if trial.method == STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
-            time_limit=trial.time_limit, **options,
+            scenario, method=STRIP if trial.method == _STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
+            time_limit=trial.time_limit, sensors=None if trial.method == STRIP else SensorConfig(),
+            watch=_Patience() if trial.method in (STRIP, _STRIP_SENSED) else None,
         )  # fmt: skip
     except ElasticStripsError as error:
         nothing = float("nan")
@@ -133,7 +130,7 @@ class _Patience:
     def __init__(self) -> None:
         self._since: float | None = None
 
-    def __call__(self, driven: Simulation[Any]) -> None:
+    def __call__(self, driven: Simulation[Controller]) -> None:
         if driven.controller.state is not RunState.STOPPED:
             self._since = None
         elif self._since is None:
@@ -151,10 +148,6 @@ def check_methods(methods: Sequence[str]) -> None:
     for method in methods:
         if method not in METHODS:
             raise ParameterError(f"method {method!r} is unknown{nearest_name(method, METHODS)}")
-
-
-def _attempt(trial: Trial) -> dict[str, object]:
-    return asdict(attempt(trial))
 
 
 def _turns(time: Array, yaw: Array) -> tuple[float, float]:

@@ -33,9 +33,9 @@ _PATIENCE = 40  # sampling times at one place until it counts as blocked
 _MAX_SAMPLES = 400  # sampling times
 _CAP = 1.0  # clearances are not measured beyond [m]
 _BETWEEN = 0.05  # from one look for contacts to the next, while the robot moves [m]
-K_R = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
-K_C = (0.1, 0.3, 0.5, 0.7, 0.9)
-SAFE = (0.4, 0.6, 0.8, 1.0, 1.5)
+_K_R = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
+_K_C = (0.1, 0.3, 0.5, 0.7, 0.9)
+_SAFE = (0.4, 0.6, 0.8, 1.0, 1.5)
 """Gains, and safe distances [m], that are tried; the paper's own are among them."""
 
 
@@ -249,9 +249,9 @@ class MapCell:
 def parameter_map(
     case: str = "case-4",
     *,
-    k_r: Sequence[float] = K_R,
-    k_c: Sequence[float] = K_C,
-    safe: Sequence[float] = SAFE,
+    k_r: Sequence[float] = _K_R,
+    k_c: Sequence[float] = _K_C,
+    safe: Sequence[float] = _SAFE,
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
 ) -> tuple[MapCell, ...]:
@@ -272,19 +272,15 @@ def parameter_map(
     """
     tasks = [(case, r, c, s) for s in safe for r in k_r for c in k_c]
     found: dict[tuple[float, float, float], MapCell] = {}
-    for result in parallel_map(_cell, tasks, processes):
-        cell = MapCell(**{**result, "outcome": Outcome(result["outcome"])})
+    for cell in parallel_map(_cell, tasks, processes):
         found[cell.k_r, cell.k_c, cell.safe] = cell
         step(f"k_r {cell.k_r:g}, k_c {cell.k_c:g}, safe distance {cell.safe:g} m")
     return tuple(found[task[1:]] for task in tasks)
 
 
-def _cell(task: tuple[str, float, float, float]) -> dict[str, object]:
+def _cell(task: tuple[str, float, float, float]) -> MapCell:
     case, k_r, k_c, safe = task
     scenario = get_scenario(case)
     robot: RobotModel = cached(f"paper {case}", lambda: scenario.load_robot(preset="paper"))
     run = simulate_paper(scenario, robot=robot, overrides={"k_r": k_r, "k_c": k_c, "influence": safe})
-    return {
-        "case": case, "k_r": k_r, "k_c": k_c, "safe": safe, "outcome": run.outcome.value, "reason": run.reason,
-        "clearance": run.clearance,
-    }  # fmt: skip
+    return MapCell(case, k_r, k_c, safe, run.outcome, run.reason, run.clearance)

@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import BodySet, ObstacleProximity, ProtectiveHulls, protective_hulls
+from elastic_strips.collision import BodySet, ObstacleProximity, ProtectiveHulls
+from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
@@ -18,7 +19,7 @@ from elastic_strips.strip.forces import repulsive_potential
 from elastic_strips.strip.params import StripParams
 from elastic_strips.strip.report import DeformReport, DeformStatus, StripForces, tick_status
 from elastic_strips.strip.strip import Strip
-from elastic_strips.validation import check_able, check_number, check_type, shown
+from elastic_strips.validation import check_able, check_type, shown
 
 from .equations import control_point_repulsion, elastic_force, elastic_torque, explicit_step, map_to_joints
 
@@ -127,35 +128,13 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         self._self_floor = np.minimum(0.8 * self.workspace.self_home, params.self_margin)
         self._heading_step = 0.0
 
-    def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> PaperReport:
-        """One sampling time: the updates of Eqs. 2-9, and the certificate of what comes of them.
-
-        Args:
-            strip: the strip of the last report, or a new one of this robot.
-            scene: snapshot of the obstacles.
-            budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
-                None makes exactly one iteration.
-            detail: whether to add the forces to the report, to look at.
-
-        Raises:
-            ConfigurationError: the strip belongs to another robot.
-            ParameterError: a budget that is not a positive number.
-        """
-        if budget is not None:
-            check_number("budget", budget, above=0.0, unit="s")
-        work = self.workspace
-        already = work.queries
-        self._load(strip, scene, to_move=True)
-        result, iterations = self._iterations(lambda: self._iterate(scene), budget)
-        return self._report(scene, result, iterations, work.queries - already, detail)
-
     def settle(
         self,
         strip: Strip,
         scene: Scene,
         *,
         max_ticks: int | None = None,
-        until: str = "rest",
+        until: str | Callable[[PaperReport], bool] = "rest",
         watch: Callable[[PaperReport], object] | None = None,
         detail: bool = False,
     ) -> PaperReport:
@@ -170,11 +149,6 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         check_able("watch", watch)
         last = super().settle(strip, scene, max_ticks=max_ticks, until=until, watch=note, detail=detail)
         return replace(last, heading_step=max(turns))
-
-    def assess(self, strip: Strip, scene: Scene, *, detail: bool = False) -> PaperReport:
-        """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
-        self._load(strip, scene)
-        return self._assess(strip, scene, 0.0, detail)
 
     # the parts of a tick
 
@@ -253,7 +227,7 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         self._proximity.update(kin, scene)
         return protective_hulls(self._points(kin), self._proximity.clearance(), cap=self.params.influence)
 
-    def _report(self, scene: Scene, result: TickResult, iterations: int, queries: int, detail: bool) -> PaperReport:
+    def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> PaperReport:
         hulls = self._hulls(scene)
         rest = result.moved < self.params.rest_step
         status, reason = tick_status(result.certificate, rest)
@@ -262,5 +236,5 @@ class PaperDeformer(BaseDeformer[PaperReport]):
             j = int(np.argmin(hulls.overlap.min(axis=1)))
             gap = -float(hulls.overlap[j].min())
             reason = f"the protective hulls of nodes {j} and {j + 1} do not overlap: {gap:.2f} m are missing"
-        common = self._common(scene, result, iterations, queries, detail)
-        return PaperReport(status=status, reason=reason, tunnel=hulls, heading_step=self._heading_step, **common)
+        report = self._reported(PaperReport, scene, result, queries, detail, status=status, reason=reason, hulls=hulls)
+        return replace(report, heading_step=self._heading_step)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.collision import Contacts
+from elastic_strips.collision.narrowphase import Contacts
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import wrap_angle
 from elastic_strips.strip.forces import repulsive_magnitude

@@ -100,18 +100,6 @@ def test_a_moved_world_gives_the_same_drive(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_reset_forgets(name):
-    world, pose, goal = World(circles=[(1.2, 0.1, 0.2)]), np.zeros(3), np.array([4.0, 0.0, 0.0])
-    method = make_base_method(name, LIMITS)
-    clean = method.command(0.0, pose, np.zeros(2), goal)
-    for k in range(5):
-        method.update(scan(world, pose), pose)
-        method.command(0.1 * k, pose, np.zeros(2), goal)
-    method.reset()
-    assert method.command(0.0, pose, np.zeros(2), goal) == clean
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_a_wall_across_the_way_blocks_without_contact(name):
     world = World(
         walls=[(1.5, -6.0, 1.5, 6.0), (-1.0, -6.0, -1.0, 6.0), (-1.0, 6.0, 1.5, 6.0), (-1.0, -6.0, 1.5, -6.0)]

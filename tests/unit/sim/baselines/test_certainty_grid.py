@@ -12,9 +12,16 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
-from elastic_strips.sim.baselines import CV_MAX, BayesGrid, GridParams, HistogramGrid, make_grid
+from elastic_strips.sim.baselines import GridParams
+from elastic_strips.sim.baselines.certainty_grid import CV_MAX, BayesGrid, HistogramGrid, make_grid
 
 HERE = np.array([0.05, 0.05, 0.0])  # the middle of cell (0, 0)
+
+
+def value_at(grid, point) -> float:
+    """The stored value of the cell that holds a point (2,)."""
+    i, j = grid.cells_of(point) - grid.first
+    return float(grid.values[i, j])
 
 
 def sonar(*ranges, half_angle=0.2, reach=2.0):
@@ -28,7 +35,7 @@ def laser(angles, ranges, reach=2.0):
 
 
 def row(grid, cells, y=0.05):
-    return [grid.value_at(np.array([0.1 * k + 0.05, y])) for k in cells]
+    return [value_at(grid, np.array([0.1 * k + 0.05, y])) for k in cells]
 
 
 def test_a_range_adds_three_at_its_end_and_takes_one_off_before_it():
@@ -73,7 +80,7 @@ def test_pose_and_mounting_place_a_reading():
     grid = HistogramGrid()
     T = placed(0.2, 0.0, 0.5 * math.pi)[None]  # 0.2 m ahead, looks to the left
     grid.update(RangeRing("sonars", "sonar", 0.0, T, [0.7], 0.2, 0.0, 2.0), np.array([1.05, 1.05, 0.5 * math.pi]))
-    assert grid.value_at(np.array([0.35, 1.25])) == 3.0  # to the left of a base that looks along y is −x
+    assert value_at(grid, np.array([0.35, 1.25])) == 3.0  # to the left of a base that looks along y is −x
     assert grid.values.sum() == 3.0
 
 
@@ -165,19 +172,19 @@ def test_bayes_on_the_axis_by_hand():
     grid = BayesGrid(p)
     grid.update(sonar(1.0, half_angle=0.3), HERE)
     # at its range: p = ½ (1 + 0.6)
-    assert grid.value_at(np.array([1.05, 0.05])) == pytest.approx(math.log(0.8 / 0.2))
+    assert value_at(grid, np.array([1.05, 0.05])) == pytest.approx(math.log(0.8 / 0.2))
     # half-way: E = 1 − (0.5/0.9)², p = ½ (1 − 0.4 E)
     empty = 0.5 * (1.0 - 0.4 * (1.0 - (0.5 / 0.9) ** 2))
-    assert grid.value_at(np.array([0.55, 0.05])) == pytest.approx(math.log(empty / (1.0 - empty)))
+    assert value_at(grid, np.array([0.55, 0.05])) == pytest.approx(math.log(empty / (1.0 - empty)))
     # off the axis by 0.1 / 1.0, the same shell, weaker
     d, angle = math.hypot(1.0, 0.1), math.atan(0.1)
     signed = 0.6 * (1.0 - ((d - 1.0) / 0.1) ** 2) * (1.0 - (angle / 0.3) ** 2)
-    assert grid.value_at(np.array([1.05, 0.15])) == pytest.approx(2.0 * math.atanh(signed))
-    assert grid.value_at(np.array([1.05, 0.05 + 0.4])) == 0.0  # out of the cone
-    assert grid.value_at(np.array([1.45, 0.05])) == 0.0  # behind
+    assert value_at(grid, np.array([1.05, 0.15])) == pytest.approx(2.0 * math.atanh(signed))
+    assert value_at(grid, np.array([1.05, 0.05 + 0.4])) == 0.0  # out of the cone
+    assert value_at(grid, np.array([1.45, 0.05])) == 0.0  # behind
     grid.update(sonar(1.0, half_angle=0.3), HERE)  # log-odds add up
-    assert grid.value_at(np.array([1.05, 0.05])) == pytest.approx(2.0 * math.log(4.0))
-    assert grid.probability().max() == pytest.approx(16.0 / 17.0)
+    assert value_at(grid, np.array([1.05, 0.05])) == pytest.approx(2.0 * math.log(4.0))
+    assert grid.certainty().max() == pytest.approx(15.0 * (2.0 * 16.0 / 17.0 - 1.0))
 
 
 def test_bayes_changes_its_mind_and_reads_scans():

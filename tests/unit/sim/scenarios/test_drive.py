@@ -12,7 +12,8 @@ from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.sim import SensorPerception, Simulation
 from elastic_strips.sim.baselines import BaseController
-from elastic_strips.sim.scenarios import conclude, drive_document, drive_scenario, make_base_simulation, make_simulation
+from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_base_simulation, make_simulation
+from elastic_strips.sim.scenarios.drive import conclude
 from elastic_strips.sim.scenarios.scenario import Scenario
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS
 from elastic_strips.sim.sensors import SensorConfig

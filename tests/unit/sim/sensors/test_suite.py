@@ -40,11 +40,11 @@ def test_rate_and_latency(silvermate, home, rate, latency):
 
 def test_all_sensors_of_the_silvermate(silvermate, home):
     suite = SensorSuite(silvermate, WORLD)
-    assert suite.names == ("laser", "sonar", "infrared")
+    assert suite.config.names == ("laser", "sonar", "infrared")
     got = run(suite, home, 111)
-    count = {name: sum(r.sensor == name for _, r in got) for name in suite.names}
+    count = {name: sum(r.sensor == name for _, r in got) for name in suite.config.names}
     assert count == {"laser": 22, "sonar": 17, "infrared": 27}
-    for name in suite.names:
+    for name in suite.config.names:
         times = [r.time for _, r in got if r.sensor == name]
         assert times == sorted(times)
 
@@ -121,7 +121,7 @@ def test_wrong_calls(silvermate, gantry, home):
     suite.observe(0.1, home)
     with pytest.raises(ParameterError, match="must not go back"):
         suite.observe(0.05, home)
-    with pytest.raises(ParameterError, match="finite time"):
+    with pytest.raises(ParameterError, match="finite number"):
         suite.observe(math.nan, home)
     with pytest.raises(ConfigurationError, match="finite numbers"):
         suite.observe(1.0, home * math.nan)
