@@ -25,6 +25,7 @@ from elastic_strips.cli.view_command import _from_result
 from elastic_strips.control.record import Record, Recorder
 from elastic_strips.errors import InputError
 from elastic_strips.scene import Keyframes, World
+from elastic_strips.sim import datasets
 from elastic_strips.sim.sensors import read_sensors, silvermate_sensors
 
 PLAN_SECONDS = 0.3
@@ -280,9 +281,9 @@ def seeds() -> tuple[Seed, ...]:
         seed("Nav2 map", "m.yaml", _MAP, io.load_nav2_map, 2.0, map__pgm=_PGM),
         seed("Nav2 map", "map.pgm", _PGM, lambda p: io.load_nav2_map(p.parent / "m.yaml"), 1.5, m__yaml=_MAP),
         seed("Nav2 map", "map.pgm", _PGM_TEXT, lambda p: io.load_nav2_map(p.parent / "m.yaml"), 1.5, m__yaml=_MAP),
-        seed("BARN", "barn.json", _json(_BARN), lambda p: (io.barn_ids(p), io.load_barn(p, 0)), 2.0),
-        seed("DynaBARN", "dyna.json", _json(_DYNABARN), lambda p: (io.dynabarn_ids(p), io.load_dynabarn(p, 0)), 2.0),
-        seed("bridge", "bridge.json", _json(_BRIDGE), io.load_bridge, 2.0),
+        seed("BARN", "barn.json", _json(_BARN), lambda p: (datasets.barn_ids(p), datasets.load_barn(p, 0)), 2.0),
+        seed("DynaBARN", "dyna.json", _json(_DYNABARN), lambda p: (datasets.dynabarn_ids(p), datasets.load_dynabarn(p, 0)), 2.0),
+        seed("bridge", "bridge.json", _json(_BRIDGE), datasets.load_bridge, 2.0),
         seed("result", "r.json", _json(_RESULT), lambda p: _from_result(p, str(p.parent / "small.urdf")), 4.0, small__urdf=SOUND),
         seed("record", "r.npz", _record_bytes(), _record, 8.0),
     ]  # fmt: skip
