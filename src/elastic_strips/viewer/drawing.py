@@ -277,7 +277,7 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: 
     None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
     """
     tunnel, broken = report.tunnel, report.certificate.broken
-    counts = getattr(report, "connectivity_counts", False)  # of the paper's reports alone
+    counts = report.connectivity_counts
     if tunnel is not None and counts and not tunnel.connected.all():
         j, c = np.unravel_index(int(np.argmin(tunnel.overlap)), tunnel.overlap.shape)
         return 0.5 * (tunnel.points[j, c] + tunnel.points[j + 1, c])
