@@ -29,7 +29,7 @@ class Driver:
 
 robot = es.load_robot("silvermate")
 crate = es.Box((0.4, 0.4, 1.0), at=(1.6, 0.35, 0.5), name="crate")
-driver = Driver(robot.space.to_chart(robot.home())[3:])
+driver = Driver(robot.space.to_coordinates(robot.home())[3:])
 
 with Controller(robot, robot.home(), robot.home(x=3.0), es.Scene([crate])) as controller:
     t, measurement = 0.0, None  # before the first command the robot stands, and nothing is measured

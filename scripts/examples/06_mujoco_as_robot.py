@@ -19,7 +19,7 @@ walker = es.Cylinder(0.25, 1.7, at=(2.2, -2.0, 0.85), name="walker", motion=es.T
 world = es.World(es.Scene([crate, walker]))
 
 machine = MujocoPlant(robot, limits, world, seed=1)
-machine.reset(robot.space.to_chart(robot.home()))
+machine.reset(robot.space.to_coordinates(robot.home()))
 with Controller(robot, robot.home(), robot.home(x=3.0), world.at(0.0), limits=limits) as controller:
     t, measurement = 0.0, None
     while not controller.ended and t < 30.0:
@@ -27,6 +27,6 @@ with Controller(robot, robot.home(), robot.home(x=3.0), world.at(0.0), limits=li
         measurement = machine.step(command, controller.params.control_dt)  # encoders, and where it localizes itself
         t = measurement.time
     print(f"{controller.state.label} after {t:.1f} s: {controller.reason}")
-    off = 1e3 * np.hypot(*(controller.estimate[:2] - machine.chart[:2]))
+    off = 1e3 * np.hypot(*(controller.estimate[:2] - machine.coordinates[:2]))
     print(f"the robot believes to be {off:.0f} mm from where it is; it touched {len(machine.contact_events)} things")
 machine.close()

@@ -10,7 +10,7 @@ robot = es.load_robot("silvermate")
 wall = es.Box((0.1, 6.0, 1.5), at=(4.0, 0.0, 0.75), name="wall")
 person = es.Cylinder(0.2, 1.7, at=(3.0, -1.5, 0.85), name="person", motion=es.Twist(linear=(0.0, 0.6, 0.0)))
 laser = SensorSuite(robot, es.World(es.Scene([wall, person])), SensorConfig().only("laser"), seed=1)
-estimator, here = SceneEstimator(), robot.space.to_chart(robot.home())  # the robot stands
+estimator, here = SceneEstimator(), robot.space.to_coordinates(robot.home())  # the robot stands
 for step in range(200):
     for reading in laser.observe(0.01 * step, here):
         estimator.update(reading, here[:3])  # the pose (x, y, yaw) that it was taken at

@@ -53,13 +53,13 @@ class Seed:
 
 def _plan(robot: es.RobotModel, scene: es.Scene) -> None:
     """A tiny plan with what was accepted: a report, or a typed error about its ends."""
-    home = robot.space.to_chart(robot.home_q)
+    home = robot.space.to_coordinates(robot.home_q)
     if not len(home):
         return
     goal = home.copy()
     goal[0] += 1.0 if robot.space.base_nv else 0.05
     with suppress(InputError):  # it collides at home, say
-        es.plan(robot, scene, robot.home_q, robot.space.from_chart(goal), timeout=PLAN_SECONDS)
+        es.plan(robot, scene, robot.home_q, robot.space.from_coordinates(goal), timeout=PLAN_SECONDS)
 
 
 def _robot(path: Path) -> None:
@@ -148,9 +148,9 @@ def _record_bytes() -> bytes:
         appears={"ball": 0.1},
     )
     recorder = Recorder(robot, world, metadata={"scenario": "made"})
-    row = robot.space.to_chart(robot.home())
+    row = robot.space.to_coordinates(robot.home())
     for k in range(12):
-        recorder.control(0.01 * k, chart=row, v=0 * row, reference=row)
+        recorder.control(0.01 * k, coordinates=row, v=0 * row, reference=row)
         if k % 4 == 0:
             recorder.planning(0.01 * k, tick_ms=3.0, phase_ms={"solve": 1.0}, status="x", strip=np.array([row, row]))
     recorder.event(0.02, "start", "ahead")

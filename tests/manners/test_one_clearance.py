@@ -62,7 +62,7 @@ def test_a_broken_strip_shows_where_and_why(silvermate):
     wall = es.Box((0.2, 3.0, 1.4), at=(2.0, 0.0, 0.7), name="wall")
     scene = es.Scene([wall])
     rows = straight_line(silvermate, silvermate.home(0.0), silvermate.home(4.0), spacing=0.13)
-    report = es.Deformer(silvermate).settle(es.Strip.from_chart(silvermate, rows), scene, max_ticks=3)
+    report = es.Deformer(silvermate).settle(es.Strip.from_coordinates(silvermate, rows), scene, max_ticks=3)
     assert report.status is DeformStatus.BROKEN
     commands = drawn(silvermate, scene, report)
     assert card(commands)["note"] == report.reason
@@ -70,7 +70,7 @@ def test_a_broken_strip_shows_where_and_why(silvermate):
     at = pin(commands)
     assert at is not None
     j = report.certificate.broken.segment
-    assert np.linalg.norm(at[:2] - report.strip.chart[j, :2]) < 1.0  # within the robot's reach of that node
+    assert np.linalg.norm(at[:2] - report.strip.coordinates[j, :2]) < 1.0  # within the robot's reach of that node
     assert abs(at[0] - 2.0) < 1.0
 
 

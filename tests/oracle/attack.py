@@ -325,8 +325,10 @@ class Attack:
         for j, (a, b) in enumerate(pairwise(strip.q)):
             self.note("chain", bool(certificate.segments[j]), a, b)
         space = self.robot.space
-        off = self.rng.normal(size=strip.chart.shape) * 10.0 ** self.rng.uniform(-6, -1.5)
-        moved = Strip.from_chart(self.robot, np.clip(space.integrate(strip.chart, off), space.lower, space.upper))
+        off = self.rng.normal(size=strip.coordinates.shape) * 10.0 ** self.rng.uniform(-6, -1.5)
+        moved = Strip.from_coordinates(
+            self.robot, np.clip(space.integrate(strip.coordinates, off), space.lower, space.upper)
+        )
         name = str(self.rng.choice(scene.names))
         pose = scene.obstacle(name).pose.copy()
         pose[:3, 3] += self.rng.normal(size=3) * 10.0 ** self.rng.uniform(-5, -0.5)
@@ -390,14 +392,14 @@ class Attack:
         certificate = self.deformer.certify(strip, empty)
         for j, (a, b) in enumerate(pairwise(strip.q)):
             self.note("self", bool(certificate.segments[j]), a, b)
-        for row in strip.chart[: count // 8]:
+        for row in strip.coordinates[: count // 8]:
             v = self.motion()
             v[space.base_nv :] = self.rng.uniform(-1.5, 1.5, space.nv - space.base_nv)
             low, high = 0.0, 1.0
             for _ in range(12):
                 middle = 0.5 * (low + high)
                 end = np.clip(space.integrate(row, middle * v), space.lower, space.upper)
-                if self.deformer.certify(Strip.from_chart(self.robot, np.stack((row, end))), empty).certified:
+                if self.deformer.certify(Strip.from_coordinates(self.robot, np.stack((row, end))), empty).certified:
                     low = middle
                 else:
                     high = middle
@@ -422,7 +424,7 @@ class Attack:
         v = space.difference(start, end)
         if space.half_turn(v):
             return
-        chart = space.integrate(np.tile(start, (count + 1, 1)), np.linspace(0, 1, count + 1)[:, None] * v)
+        coordinates = space.integrate(np.tile(start, (count + 1, 1)), np.linspace(0, 1, count + 1)[:, None] * v)
         steps = np.tile(v / count, (count, 1))
         begin = rng.choice([0.0, 0.0, -rng.uniform(0.0, 1.0)])
         times = begin + np.cumsum(np.append(0.0, rng.uniform(0.02, 0.1, count)))
@@ -432,14 +434,16 @@ class Attack:
         clearance, own = self.params.clearance, self.params.self_clearance
 
         def holds(scene: Scene) -> bool:
-            return certifier.certify(chart, steps, scene, ahead, clearance=clearance, self_clearance=own).certified
+            return certifier.certify(
+                coordinates, steps, scene, ahead, clearance=clearance, self_clearance=own
+            ).certified
 
         certified = holds(scene)
         if kind == "timed edge":
             if not certified:
                 return
             name, pose = scene.names[0], scene.obstacle(scene.names[0]).pose.copy()
-            strip = Strip.from_chart(self.robot, np.stack((start, end)))
+            strip = Strip.from_coordinates(self.robot, np.stack((start, end)))
             target = self._point_of(strip) - forecast.velocity[0] * 0.5 * (times[0] + times[-1])
             scene, certified = next(self._bisect(lambda f: scene.moved(name, _towards(pose, target, f)), holds))
         if not certified:
@@ -447,10 +451,10 @@ class Attack:
                 self.figures.note((kind, self.robot.base_kind.value, self.robot.nv), "refused")
             return
         self.checker.take(scene, clearance, own)
-        middle = self._point_of(Strip.from_chart(self.robot, np.stack((start, end))))
+        middle = self._point_of(Strip.from_coordinates(self.robot, np.stack((start, end))))
         worst = [_unit(middle - scene.obstacles[k].pose[:3, 3]) if rng.random() < 0.7 else _unit(rng.normal(size=3))
                  for k in moving]  # fmt: skip
-        q = [configuration(self.robot, row) for row in chart]
+        q = [configuration(self.robot, row) for row in coordinates]
         for j in range(count):
             # finer than the robot's own motion needs, so that the movers do not jump either
             def at(s: float, j: int = j) -> None:

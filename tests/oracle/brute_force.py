@@ -178,10 +178,10 @@ def make_scene(
     return Scene([make_obstacle(shapes[k % len(shapes)], rng, low, high) for k in range(count)])
 
 
-def random_chart(
+def random_coordinates(
     robot: RobotModel, rng: np.random.Generator, count: int, *, low: Any = (-1.0, -1.0), high: Any = (1.0, 1.0)
 ) -> Array:
-    """Chart rows (count, nv): joints anywhere within their limits, the base in a rectangle at any heading."""
+    """Coordinate rows (count, nv): joints anywhere within their limits, the base in a rectangle at any heading."""
     space = robot.space
     lower, upper = space.lower.copy(), space.upper.copy()
     wide = ~np.isfinite(lower) | ~np.isfinite(upper)
@@ -192,20 +192,25 @@ def random_chart(
 
 
 def random_configurations(robot: RobotModel, rng: np.random.Generator, count: int, **region: Any) -> Array:
-    """Configurations (count, nq), built without the library's own chart."""
-    chart = random_chart(robot, rng, count, **region)
-    return np.array([configuration(robot, row) for row in chart])
+    """Configurations (count, nq), built without the library's own coordinates."""
+    coordinates = random_coordinates(robot, rng, count, **region)
+    return np.array([configuration(robot, row) for row in coordinates])
 
 
-def configuration(robot: RobotModel, chart: Array) -> Array:
-    """Pinocchio's configuration (nq,) of a chart row (nv,), joint by joint."""
+def configuration(robot: RobotModel, coordinates: Array) -> Array:
+    """Pinocchio's configuration (nq,) of a coordinate row (nv,), joint by joint."""
     q = np.zeros(robot.model.nq)
     for joint in robot.model.joints:
         iq, iv = joint.idx_q, joint.idx_v
         if joint.nv == 3:
-            q[iq : iq + 4] = chart[iv], chart[iv + 1], np.cos(chart[iv + 2]), np.sin(chart[iv + 2])
+            q[iq : iq + 4] = (
+                coordinates[iv],
+                coordinates[iv + 1],
+                np.cos(coordinates[iv + 2]),
+                np.sin(coordinates[iv + 2]),
+            )
         elif joint.nq == 2:
-            q[iq : iq + 2] = np.cos(chart[iv]), np.sin(chart[iv])
+            q[iq : iq + 2] = np.cos(coordinates[iv]), np.sin(coordinates[iv])
         elif joint.nq == 1:
-            q[iq] = chart[iv]
+            q[iq] = coordinates[iv]
     return q

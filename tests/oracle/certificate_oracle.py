@@ -226,8 +226,8 @@ def random_scene(rng: np.random.Generator) -> Scene:
 
 
 def random_start(robot: RobotModel, scene: Scene, rng: np.random.Generator) -> Array:
-    """A chart row (nv,) beside an obstacle, with a random posture or one near home."""
-    space, home = robot.space, robot.space.to_chart(robot.home_q)
+    """A coordinate row (nv,) beside an obstacle, with a random posture or one near home."""
+    space, home = robot.space, robot.space.to_coordinates(robot.home_q)
     row = home.copy()
     obstacle = scene.obstacles[rng.integers(len(scene))]
     angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 1.2)
@@ -261,7 +261,7 @@ KINDS = ("drive", "turn", "arm", "arm", "all", "tiny", "slide")
 
 
 def random_strip(robot: RobotModel, scene: Scene, sampler: Sampler, rng: np.random.Generator) -> Array:
-    """Chart rows (2 to 5, nv) of a short way near the obstacles.
+    """Coordinate rows (2 to 5, nv) of a short way near the obstacles.
 
     Most starts are free. Of every two, one way is searched for whose ends are free and which passes through something
     or closely by it: the kind that a wrong bound would let through.
@@ -290,18 +290,18 @@ def random_strip(robot: RobotModel, scene: Scene, sampler: Sampler, rng: np.rand
     return np.array(rows)
 
 
-def _warm(deformer: Deformer, robot: RobotModel, scene: Scene, chart: Array, rng: np.random.Generator) -> None:
+def _warm(deformer: Deformer, robot: RobotModel, scene: Scene, coordinates: Array, rng: np.random.Generator) -> None:
     """Give the workspace a history: the same strip a little off, or an obstacle elsewhere."""
     space = robot.space
     if rng.random() < 0.5:
-        off = rng.normal(size=chart.shape) * 10.0 ** rng.uniform(-6, -1.5)
-        moved = np.clip(space.integrate(chart, off), space.lower, space.upper)
-        deformer.certify(Strip(robot, space.from_chart(moved)), scene)
+        off = rng.normal(size=coordinates.shape) * 10.0 ** rng.uniform(-6, -1.5)
+        moved = np.clip(space.integrate(coordinates, off), space.lower, space.upper)
+        deformer.certify(Strip(robot, space.from_coordinates(moved)), scene)
     if rng.random() < 0.3:
         at, quat = random_pose(rng, (-2, -2, 0), (2, 2, 1.5))
         pose = pin.XYZQUATToSE3(np.r_[at, quat]).homogeneous
         other = scene.moved(str(rng.choice(scene.names)), pose)
-        deformer.certify(Strip(robot, space.from_chart(chart)), other)
+        deformer.certify(Strip(robot, space.from_coordinates(coordinates)), other)
 
 
 def run(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "tiago")) -> Figures:
@@ -318,9 +318,9 @@ def run(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "tiago"))
         sampler.take_scene(scene)
         done = 0
         while done < _PER_SCENE and figures.segments < count:
-            chart = random_strip(robot, scene, sampler, rng)
-            _warm(deformer, robot, scene, chart, rng)
-            strip = Strip(robot, robot.space.from_chart(chart))
+            coordinates = random_strip(robot, scene, sampler, rng)
+            _warm(deformer, robot, scene, coordinates, rng)
+            strip = Strip(robot, robot.space.from_coordinates(coordinates))
             certificate = deformer.certify(strip, scene)
             for j, (a, b) in enumerate(pairwise(strip.q)):
                 obstacle, own = sampler.clearances(a, b)
@@ -350,7 +350,7 @@ def run_ticks(count: int, seed: int, names: tuple[str, ...] = ("silvermate", "ti
             obstacles.append(random_obstacle(str(shape), rng, at, at + np.array([0.01, 0.01, 1.2])))
         scene = Scene(obstacles)
         start, goal = robot.home(), robot.home(x=length, y=rng.uniform(-0.4, 0.4), yaw=rng.uniform(-0.5, 0.5))
-        strip = Strip.from_chart(robot, straight_line(robot, start, goal, spacing=rng.uniform(0.1, 0.2)))
+        strip = Strip.from_coordinates(robot, straight_line(robot, start, goal, spacing=rng.uniform(0.1, 0.2)))
         deformer = Deformer(robot, params)
         for tick in range(12):
             report = deformer.step(strip, scene)

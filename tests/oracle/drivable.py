@@ -23,23 +23,23 @@ def arcs(
     A fixed base stays; an omnidirectional one also slides.
     """
     rng = np.random.default_rng(seed)
-    chart = np.tile(robot.space.to_chart(robot.home_q), (nodes, 1))
+    coordinates = np.tile(robot.space.to_coordinates(robot.home_q), (nodes, 1))
     first = robot.space.base_nv
     t = np.linspace(0.0, 1.0, nodes)[:, None]
     for k in (1, 2, 3):
-        chart[:, first:] += swing / 3.0 * rng.normal(size=robot.nv - first) * np.sin(0.5 * np.pi * k * t)
-    chart[:, first:] = chart[:, first:].clip(robot.space.lower[first:], robot.space.upper[first:])
+        coordinates[:, first:] += swing / 3.0 * rng.normal(size=robot.nv - first) * np.sin(0.5 * np.pi * k * t)
+    coordinates[:, first:] = coordinates[:, first:].clip(robot.space.lower[first:], robot.space.upper[first:])
     if not robot.space.planar:
-        return chart
+        return coordinates
     turns = np.cumsum(rng.normal(size=nodes) * bend).clip(-0.3, 0.3)
     slides = np.cumsum(rng.normal(size=nodes) * 0.3 * bend).clip(-0.1, 0.1)
     for j in range(1, nodes):
-        v = robot.space.difference(chart[j - 1], chart[j])
+        v = robot.space.difference(coordinates[j - 1], coordinates[j])
         v[:3] = rng.uniform(0.6, 1.4) * step, 0.0, turns[j]
         if robot.base_kind is BaseKind.OMNI:
             v[1] = slides[j]
-        chart[j] = robot.space.integrate(chart[j - 1], v)
-    return chart
+        coordinates[j] = robot.space.integrate(coordinates[j - 1], v)
+    return coordinates
 
 
 def motor_travel(robot: RobotModel, limits: MotionLimits, v: np.ndarray) -> np.ndarray:
@@ -53,13 +53,13 @@ def motor_travel(robot: RobotModel, limits: MotionLimits, v: np.ndarray) -> np.n
 def most_used(trajectory: Trajectory, limits: MotionLimits) -> tuple[float, float]:
     """Largest part of a speed limit and of an acceleration limit that a trajectory uses.
 
-    By its own v and a, and by differences of its chart rows and of v.
+    By its own v and a, and by differences of its coordinate rows and of v.
     """
     robot = trajectory.robot
     speed = np.concatenate([limits.drive_speed, limits.joint_speed])
     acceleration = np.concatenate([limits.drive_acceleration, limits.joint_acceleration])
     h = np.diff(trajectory.time)[:, None]
-    steps = robot.space.difference(trajectory.chart[:-1], trajectory.chart[1:])
+    steps = robot.space.difference(trajectory.coordinates[:-1], trajectory.coordinates[1:])
     mean = motor_travel(robot, limits, steps) / h
     v = motor_travel(robot, limits, trajectory.v)
     speeds = [np.abs(v).max(axis=0) / speed, np.abs(mean).max(axis=0) / speed]
@@ -73,7 +73,7 @@ def most_used(trajectory: Trajectory, limits: MotionLimits) -> tuple[float, floa
     return float(np.max(speeds)), float(np.max(changes))
 
 
-def distance_from_strip(robot: RobotModel, chart: np.ndarray, nodes: np.ndarray) -> tuple[float, float, float]:
+def distance_from_strip(robot: RobotModel, coordinates: np.ndarray, nodes: np.ndarray) -> tuple[float, float, float]:
     """Farthest that rows (M, nv) come from the arcs between nodes: base [m], yaw [rad], joints [rad or m].
 
     Each row is compared with the point of the strip that is nearest in all coordinates, to a fraction of a millimetre.
@@ -89,8 +89,8 @@ def distance_from_strip(robot: RobotModel, chart: np.ndarray, nodes: np.ndarray)
         base = [rows[:, 0], rows[:, 1], 0.25 * np.cos(rows[:, 2]), 0.25 * np.sin(rows[:, 2])] if first else []
         return np.column_stack([*base, 0.25 * rows[:, first:]])
 
-    _, near = cKDTree(features(dense)).query(features(chart))
-    gap = np.abs(robot.space.difference(chart, dense[near]))
+    _, near = cKDTree(features(dense)).query(features(coordinates))
+    gap = np.abs(robot.space.difference(coordinates, dense[near]))
     base = np.hypot(gap[:, 0], gap[:, 1]).max() if first else 0.0
     yaw = gap[:, 2].max() if first else 0.0
     return float(base), float(yaw), float(gap[:, first:].max(initial=0.0))

@@ -13,7 +13,7 @@ from elastic_strips.trajectory import Trajectory
 
 
 class FollowedRun(NamedTuple):
-    """One drive, sampled at the end of every control period: times (S,) [s], chart rows (S, nv)."""
+    """One drive, sampled at the end of every control period: times (S,) [s], coordinate rows (S, nv)."""
 
     time: np.ndarray
     reference: np.ndarray
@@ -32,15 +32,15 @@ def follow_trajectory(
 ) -> FollowedRun:
     """Drive a trajectory from its first sample to ``after`` [s] past its end, with a command every ``dt`` [s]."""
     start = trajectory.start_time
-    plant.reset(trajectory.chart[0], start)
-    estimator.reset(trajectory.chart[0], start)
+    plant.reset(trajectory.coordinates[0], start)
+    estimator.reset(trajectory.coordinates[0], start)
     count = int(np.ceil((trajectory.duration + after) / dt - 1e-9))
     time = start + dt * np.arange(count + 1, dtype=float)
-    estimate, state = trajectory.chart[0], trajectory.at(start)
+    estimate, state = trajectory.coordinates[0], trajectory.at(start)
     rows = [(estimate, estimate, estimate)]
     for t in time[1:].tolist():
         measurement = plant.step(controller.command(state, estimate), dt)
         estimate = estimator.update(measurement)
         state = trajectory.at(t)
-        rows.append((state.chart, plant.chart, estimate))
+        rows.append((state.coordinates, plant.coordinates, estimate))
     return FollowedRun(time, *np.array(rows).transpose(1, 0, 2))

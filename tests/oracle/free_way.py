@@ -20,10 +20,10 @@ def outside_scene(points: Array, scene: Scene) -> Array:
     return out
 
 
-def outside_robot(points: Array, robot: RobotModel, chart: Array) -> Array:
+def outside_robot(points: Array, robot: RobotModel, coordinates: Array) -> Array:
     """The same of a robot's collision bodies."""
     out = np.full(len(points), np.inf)
-    for piece, T in zip(robot.geometries, link_poses(robot, configuration(robot, chart)), strict=True):
+    for piece, T in zip(robot.geometries, link_poses(robot, configuration(robot, coordinates)), strict=True):
         out = np.minimum(out, outside((points - T[:3, 3]) @ T[:3, :3], piece.geometry))
     return out
 

@@ -11,12 +11,12 @@ from elastic_strips.trajectory.trajectory import Trajectory
 
 def trajectory_of(robot: RobotModel, limits: MotionLimits, speeds: np.ndarray, *, dt: float = 0.01, start=None):
     """The motion of drive and joint speeds (M, k + n) held evenly between samples, from home or ``start`` (nv,)."""
-    chart = np.empty((len(speeds), robot.nv))
-    chart[0] = robot.space.to_chart(robot.home_q) if start is None else start
+    coordinates = np.empty((len(speeds), robot.nv))
+    coordinates[0] = robot.space.to_coordinates(robot.home_q) if start is None else start
     v, a = limits.to_tangent(speeds), limits.to_tangent(np.gradient(speeds, dt, axis=0))
     for i in range(len(speeds) - 1):
-        chart[i + 1] = robot.space.integrate(chart[i], 0.5 * dt * (v[i] + v[i + 1]))
-    return Trajectory(robot=robot, limits=limits, time=dt * np.arange(len(speeds)), chart=chart, v=v, a=a)
+        coordinates[i + 1] = robot.space.integrate(coordinates[i], 0.5 * dt * (v[i] + v[i + 1]))
+    return Trajectory(robot=robot, limits=limits, time=dt * np.arange(len(speeds)), coordinates=coordinates, v=v, a=a)
 
 
 def smooth_motion(
@@ -40,7 +40,7 @@ def smooth_motion(
         load[:k] = load[:k].max()
     y /= load
     first = robot.space.base_nv
-    home = robot.space.to_chart(robot.home_q)[first:]
+    home = robot.space.to_coordinates(robot.home_q)[first:]
     way = np.cumsum(y[:, k:], axis=0) * dt
     room = np.minimum(robot.space.upper[first:] - home, home - robot.space.lower[first:])
     y[:, k:] *= np.minimum(1.0, 0.95 * room / np.abs(way).max(axis=0))

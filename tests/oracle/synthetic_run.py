@@ -40,7 +40,7 @@ def straight_run(
 
     The true motion is off the reference by a millimetre or so; the arm waves by ``wave`` [rad].
     """
-    space, home = robot.space, robot.space.to_chart(robot.home_q)
+    space, home = robot.space, robot.space.to_coordinates(robot.home_q)
     base = space.base_nv
     total = length / speed * 1.5 + 1.0
     time = np.arange(0.0, total, DT)
@@ -56,9 +56,9 @@ def straight_run(
     span = wave * np.array([1.0, 0.6, -0.8, 0.7])[: robot.nv - base]
     reference[:, base : base + len(span)] += np.sin(phase)[:, None] ** 2 * span
     v[:, base : base + len(span)] = (np.sin(2.0 * phase) * 2.0 * np.pi / total)[:, None] * span
-    chart = reference.copy()
+    coordinates = reference.copy()
     if base:
-        chart[:, 1] += 1e-3 * np.sin(7.0 * phase)
+        coordinates[:, 1] += 1e-3 * np.sin(7.0 * phase)
     goal = reference[-1]
     recorder = Recorder(robot, world, goal=goal, metadata={"scenario": "straight on", "seed": 0})
     for k, t in enumerate(time):
@@ -67,17 +67,19 @@ def straight_run(
         drive = {2: [v[k, 0]] * 2, 3: v[k, :3]}.get(len(DRIVE_NAMES[robot.base_kind]), [])
         recorder.control(
             t,
-            chart=chart[k],
+            coordinates=coordinates[k],
             v=v[k],
             reference=reference[k],
             reference_v=v[k],
-            estimate=chart[k],
+            estimate=coordinates[k],
             drive=np.asarray(drive),
             joints=v[k, base:],
             state=state,
         )
         if k % 5 == 0:
-            strip = space.interpolate(chart[k], goal, np.linspace(0.0, 1.0, max(int(25 * (1 - way[k] / length)), 2)))
+            strip = space.interpolate(
+                coordinates[k], goal, np.linspace(0.0, 1.0, max(int(25 * (1 - way[k] / length)), 2))
+            )
             if base:
                 strip[1:-1, 1] += 0.25 * np.sin(np.pi * np.linspace(0, 1, len(strip))[1:-1]) * np.sin(phase[k])
             recorder.planning(

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from brute_force import make_scene, random_chart
+from brute_force import make_scene, random_coordinates
 from free_way import along, outside_robot, outside_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,13 +27,13 @@ def test_no_range_is_longer_than_the_free_way(silvermate, seed):
     """Up to a range, less its noise, a beam is free: of the laser each, of a sonar at least its axis."""
     rng = np.random.default_rng(seed)
     scene = make_scene(rng, 9, low=(-2.5, -2.5, 0.0), high=(2.5, 2.5, 0.6))
-    chart = random_chart(silvermate, rng, 1)[0]
+    coordinates = random_coordinates(silvermate, rng, 1)[0]
     suite = SensorSuite(silvermate, World(scene), CONFIG, seed=rng)
-    scan, ring = suite.observe(0.0, chart)
+    scan, ring = suite.observe(0.0, coordinates)
     assert isinstance(scan, LaserScan)
     assert isinstance(ring, RangeRing)
     posture = Posture(silvermate)
-    posture.place(chart)
+    posture.place(coordinates)
     T = posture.T_world_joint[1] @ scan.T_base_sensor
     beams = [(T, a, r, LASER) for a, r in zip(scan.angles, scan.ranges, strict=True)]
     beams += [
@@ -51,7 +51,7 @@ def test_no_range_is_longer_than_the_free_way(silvermate, seed):
         return  # the sensors are inside an obstacle
     points = np.array(ways)
     assert outside_scene(points.reshape(-1, 3), scene).min() > -1e-5
-    assert outside_robot(points[:, 3:].reshape(-1, 3), silvermate, chart).min() > -1e-5
+    assert outside_robot(points[:, 3:].reshape(-1, 3), silvermate, coordinates).min() > -1e-5
 
 
 @settings(max_examples=15, deadline=None)
@@ -60,15 +60,15 @@ def test_what_an_exact_laser_sees_is_there(silvermate, seed):
     """Each point of a scan without noise is on an obstacle, and none is on the robot."""
     rng = np.random.default_rng(seed)
     scene = make_scene(rng, 18, low=(-2.5, -2.5, 0.1), high=(2.5, 2.5, 0.5))
-    chart = random_chart(silvermate, rng, 1)[0]
+    coordinates = random_coordinates(silvermate, rng, 1)[0]
     exact = replace(LASER, noise=0.0, noise_ratio=0.0, dropout=0.0, range_min=0.0)
     posture = Posture(silvermate)
-    posture.place(chart)
+    posture.place(coordinates)
     origin = SensorMount(posture, ["laser_frame"]).poses()[0][0][:3, 3]
     if outside_scene(origin[None], scene)[0] < 1e-4:
         return
-    (scan,) = SensorSuite(silvermate, World(scene), SensorConfig(sensors=(exact,))).observe(0.0, chart)
+    (scan,) = SensorSuite(silvermate, World(scene), SensorConfig(sensors=(exact,))).observe(0.0, coordinates)
     assert isinstance(scan, LaserScan)
     points = scan.points() @ posture.T_world_joint[1, :3, :3].T + posture.T_world_joint[1, :3, 3]
     assert np.abs(outside_scene(points, scene)).max(initial=0.0) < 1e-5
-    assert outside_robot(points, silvermate, chart).min(initial=np.inf) > 0.0
+    assert outside_robot(points, silvermate, coordinates).min(initial=np.inf) > 0.0

@@ -15,7 +15,7 @@ import elastic_strips
 PACKAGE = Path(elastic_strips.__file__).parent if elastic_strips.__file__ else Path()
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 CONFIGURATION = re.compile(r"^(q|qs|q_?\w{0,12}|\w+_q)$")
-"""Names that by the house's rules hold Pinocchio configurations; charts have other names."""
+"""Names that by the house's rules hold Pinocchio configurations; coordinates have other names."""
 
 
 def room(path: Path) -> str:
@@ -80,7 +80,7 @@ def test_no_configurations_are_subtracted():
         ("v = np.diff(self.q, axis=0)", True),
         ("v = np.subtract(q1, q0)", True),
         ("v = q[i] - q[j]", True),
-        ("v = chart[1:] - chart[:-1]", False),
+        ("v = coordinates[1:] - coordinates[:-1]", False),
         ("x = queries - asked", False),
         ("x = p - q_goal_distance_of_something_else", False),
     ],

@@ -32,24 +32,26 @@ def random_line(robot: RobotModel, rng: np.random.Generator, length: float) -> S
     space = robot.space
     ends = []
     for k in (0, 1):
-        chart = space.to_chart(robot.home_q)
+        coordinates = space.to_coordinates(robot.home_q)
         b = space.base_nv
-        chart[b:] = np.clip(chart[b:] + 0.2 * rng.normal(size=space.nv - b), space.lower[b:], space.upper[b:])
+        coordinates[b:] = np.clip(
+            coordinates[b:] + 0.2 * rng.normal(size=space.nv - b), space.lower[b:], space.upper[b:]
+        )
         if space.planar:
-            chart[:3] = k * length, k * rng.uniform(-0.5, 0.5), k * rng.uniform(-1.5, 1.5)
-        ends.append(space.from_chart(chart))
+            coordinates[:3] = k * length, k * rng.uniform(-0.5, 0.5), k * rng.uniform(-1.5, 1.5)
+        ends.append(space.from_coordinates(coordinates))
     rows = straight_line(robot, ends[0], ends[1], spacing=rng.uniform(0.08, 0.3))
-    return Strip(robot, space.from_chart(np.clip(rows, space.lower, space.upper)))
+    return Strip(robot, space.from_coordinates(np.clip(rows, space.lower, space.upper)))
 
 
 def check(robot: RobotModel, start: Strip, scene: Scene, report: DeformReport, params: DeformParams) -> None:
     strip, space = report.strip, robot.space
-    np.testing.assert_array_equal(strip.chart[[0, -1]], start.chart[[0, -1]])  # to the bit
+    np.testing.assert_array_equal(strip.coordinates[[0, -1]], start.coordinates[[0, -1]])  # to the bit
     np.testing.assert_allclose(strip.q[[0, -1]], start.q[[0, -1]], rtol=0, atol=3e-16)  # cos and sin of the same angle
     robot.check_q(strip.q)
-    chart = strip.chart
-    assert (chart >= space.lower).all()
-    assert (chart <= space.upper).all()
+    coordinates = strip.coordinates
+    assert (coordinates >= space.lower).all()
+    assert (coordinates <= space.upper).all()
     assert np.isfinite(strip.q).all()
     v = np.array([pin.difference(robot.model, a, b) for a, b in zip(strip.q[:-1], strip.q[1:], strict=True)])
     if robot.base_kind is BaseKind.DIFF_DRIVE:
@@ -100,9 +102,9 @@ def test_maintenance_keeps_the_spacing(silvermate, seed):
     weight = Deformer(silvermate, params).spacing_weight
     deformer, strip = Deformer(silvermate, params), random_line(silvermate, rng, 3.0)
     for _ in range(5):
-        before = node_spacing(silvermate.space, strip.chart, weight).max()
+        before = node_spacing(silvermate.space, strip.coordinates, weight).max()
         strip = deformer.step(strip, scene).strip
-        after = node_spacing(silvermate.space, strip.chart, weight)
+        after = node_spacing(silvermate.space, strip.coordinates, weight)
         assert after.max() <= max(1.1 * params.max_spacing, 0.6 * before + params.max_step)
     assert len(strip) < params.max_nodes
 
@@ -120,7 +122,7 @@ def test_the_papers_preset_keeps_its_invariants(name, request, seed):
         report = deformer.step(strip, scene)
         strip = report.strip
         assert len(strip) == len(start)
-        np.testing.assert_array_equal(strip.chart[[0, -1]], start.chart[[0, -1]])
+        np.testing.assert_array_equal(strip.coordinates[[0, -1]], start.coordinates[[0, -1]])
         robot.check_q(strip.q)
         assert report.heading_step <= params.transfer_tilt + 1e-12
 

@@ -28,7 +28,7 @@ def test_a_room_is_what_the_generator_promises(seed: int, silvermate: RobotModel
     boards = [o.pose[2, 3] for o in scene if o.name.split("-")[0] in ("table", "shelf") and "post" not in o.name]
     assert min(boards) < 0.87 < 0.9 < max(boards)
     line = straight_line(silvermate, start, goal, spacing=0.05)
-    along = coal_distances(silvermate, scene, silvermate.space.from_chart(line)).min(axis=(0, 1))
+    along = coal_distances(silvermate, scene, silvermate.space.from_coordinates(line)).min(axis=(0, 1))
     lowest = dict(zip(scene.names, along, strict=True))
     assert min(lowest.values()) < 0.0
     assert all(lowest[name] > 0.05 for name in scene.names if name.startswith("beam"))

@@ -91,7 +91,7 @@ def test_equal_seeds_give_equal_runs(outcome: DriveOutcome) -> None:
     one, two = outcome.result.record, again.result.record
     time = two.control.time[two.control.time < 6.0]
     assert len(time) > 100
-    np.testing.assert_array_equal(one.control.chart[: len(time)], two.control.chart[: len(time)])
+    np.testing.assert_array_equal(one.control.coordinates[: len(time)], two.control.coordinates[: len(time)])
     for (_, a), (_, b) in zip(_movers(one.world), _movers(two.world), strict=True):
         assert [a.place(t) for t in time[::50]] == [b.place(t) for t in time[::50]]
 

@@ -149,7 +149,7 @@ def test_the_transfer_tilt_shows(run: Run) -> None:
 
 def _straight(robot: RobotModel, name: str, spacing: float, seed: int = 0) -> Array:
     problem = get_scenario(name, seed=seed)
-    return robot.space.from_chart(straight_line(robot, *problem.ends(robot), spacing=spacing))
+    return robot.space.from_coordinates(straight_line(robot, *problem.ends(robot), spacing=spacing))
 
 
 def test_the_straight_line_of_case_7_hits_the_shelf_with_the_arm_alone(silvermate: RobotModel) -> None:

@@ -30,7 +30,7 @@ def test_both_ends_are_free_and_the_straight_way_is_not(name: str, silvermate: R
     problem = get_scenario(name)
     start, goal = problem.ends(silvermate)
     assert coal_distances(silvermate, problem.scene, np.array([start, goal])).min() > 0.3
-    line = silvermate.space.from_chart(straight_line(silvermate, start, goal, spacing=0.05))
+    line = silvermate.space.from_coordinates(straight_line(silvermate, start, goal, spacing=0.05))
     lowest = coal_distances(silvermate, problem.scene, line).min(axis=(0, 1))
     met = {wall for wall, d in zip(problem.scene.names, lowest, strict=True) if d < 0.0}
     assert met == {"bottleneck": {"wall-right"}, "dead-end": {"back"}}[name]
@@ -43,9 +43,9 @@ def test_the_door_is_as_wide_as_it_says(silvermate: RobotModel) -> None:
     right, left = _box(problem.scene, "wall-right")[1][1], _box(problem.scene, "wall-left")[0][1]
     assert left - right == pytest.approx(DOOR)
     assert 0.5 * (left + right) == pytest.approx(0.3)
-    chart = np.tile(silvermate.space.to_chart(silvermate.home_q), (61, 1))
-    chart[:, 0], chart[:, 1] = np.linspace(0.0, 6.0, 61), 0.3
-    assert coal_distances(silvermate, problem.scene, silvermate.space.from_chart(chart)).min() > 0.03
+    coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (61, 1))
+    coordinates[:, 0], coordinates[:, 1] = np.linspace(0.0, 6.0, 61), 0.3
+    assert coal_distances(silvermate, problem.scene, silvermate.space.from_coordinates(coordinates)).min() > 0.03
 
 
 def test_the_dead_end_is_as_deep_and_wide_as_it_says() -> None:

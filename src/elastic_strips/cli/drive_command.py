@@ -111,7 +111,9 @@ def drive(
             bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
             if viewer is not None:
                 viewer.update(
-                    _shown(driven), driven.world.at(driven.time), q=model.space.from_chart(driven.plant.chart)
+                    _shown(driven),
+                    driven.world.at(driven.time),
+                    q=model.space.from_coordinates(driven.plant.coordinates),
                 )
 
         if method == STRIP:
@@ -147,7 +149,7 @@ def _shown(driven: _AnySimulation) -> Strip | DeformReport:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
     controller = driven.controller
     if not isinstance(controller, Controller):
-        return Strip.from_chart(driven.robot, np.stack((driven.plant.chart, controller.goal)))
+        return Strip.from_coordinates(driven.robot, np.stack((driven.plant.coordinates, controller.goal)))
     return controller.result.report if controller.result else controller.strip
 
 

@@ -78,7 +78,7 @@ def view(
         else:
             problem = get_scenario(what, seed=seed or 0)
             model, scene = problem.load_robot(robot, base=base), problem.scene
-            strip = Strip.from_chart(model, straight_line(model, *problem.ends(model), spacing=0.13))
+            strip = Strip.from_coordinates(model, straight_line(model, *problem.ends(model), spacing=0.13))
 
         def draw(viewer: Viewer) -> None:
             viewer.animate(model, scene, strip, duration=10.0)

@@ -135,7 +135,7 @@ class MotionBounds:
         distance = np.linalg.norm(self.bodies.ends[g], axis=1).max() + far
         first = True
         while joint > 0:
-            k = int(tree.chart_index[joint])
+            k = int(tree.coordinate_index[joint])
             if k < 0:
                 self.radius[2, g] = planar_far if first else distance
             elif tree.prismatic[joint]:
@@ -172,7 +172,7 @@ class MotionBounds:
         speed = np.abs(v)
         static = self.radius[:, body].T * speed  # (K, nv)
         outer = np.zeros_like(static)
-        # joints further out than k on the body's chain have larger chart columns: their motion adds to k's lever
+        # joints further out than k on the body's chain have larger coordinate columns: their motion adds to k's lever
         outer[:, :-1] = np.cumsum(static[:, :0:-1], axis=1)[:, ::-1]
         tight = np.minimum(np.where(turning, reach + outer, 1.0), self.radius[:, body].T)
         tight *= tree.support[bodies.joint[body]]

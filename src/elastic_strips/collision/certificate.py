@@ -354,7 +354,7 @@ class Bisection:
         """Bring the configurations between nodes up to date; returns their numbers (K,)."""
         unique, inverse = np.unique(place, return_inverse=True)
         s = unique.astype(np.intp)
-        q = self._space.integrate(self._kin.chart[s], (unique - s)[:, None] * self._v[s])
+        q = self._space.integrate(self._kin.coordinates[s], (unique - s)[:, None] * self._v[s])
         self._between.update(q, jacobians=False)
         self.checks += len(unique)
         return inverse

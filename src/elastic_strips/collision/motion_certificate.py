@@ -64,7 +64,7 @@ class MotionCertifier:
 
     def certify(
         self,
-        chart: Array,
+        coordinates: Array,
         v: Array,
         scene: Scene,
         prediction: NodePrediction,
@@ -75,7 +75,7 @@ class MotionCertifier:
         """Certify the motion through samples.
 
         Args:
-            chart: (N, nv) samples, N ≥ 2.
+            coordinates: (N, nv) samples, N ≥ 2.
             v: (N−1, nv) tangents from each to the next: base and joints go on arcs and lines between them.
             scene: snapshot of the obstacles.
             prediction: where the moving ones are at each sample.
@@ -85,7 +85,7 @@ class MotionCertifier:
         Returns:
             Its ``broken`` is the first pair found too near; then nothing is said of the other segments.
         """
-        self._kin.update(chart, jacobians=False)
+        self._kin.update(coordinates, jacobians=False)
         self._bisection.begin(self._kin, v)
         travel = self.bounds.travel(v)
         self._look(scene, prediction, clearance, travel)

@@ -50,7 +50,7 @@ class ObstacleProximity:
         self.margin = np.zeros(0)
         self.moving = MovingParts()
         self._cover = np.zeros(0, dtype=np.intp)
-        self._chart = np.zeros((0, 0))
+        self._coordinates = np.zeros((0, 0))
         self._limit = np.zeros(0)
         self._allocate(0, 0)
 
@@ -65,7 +65,7 @@ class ObstacleProximity:
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
         self.candidates = None
-        self._chart = np.zeros((0, 0))
+        self._coordinates = np.zeros((0, 0))
 
     def knows(self, scene: Scene) -> bool:
         """Whether the last update was for the same obstacles, wherever they were, and with a forecast."""
@@ -83,11 +83,11 @@ class ObstacleProximity:
         new = source < 0
         self.moving.remap(take)
         self._cover = np.where(new, -1, self._cover[take])
-        for name in ("_chart", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
+        for name in ("_coordinates", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
             setattr(self, name, getattr(self, name)[take])
         self.bound[new] = -_FAR
         self._since[new] = _FAR
-        self._chart[new] = np.nan
+        self._coordinates[new] = np.nan
 
     def update(self, kin: Kinematics, scene: Scene, prediction: NodePrediction | None = None) -> None:
         """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot.
@@ -97,14 +97,14 @@ class ObstacleProximity:
             scene: the snapshot.
             prediction: where some of its obstacles will be when each node is reached; all of them stay where None.
         """
-        chart = kin.chart[: kin.n]
+        coordinates = kin.coordinates[: kin.n]
         ends = self.bodies.capsule_ends(kin)
         columns = None if self.candidates is None else self.candidates.follow(scene)
         if prediction is not None and not self.moving.known(prediction):
             columns = None
         moved_nodes = None
-        if columns is not None and self._chart.shape == chart.shape:
-            moved_nodes = np.flatnonzero((chart != self._chart).any(axis=1))
+        if columns is not None and self._coordinates.shape == coordinates.shape:
+            moved_nodes = np.flatnonzero((coordinates != self._coordinates).any(axis=1))
             if len(moved_nodes) and not self._keep_margin(ends, moved_nodes):
                 columns = None
         if columns is None or moved_nodes is None:
@@ -224,10 +224,10 @@ class ObstacleProximity:
         self._ends = ends
         if moved is None:
             self._frames = self._rotations(kin, np.arange(kin.n))
-            self._chart = kin.chart[: kin.n].copy()
+            self._coordinates = kin.coordinates[: kin.n].copy()
         elif len(moved):
             self._frames[moved] = self._rotations(kin, moved)
-            self._chart[moved] = kin.chart[moved]
+            self._coordinates[moved] = kin.coordinates[moved]
 
     def refine(self, kin: Kinematics) -> None:
         """Make every pair exact whose bound is below the influence distance and that moved since it was measured."""

@@ -82,7 +82,7 @@ class SelfProximity:
         self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance
         self.radius = bounds.pair_radius(pairs)
         self.queries = 0
-        self._chart = np.zeros((0, 0))
+        self._coordinates = np.zeros((0, 0))
         self._base = np.zeros((0, 3, 4))
         self._allocate(0)
         self._functors = [ShapePair.of(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
@@ -97,32 +97,32 @@ class SelfProximity:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._chart = np.zeros((0, 0))
+        self._coordinates = np.zeros((0, 0))
 
     def remap(self, source: Indices) -> None:
         """Carry over to a strip whose node i was node ``source[i]``; −1 marks a new node."""
-        if len(self._chart) == 0:
+        if len(self._coordinates) == 0:
             return
         take, new = np.maximum(source, 0), source < 0
-        for name in ("_chart", "bound", "exact", "direction", "first", "second", "_since"):
+        for name in ("_coordinates", "bound", "exact", "direction", "first", "second", "_since"):
             setattr(self, name, getattr(self, name)[take])
         self.bound[new] = -_FAR
         self._since[new] = _FAR
-        self._chart[new] = np.nan
+        self._coordinates[new] = np.nan
 
     def update(self, kin: Kinematics) -> None:
         """Bring bounds and exact distances up to date with the nodes of ``kin``."""
-        chart = kin.chart[: kin.n]
-        if self._chart.shape != chart.shape:
+        coordinates = kin.coordinates[: kin.n]
+        if self._coordinates.shape != coordinates.shape:
             self._allocate(kin.n)
         else:
             b = self.bodies.tree.space.base_nv
-            delta = np.abs(chart[:, b:] - self._chart[:, b:])
+            delta = np.abs(coordinates[:, b:] - self._coordinates[:, b:])
             shift = delta @ self.radius[b:]
             shift[np.isnan(shift)] = _FAR
             self.bound -= shift
             self._since += shift
-        self._chart = chart.copy()
+        self._coordinates = coordinates.copy()
         self._base = kin.T[1 if self.bodies.tree.space.planar else 0, : kin.n].copy()
         self.refine(kin, self.influence)
 

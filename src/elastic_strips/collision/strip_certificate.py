@@ -183,7 +183,7 @@ class Certifier:
         s = np.repeat(long, counts)
         fraction = np.concatenate([(np.arange(c) + 0.5) / c for c in counts.tolist()])
         space = self.bodies.tree.space
-        self._between.update(space.integrate(kin.chart[s], fraction[:, None] * v[s]), jacobians=False)
+        self._between.update(space.integrate(kin.coordinates[s], fraction[:, None] * v[s]), jacobians=False)
         reach = clearance + 0.5 * np.repeat(longest[long] / counts, counts) + 1e-6
         self.obstacles.look_between(kin, self._between, reach)
         return len(s)
@@ -217,23 +217,23 @@ class _StripSearch:
         self.worst.append(self.pairs.broken(int(segment[k]), int(pair[k]), float(d[k]), certain))
 
 
-def chart_clearance(robot: RobotModel, chart: Array, scene: Scene, *, tolerance: float = 1e-4) -> float:
+def coordinate_clearance(robot: RobotModel, coordinates: Array, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along interpolated nodes; negative in penetration.
 
     See :func:`elastic_strips.strip.strip_clearance`.
 
     Args:
         robot: the robot.
-        chart: (N, nv) nodes.
+        coordinates: (N, nv) nodes.
         scene: the obstacles.
         tolerance: accuracy [m].
     """
     if len(scene) == 0:
         return float("inf")
-    bodies, v = BodySet.links(robot), robot.space.difference(chart[:-1], chart[1:])
+    bodies, v = BodySet.links(robot), robot.space.difference(coordinates[:-1], coordinates[1:])
     bounds = MotionBounds(bodies)
-    kin = Kinematics(bodies.tree, len(chart))
-    kin.update(chart)
+    kin = Kinematics(bodies.tree, len(coordinates))
+    kin.update(coordinates)
     travel = bounds.travel(v)
     for reach in _REACHES:
         proximity = ObstacleProximity(bodies, influence=reach)

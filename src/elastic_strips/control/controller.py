@@ -52,7 +52,7 @@ class Tick:
         time: [s].
         seconds: how long it took by the wall clock.
         result: what it came to; None where it came to nothing.
-        strip: (N, nv) chart rows of the strip; None where there is none.
+        strip: (N, nv) coordinate rows of the strip; None where there is none.
         horizon_end: time [s] at which the active trajectory comes to rest; NaN where nobody knows.
         status: of the strip, or of what steers instead of one.
         reason: why nothing better was found, or why the robot does what it does.
@@ -78,7 +78,7 @@ class ControlLoop:
 
     Attributes:
         time: of the last step [s].
-        estimate: (nv,) chart row where the robot believes to be.
+        estimate: (nv,) coordinate row where the robot believes to be.
         tick: the last planning tick, or None.
         statistics: durations of the planning ticks.
         estimator: takes in the measurements.
@@ -96,7 +96,7 @@ class ControlLoop:
         self.robot, self.params = robot, params or DriveParams()
         self.limits = limits or MotionLimits.for_robot(robot)
         self.time = 0.0
-        self.estimate = robot.space.to_chart(robot.check_q(start, what="start"))
+        self.estimate = robot.space.to_coordinates(robot.check_q(start, what="start"))
         self.estimator = StateEstimator(robot, self.limits)
         self.estimator.reset(self.estimate, 0.0)
         self.tick: Tick | None = None
@@ -147,7 +147,7 @@ class Controller(ControlLoop):
         first_plan: how the first strip was planned; None where it was given.
         scene: the newest one that was planned with.
         goals: those that come after the present one.
-        goal_q, goal: the present one as configuration (nq,) and as chart row (nv,).
+        goal_q, goal: the present one as configuration (nq,) and as coordinate row (nv,).
         result: what the last planning tick came to; None where it came to nothing.
         plan_tick: what plans in a tick; something that wraps it may take its place.
         planner, supervisor, replanner, tracker: the parts; the rest as of :class:`ControlLoop`.
@@ -184,7 +184,7 @@ class Controller(ControlLoop):
         goals = np.atleast_2d(robot.check_q(goal, what="goal"))
         self.goals = list(goals[1:])
         self.goal_q = goals[0]
-        self.goal = robot.space.to_chart(self.goal_q)
+        self.goal = robot.space.to_coordinates(self.goal_q)
         self.scene = Scene([]) if scene is None else scene
         self.first_plan: PlanReport | None = None
         self.replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
@@ -293,12 +293,12 @@ class Controller(ControlLoop):
         if self.reference.v.any():
             raise ConfigurationError("retarget: the robot moves; stop it, and give it another goal when it stands")
         self.goal_q = self.robot.check_q(goal, what="goal")
-        self.goal = self.robot.space.to_chart(self.goal_q)
+        self.goal = self.robot.space.to_coordinates(self.goal_q)
         self._no_path = ""
         self._replan_task, self.replanner.pending = None, False  # what is planned now leads to the goal before
         self._ready.clear()
         self.supervisor.restart("new goal", self.time)
-        q = self.robot.space.from_chart(self.reference.chart)
+        q = self.robot.space.from_coordinates(self.reference.coordinates)
         self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
 
     def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
@@ -349,7 +349,7 @@ class Controller(ControlLoop):
         reference = self.reference
         estimate, base = self.estimate, self.robot.space.base_nv
         if self.estimator.lost_for > 0.0:  # to follow an estimate that stands still would be to run away
-            estimate = np.concatenate((reference.chart[:base], estimate[base:]))
+            estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))
         return self.tracker.command(reference, estimate)
 
     # the planning loop
@@ -373,7 +373,7 @@ class Controller(ControlLoop):
         result = self.result
         reason = (result.reason if result else "") or supervisor.reason
         status = result.report.status.value if result else ""
-        self._finish_tick(Tick(t, seconds, result, self.strip.chart, supervisor.active.end_time, status, reason))
+        self._finish_tick(Tick(t, seconds, result, self.strip.coordinates, supervisor.active.end_time, status, reason))
 
     def _plan(self, t: float) -> None:
         params, supervisor = self.params, self.supervisor
@@ -474,7 +474,7 @@ class Controller(ControlLoop):
         if not replanner.pending and self._replan_task is None:
             return False
         if self._replan_task is None and t >= replanner.due:
-            q = self.robot.space.from_chart(self.reference.chart)
+            q = self.robot.space.from_coordinates(self.reference.coordinates)
             self._replan_task = self._submit(replanner.plan_anew, self.scene, q, self.goal_q)
         if self._replan_task is not None and self._replan_task.done():
             planned, self._replan_task = self._replan_task, None

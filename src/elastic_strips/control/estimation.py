@@ -104,7 +104,7 @@ class StateEstimator:
         self.params = EstimatorParams() if params is None else params
         self._k, self._first = len(limits.drive_speed), robot.space.base_nv
         self._to_twist = limits.to_twist(np.eye(self._k)).T if self._k else np.zeros((3, 0))  # (3, k)
-        self.reset(robot.space.to_chart(robot.home_q))
+        self.reset(robot.space.to_coordinates(robot.home_q))
 
     @property
     def lost_for(self) -> float:
@@ -120,10 +120,10 @@ class StateEstimator:
             return 0.0, 0.0
         return math.sqrt(self._P[0, 0] + self._P[1, 1]), math.sqrt(self._P[2, 2])
 
-    def reset(self, chart: Array, time: float = 0.0) -> None:
-        """Start anew from a known chart row (nv,) at a time [s]."""
+    def reset(self, coordinates: Array, time: float = 0.0) -> None:
+        """Start anew from a known coordinate row (nv,) at a time [s]."""
         self._time = float(time)
-        values = [float(x) for x in chart]
+        values = [float(x) for x in coordinates]
         self._joints = np.array(values[self._first :])
         pose = (values[0], values[1], values[2]) if self._k else (0.0, 0.0, 0.0)
         self._pose: Pose = pose
@@ -246,7 +246,7 @@ class PoseBuffer:
         self._entries: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
 
     def add(self, t: float, estimate: Array) -> None:
-        """The base believes at ``t`` [s] to be at the x, y [m], yaw [rad] with which a chart row (nv,) begins."""
+        """The base believes at ``t`` [s] to be at the x, y [m], yaw [rad] with which a coordinate row (nv,) begins."""
         self._entries.append((t, np.array(estimate[:3])))
 
     def at(self, t: float) -> Array:

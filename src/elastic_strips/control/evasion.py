@@ -142,12 +142,12 @@ def roll_to_rest(
 def _poses(limits: MotionLimits, start: ReferenceState, speed: Array, dt: float) -> Array:
     """Poses (N, T, 3) for speeds (T + 1, N, k) of the drive coordinates."""
     twist = limits.to_twist(0.5 * (speed[1:] + speed[:-1])) * dt
-    yaw = start.chart[2] + np.cumsum(twist[..., 2], axis=0)
+    yaw = start.coordinates[2] + np.cumsum(twist[..., 2], axis=0)
     middle = yaw - 0.5 * twist[..., 2]
     cos, sin = np.cos(middle), np.sin(middle)
     pose = np.empty((speed.shape[1], len(speed) - 1, 3))
-    pose[..., 0] = (start.chart[0] + np.cumsum(cos * twist[..., 0] - sin * twist[..., 1], axis=0)).T
-    pose[..., 1] = (start.chart[1] + np.cumsum(sin * twist[..., 0] + cos * twist[..., 1], axis=0)).T
+    pose[..., 0] = (start.coordinates[0] + np.cumsum(cos * twist[..., 0] - sin * twist[..., 1], axis=0)).T
+    pose[..., 1] = (start.coordinates[1] + np.cumsum(sin * twist[..., 0] + cos * twist[..., 1], axis=0)).T
     pose[..., 2] = yaw.T
     return pose
 
@@ -186,13 +186,13 @@ def motion_to(
     v = np.array(rows)
     y = np.vstack([np.zeros(v.shape[1]), np.cumsum(0.5 * dt * (v[1:] + v[:-1]), axis=0)])
     a = np.vstack([np.diff(v, axis=0) / dt, np.zeros(v.shape[1])])
-    chart = integrate_travel(robot, limits, start.chart, y)
+    coordinates = integrate_travel(robot, limits, start.coordinates, y)
     space, base = robot.space, robot.space.base_nv
-    low, high = np.minimum(space.lower, start.chart) - 1e-6, np.maximum(space.upper, start.chart) + 1e-6
-    if ((chart < low) | (chart > high))[:, base:].any():
+    low, high = np.minimum(space.lower, start.coordinates) - 1e-6, np.maximum(space.upper, start.coordinates) + 1e-6
+    if ((coordinates < low) | (coordinates > high))[:, base:].any():
         return None
     time = start.time + dt * np.arange(len(v), dtype=float)
-    return Trajectory(robot, limits, time, chart, limits.to_tangent(v), limits.to_tangent(a))
+    return Trajectory(robot, limits, time, coordinates, limits.to_tangent(v), limits.to_tangent(a))
 
 
 def _within(drive: Array, top: Array) -> Array:
@@ -266,13 +266,13 @@ class EvasivePlanner:
             certifier: of motions.
             arrival: times at the strip's nodes.
         """
-        if not self.look(scene, possible, start, result.report.strip.chart):
+        if not self.look(scene, possible, start, result.report.strip.coordinates):
             return result
         if result.accepted:
             rows = self._followed(result, start, arrival)
         else:
             motion = result.motion if result.outcome is PlanOutcome.BRAKE and result.motion is not None else active
-            rows = np.array([motion.at(start.time + t).chart for t in self.time])
+            rows = np.array([motion.at(start.time + t).coordinates for t in self.time])
         risk, cost = self.cost(rows)
         threatened = risk > self.params.risk_threshold
         broken = result.report.certificate.broken
@@ -292,7 +292,7 @@ class EvasivePlanner:
 
         Where the strip is broken the robot would have to stop: there it waits for what comes.
         """
-        strip, speed, times = result.report.strip.chart, result.speed, self.time
+        strip, speed, times = result.report.strip.coordinates, result.speed, self.time
         top = _PACE * float(self.limits.drive_speed.max(initial=1.0))
         change = _PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
         now = min(fastest_drive(self.limits, start.v) / top, speed)
@@ -318,10 +318,12 @@ class EvasivePlanner:
         self._lookahead = None
         if self._lattice is None or not len(possible):
             return False
-        self._footprint.update(start.chart)
+        self._footprint.update(start.coordinates)
         horizon = self.params.horizon
         reach = self._footprint.reach() + self.params.radius + float(self.limits.drive_speed[:2].max()) * horizon
-        lookahead = ObstacleLookahead(self._footprint, scene, possible, start.chart[:2], reach=reach, horizon=horizon)
+        lookahead = ObstacleLookahead(
+            self._footprint, scene, possible, start.coordinates[:2], reach=reach, horizon=horizon
+        )
         if not lookahead.movers:
             self._last = None
             return False
@@ -332,7 +334,7 @@ class EvasivePlanner:
         return True
 
     def cost(self, rows: Array) -> tuple[float, float]:
-        """Risk and cost [s] of chart rows (T, nv) at :attr:`time` after the start.
+        """Risk and cost [s] of coordinate rows (T, nv) at :attr:`time` after the start.
 
         The risk is that of touching something or coming near it, 0 where nothing comes near; the cost is the risk and
         the time that is left to the goal.

@@ -161,10 +161,10 @@ class LocalPlanner:
         expected = predict(scene, params.assumptions, horizon=params.horizon + now - scene.time, sure=True)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
         ahead = reconnect if self._off_strip else trim_passed
-        chart, source = ahead(
-            self.robot.space, self.strip.chart, start.chart, self.deformer.spacing_weight, moving=moving
+        coordinates, source = ahead(
+            self.robot.space, self.strip.coordinates, start.coordinates, self.deformer.spacing_weight, moving=moving
         )
-        strip = self.deformer.carry(self.strip, chart, source)
+        strip = self.deformer.carry(self.strip, coordinates, source)
         prediction = None
         if len(expected):
             prediction = partial(self.arrival.prediction, expected, start.time - scene.time)

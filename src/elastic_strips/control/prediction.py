@@ -96,11 +96,11 @@ class ArrivalTimes:
             pace[:3] = limits.drive_speed
         self.pace = 0.75 * pace  # (nv,) [m/s, rad/s]
 
-    def __call__(self, chart: Array) -> Array:
-        """(N,) times [s] from the first node of ``chart`` (N, nv) on."""
-        v = self.space.difference(chart[:-1], chart[1:])
+    def __call__(self, coordinates: Array) -> Array:
+        """(N,) times [s] from the first node of ``coordinates`` (N, nv) on."""
+        v = self.space.difference(coordinates[:-1], coordinates[1:])
         return np.append(0.0, np.cumsum((np.abs(v) / self.pace).max(axis=1)))
 
-    def prediction(self, forecast: Forecast, delay: float, chart: Array) -> NodePrediction:
+    def prediction(self, forecast: Forecast, delay: float, coordinates: Array) -> NodePrediction:
         """The forecast at the nodes, the first of which is reached ``delay`` [s] after the snapshot."""
-        return forecast.predict(delay + self(chart))
+        return forecast.predict(delay + self(coordinates))

@@ -18,22 +18,22 @@ _CORNER = np.cos(np.deg2rad(50.0))
 
 
 def trim_passed(
-    space: ConfigurationSpace, chart: Array, here: Array, weight: Array, *, moving: bool = True
+    space: ConfigurationSpace, coordinates: Array, here: Array, weight: Array, *, moving: bool = True
 ) -> tuple[Array, Indices]:
     """The nodes of a strip that are still ahead, behind the present configuration as first node.
 
     Args:
         space: configuration space.
-        chart: (N, nv) nodes; the robot was at the first of them a little while ago.
+        coordinates: (N, nv) nodes; the robot was at the first of them a little while ago.
         here: (nv,) where it is now.
         weight: (nv,) metric that makes angles comparable with metres.
         moving: whether it moves: then it cannot leave out a corner at which it has to stop.
 
     Returns:
-        (M, nv) nodes, ``here`` first, M ≥ 2, and (M,) which node of ``chart`` each was (−1 for ``here``). A node that
+        (M, nv) nodes, ``here`` first, M ≥ 2, and (M,) which node each was before (−1 for ``here``). A node that
         would crowd the first one is left out; the goal never is.
     """
-    first = chart[: min(_SEARCHED, len(chart))]
+    first = coordinates[: min(_SEARCHED, len(coordinates))]
     scale = np.sqrt(weight)
     onward = space.difference(first[:-1], first[1:]) * scale
     corner = _first_corner(onward)
@@ -45,16 +45,16 @@ def trim_passed(
     ahead = nearest
     if nearest < corner and float(onward[nearest] @ -v[nearest]) >= 0.0:  # the nearest node is already behind
         ahead = nearest + 1
-    last = min(corner, len(chart) - 1) if moving else len(chart) - 1
+    last = min(corner, len(coordinates) - 1) if moving else len(coordinates) - 1
     while ahead < last and ahead < len(first) and distance[ahead] < _CROWDED:
         ahead += 1
     ahead = max(ahead, 1)
-    source = np.concatenate(([-1], np.arange(ahead, len(chart)))).astype(np.intp)
-    return np.vstack([here[None], chart[ahead:]]), source
+    source = np.concatenate(([-1], np.arange(ahead, len(coordinates)))).astype(np.intp)
+    return np.vstack([here[None], coordinates[ahead:]]), source
 
 
 def reconnect(
-    space: ConfigurationSpace, chart: Array, here: Array, weight: Array, *, moving: bool = True
+    space: ConfigurationSpace, coordinates: Array, here: Array, weight: Array, *, moving: bool = True
 ) -> tuple[Array, Indices]:
     """The rest of a strip that the robot has left, joined to where it is now; as :func:`trim_passed` where it is near.
 
@@ -63,23 +63,23 @@ def reconnect(
     Args, returns: as those of :func:`trim_passed`.
     """
     if not space.planar:
-        return trim_passed(space, chart, here, weight, moving=moving)
-    apart = np.hypot(*(chart[:, :2] - here[:2]).T)
-    passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(chart[:, :2], axis=0).T)))
+        return trim_passed(space, coordinates, here, weight, moving=moving)
+    apart = np.hypot(*(coordinates[:, :2] - here[:2]).T)
+    passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(coordinates[:, :2], axis=0).T)))
     left = passed[-1] - passed
     nearest = int((_DETOUR * apart + left).argmin())
     ahead = min(max(2.0 * float(apart[nearest]), _LEAST_JOIN), _MOST_JOIN)
-    last = len(chart) - 1
+    last = len(coordinates) - 1
     node = min(max(int(np.searchsorted(passed, passed[nearest] + ahead)), 1), last)
-    target = chart[node]
+    target = coordinates[node]
     way = target[:2] - here[:2]
     length = float(np.hypot(*way))
     if length < _CROWDED:
         rows = here[None]
     else:
         rows = _bend(here, target, way, length)
-    source = np.concatenate((np.full(len(rows), -1), np.arange(node, len(chart)))).astype(np.intp)
-    return np.vstack([rows, chart[node:]]), source
+    source = np.concatenate((np.full(len(rows), -1), np.arange(node, len(coordinates)))).astype(np.intp)
+    return np.vstack([rows, coordinates[node:]]), source
 
 
 def _bend(here: Array, target: Array, way: Array, length: float) -> Array:

@@ -42,9 +42,9 @@ class ControlRows(Summary):
 
     Attributes:
         time: (T,) strictly ascending [s].
-        chart, v: (T, nv) true chart rows and velocities (body twist, joint rates).
-        reference, reference_v: (T, nv) chart rows and velocities that the controller followed.
-        estimate: (T, nv) chart rows that the controller believed.
+        coordinates, v: (T, nv) true coordinate rows and velocities (body twist, joint rates).
+        reference, reference_v: (T, nv) coordinate rows and velocities that the controller followed.
+        estimate: (T, nv) coordinate rows that the controller believed.
         drive: (T, k) commanded drive speeds [m/s; rad/s for an omnidirectional base's yaw].
         joints: (T, n) commanded joint rates [rad/s or m/s].
         motors: (T, k) true speeds of the drive's motors, at the rim and without slip [m/s; rad/s for a yaw].
@@ -52,7 +52,7 @@ class ControlRows(Summary):
     """
 
     time: Array
-    chart: Array
+    coordinates: Array
     v: Array
     reference: Array
     reference_v: Array
@@ -79,7 +79,7 @@ class PlanningRows(Summary):
         clearance: (P,) [m].
         horizon_end: (P,) time up to which motion was certified and at whose end the robot can stand [s].
         node_offset: (P + 1,) rows of ``nodes`` from ``node_offset[i]`` to ``node_offset[i + 1]`` are tick i's strip.
-        nodes: (M, nv) chart rows of all strips that were kept.
+        nodes: (M, nv) coordinate rows of all strips that were kept.
         reason: (P,) index into ``reasons``.
     """
 
@@ -101,7 +101,7 @@ class PlanningRows(Summary):
         return len(self.time)
 
     def strip(self, row: int) -> Array:
-        """Chart rows (N, nv) of the strip of a tick; (0, nv) where it was not kept."""
+        """Coordinate rows (N, nv) of the strip of a tick; (0, nv) where it was not kept."""
         return self.nodes[self.node_offset[row] : self.node_offset[row + 1]]
 
     def row_at(self, time: float) -> int:
@@ -120,7 +120,7 @@ class Record(Summary):
         control, planning: rows at the control rate and at the planning rate.
         events: in the order of time.
         world: the true obstacles over time; one that was read from a file follows the recorded poses.
-        goal: (nv,) chart row that the robot was to reach, or None.
+        goal: (nv,) coordinate row that the robot was to reach, or None.
         states: names of the codes in ``control.state``.
         metadata: whatever the run wants to keep besides: scenario, seed, …; plain JSON values.
     """
@@ -189,7 +189,7 @@ class Recorder:
         Args:
             robot: who drives.
             world: the true obstacles.
-            goal: (nv,) chart row to be reached.
+            goal: (nv,) coordinate row to be reached.
             metadata: plain JSON values to keep with the record.
 
         Raises:
@@ -200,7 +200,7 @@ class Recorder:
         self._world = world if isinstance(world, World) else World(world)
         self._goal = None if goal is None else frozen(np.array(goal, dtype=float))
         if self._goal is not None and self._goal.shape != (nv,):
-            raise RecordError(f"the goal has shape {self._goal.shape}; a chart row of {robot.name!r} has ({nv},)")
+            raise RecordError(f"the goal has shape {self._goal.shape}; a coordinate row of {robot.name!r} has ({nv},)")
         self._metadata = dict(metadata or {})
         cuts = np.cumsum([0, 1, nv, nv, nv, nv, nv, k, n, k]).tolist()
         self._slices = [slice(a, b) for a, b in pairwise(cuts)]
@@ -219,7 +219,7 @@ class Recorder:
         self,
         time: float,
         *,
-        chart: Array,
+        coordinates: Array,
         v: Array,
         reference: Array | None = None,
         reference_v: Array | None = None,
@@ -238,7 +238,7 @@ class Recorder:
             raise RecordError(f"control rows ascend in time: {time!r} s after {self._last!r} s")
         if not 0 <= state < len(STATES):
             raise RecordError(f"state {state} has no name; there are {len(STATES)}: {', '.join(STATES)}")
-        given = (time, chart, v, reference, reference_v, estimate, drive, joints, motors)
+        given = (time, coordinates, v, reference, reference_v, estimate, drive, joints, motors)
         for values, name, where in zip(given[1:], self._names[1:], self._slices[1:], strict=True):
             if values is not None and np.shape(values) != (where.stop - where.start,):
                 raise RecordError(f"{name} has shape {np.shape(values)}; it must be ({where.stop - where.start},)")
@@ -263,7 +263,7 @@ class Recorder:
         strip: Array | None = None,
         reason: str = "",
     ) -> None:
-        """Add a tick of the planner; ``strip`` are chart rows (N, nv), the rest is as in `PlanningRows`."""
+        """Add a tick of the planner; ``strip`` are coordinate rows (N, nv), the rest is as in `PlanningRows`."""
         self._strips.append(np.zeros((0, self._robot.nv)) if strip is None else np.array(strip, dtype=float))
         self._ticks.append(
             (time, tick_ms, dict(phase_ms or {}), str(status), bool(certified), clearance, horizon_end, str(reason))
@@ -304,7 +304,9 @@ class Recorder:
         nv = self._robot.nv
         for strip in self._strips:
             if strip.ndim != 2 or strip.shape[1] != nv:
-                raise RecordError(f"a strip has shape {strip.shape}; chart rows of {self._robot.name!r} are (N, {nv})")
+                raise RecordError(
+                    f"a strip has shape {strip.shape}; coordinate rows of {self._robot.name!r} are (N, {nv})"
+                )
         columns = list(zip(*self._ticks, strict=True)) or [()] * 8
         phases = tuple(dict.fromkeys(name for tick in columns[2] for name in tick))
         statuses, reasons = tuple(dict.fromkeys(columns[3])), tuple(dict.fromkeys(columns[7]))

@@ -137,7 +137,7 @@ class StripTimer:
             watch: takes the time of the phases.
             off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
         """
-        chart = report.strip.chart
+        coordinates = report.strip.coordinates
         speed_now = fastest_drive(self.limits, start.v)
         motion: Trajectory | None = None
         certificate: Certificate | None = None
@@ -156,7 +156,7 @@ class StripTimer:
             if distance >= last:
                 break  # it would not be slower: the robot has not yet gathered speed
             last = distance
-            motion, reason = self._timed(chart, start, active, distance, speed, off_strip)
+            motion, reason = self._timed(coordinates, start, active, distance, speed, off_strip)
             watch.lap("retiming")
             if motion is None:
                 continue
@@ -164,12 +164,18 @@ class StripTimer:
             watch.lap("motion certificate")
             if certificate.certified:
                 self._failures, reason = 0, ""
-                return result(PlanOutcome.ARRIVE if self._ends_at(motion, chart[-1]) else PlanOutcome.FOLLOW)
+                return result(PlanOutcome.ARRIVE if self._ends_at(motion, coordinates[-1]) else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
         return result(PlanOutcome.NONE)
 
     def _timed(
-        self, chart: Array, start: ReferenceState, active: Trajectory, distance: float, speed: float, off_strip: bool
+        self,
+        coordinates: Array,
+        start: ReferenceState,
+        active: Trajectory,
+        distance: float,
+        speed: float,
+        off_strip: bool,
     ) -> tuple[Trajectory | None, str]:
         """A motion along the nodes, with ease where that is possible; or why there is none.
 
@@ -180,7 +186,7 @@ class StripTimer:
         if not off_strip:
             attempts += [(share, self.hard) for share in _SHARES]
         for share, retimer in attempts:
-            nodes = chart if share == 0.0 else self._continued(chart, start, active, share)
+            nodes = coordinates if share == 0.0 else self._continued(coordinates, start, active, share)
             try:
                 part = speed * self.params.speed_scale if retimer is self.easy else speed
                 motion = retimer.horizon(
@@ -193,16 +199,16 @@ class StripTimer:
                 break
         return None, reason
 
-    def _continued(self, chart: Array, start: ReferenceState, active: Trajectory, share: float) -> Array:
+    def _continued(self, coordinates: Array, start: ReferenceState, active: Trajectory, share: float) -> Array:
         """Nodes that follow the active trajectory for a share of what is left of it, and then the strip."""
         space, weight = self.robot.space, self.spacing_weight
-        ahead = active.chart[np.searchsorted(active.time, start.time, side="right") :]
-        rows = [start.chart]
+        ahead = active.coordinates[np.searchsorted(active.time, start.time, side="right") :]
+        rows = [start.coordinates]
         for row in ahead[: int(np.ceil(share * len(ahead)))]:
             v = space.difference(rows[-1], row)
             if float((v * v) @ weight) > _SPACING**2:
                 rows.append(row)
-        rest, _ = trim_passed(space, chart, rows[-1], weight, moving=False)
+        rest, _ = trim_passed(space, coordinates, rows[-1], weight, moving=False)
         return np.vstack([np.array(rows), rest[1:]])
 
     def _distance(self, speed_now: float, speed: float) -> float:
@@ -216,7 +222,7 @@ class StripTimer:
         return v * period + v * v / (2.0 * change) + 0.02
 
     def _ends_at(self, motion: Trajectory, goal: Array) -> bool:
-        v = self.robot.space.difference(motion.chart[-1], goal)
+        v = self.robot.space.difference(motion.coordinates[-1], goal)
         b = self.robot.space.base_nv
         apart = float(np.hypot(*v[:2])) if b else 0.0
         return apart <= 0.5 * self.params.goal_position and bool(

@@ -161,7 +161,7 @@ class Supervisor:
             return f"late tick: the new motion was to begin {now - motion.start_time:.3f} s ago"
         state = self.active.at(motion.start_time)
         space = motion.robot.space
-        jump = np.abs(space.difference(state.chart, motion.chart[0])).max(initial=0.0)
+        jump = np.abs(space.difference(state.coordinates, motion.coordinates[0])).max(initial=0.0)
         if jump > _JUMP:
             return f"the new motion begins {jump:.4f} m or rad beside the held one"
         drive = motion.limits.to_drive(np.stack([state.v, motion.v[0]])[:, : space.base_nv])

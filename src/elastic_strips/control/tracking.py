@@ -90,13 +90,13 @@ class TrackingController:
 
         Args:
             reference: where the robot should be now.
-            estimate: (nv,) chart row where it seems to be now.
+            estimate: (nv,) coordinate row where it seems to be now.
         """
         v, a = reference.v, reference.a
         if max(v.max(), -v.min(), a.max(), -a.min()) <= _REST:
             return self._rest
         g, first = self.gains, self._first
-        error = reference.chart[first:] - estimate[first:]
+        error = reference.coordinates[first:] - estimate[first:]
         if self._circular is not None:
             error = np.where(self._circular, np.remainder(error + np.pi, 2.0 * np.pi) - np.pi, error)
         feedback = np.minimum(np.maximum(g.joint * error, -g.most_joint), g.most_joint)
@@ -109,7 +109,7 @@ class TrackingController:
     def _drive(self, reference: ReferenceState, estimate: Array) -> Array:
         g = self.gains
         x, y, yaw = estimate[:3].tolist()
-        x_r, y_r, yaw_r = reference.chart[:3].tolist()
+        x_r, y_r, yaw_r = reference.coordinates[:3].tolist()
         vx, vy, turn = reference.v[:3].tolist()
         ax, ay, spin = reference.a[:3].tolist()
         cos, sin = math.cos(yaw), math.sin(yaw)

@@ -67,7 +67,16 @@ def _control_columns(record: Record) -> tuple[str, ...]:
 def record_columns(record: Record) -> dict[str, npt.NDArray[np.generic]]:
     """The control rows by column name: arrays (T,); ``state`` holds names."""
     rows = record.control
-    arrays = (rows.chart, rows.v, rows.reference, rows.reference_v, rows.estimate, rows.drive, rows.joints, rows.motors)
+    arrays = (
+        rows.coordinates,
+        rows.v,
+        rows.reference,
+        rows.reference_v,
+        rows.estimate,
+        rows.drive,
+        rows.joints,
+        rows.motors,
+    )
     columns = [rows.time, np.array(record.states)[rows.state], *chain.from_iterable(array.T for array in arrays)]
     return dict(zip(_control_columns(record), columns, strict=True))
 
@@ -106,6 +115,13 @@ MAX_ARRAY_BYTES = 250_000_000  # of all arrays, uncompressed: with 30 movers a q
 MAX_TEXT = 10_000_000  # characters of the metadata
 _CONTROL = tuple(f.name for f in fields(ControlRows))
 _PLANNING = tuple(f.name for f in fields(PlanningRows) if f.name not in ("phases", "statuses", "reasons"))
+
+
+def _key(name: str) -> str:
+    """What a field of the control rows is called in files."""
+    return "chart" if name == "coordinates" else name
+
+
 _TABLES = ("phases", "statuses", "reasons")
 _Arrays: TypeAlias = Mapping[str, npt.NDArray[np.generic]]
 
@@ -214,7 +230,7 @@ def _packed(record: Record) -> bytes:
         raise RecordError(f"metadata must be plain JSON values: {error}") from None
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "metadata": np.array(text),
-        **{f"control_{name}": getattr(record.control, name) for name in _CONTROL},
+        **{f"control_{_key(name)}": getattr(record.control, name) for name in _CONTROL},
         **{f"planning_{name}": getattr(planning, name) for name in _PLANNING},
         "track_position": position,
         "track_quaternion": quaternion,
@@ -259,7 +275,7 @@ def _unpacked(document: Document, loaded: _Arrays) -> Record:
     T = _array(loaded, "control_time", (None,)).shape[0]
     widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints), "motors": len(DRIVE_NAMES[base])}
     shapes = {name: (T,) if name in ("time", "state") else (T, widths.get(name, nv)) for name in _CONTROL}
-    control = ControlRows(**{name: _array(loaded, f"control_{name}", shape) for name, shape in shapes.items()})  # type: ignore[arg-type]
+    control = ControlRows(**{name: _array(loaded, f"control_{_key(name)}", shape) for name, shape in shapes.items()})  # type: ignore[arg-type]
     P = _array(loaded, "planning_time", (None,)).shape[0]
     special = {"phase_ms": (P, len(tables["phases"])), "node_offset": (P + 1,), "nodes": (None, nv)}
     rows = {name: _array(loaded, f"planning_{name}", special.get(name, (P,))) for name in _PLANNING}

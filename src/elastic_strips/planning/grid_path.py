@@ -79,7 +79,7 @@ def grid_path(
     """
     if not robot.space.planar:
         raise ParameterError(f"grid_path: the base of {robot.name!r} is fixed; diff_drive or omni is needed")
-    endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
+    endpoints = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
     low_in, high_in = box_about(endpoints) if box is None else box
     low, shape, resolution = grid_frame(low_in, high_in, most_cells)
     if resolution > _COARSEST:

@@ -35,7 +35,7 @@ def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: floa
         most: rows at most, at least 4; with fewer than it takes, they are further apart.
     """
     space = robot.space
-    a, b = space.to_chart(start), space.to_chart(goal)
+    a, b = space.to_coordinates(start), space.to_coordinates(goal)
     offset = space.difference(a[None], b[None])[0]
     if robot.base_kind is BaseKind.DIFF_DRIVE and np.hypot(*(b[:2] - a[:2])) > 1e-9:
         rows = _turn_drive_turn(robot, a, b, offset, spacing, most)
@@ -122,7 +122,7 @@ def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayL
         raise ParameterError("path has entries that are not finite")
     if not space.planar:
         raise ParameterError(f"path: the base of {robot.name!r} is fixed, so that it follows no waypoints")
-    endpoints = space.to_chart(np.stack((start, goal)))
+    endpoints = space.to_coordinates(np.stack((start, goal)))
     if points.shape[1] == space.nv:
         rows = points.copy()
         rows[0], rows[-1] = endpoints
@@ -161,10 +161,10 @@ def tucked_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLik
         ParameterError: as :func:`waypoint_rows`.
     """
     space = robot.space
-    endpoints = space.to_chart(np.stack((start, goal)))
+    endpoints = space.to_coordinates(np.stack((start, goal)))
     folded = endpoints.copy()
-    folded[:, space.base_nv :] = space.to_chart(robot.home_q)[space.base_nv :]
-    first, last = space.from_chart(folded)
+    folded[:, space.base_nv :] = space.to_coordinates(robot.home_q)[space.base_nv :]
+    first, last = space.from_coordinates(folded)
     rows = waypoint_rows(robot, first, last, path, spacing=spacing)
     folded = rows[[0, -1]]
     moves = space.difference(endpoints, folded)
@@ -263,7 +263,7 @@ def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, st
     """
     robot = problem.robot
     yield rows_along(problem, path), ""
-    joints = robot.space.to_chart(np.stack((robot.home_q, problem.start, problem.goal)))[:, robot.space.base_nv :]
+    joints = robot.space.to_coordinates(np.stack((robot.home_q, problem.start, problem.goal)))[:, robot.space.base_nv :]
     if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED:
         yield rows_along(problem, path, tucked_rows), " with the arm tucked"
 
@@ -273,14 +273,14 @@ def line_strip(problem: PlanningProblem) -> Strip:
     rows = straight_line(
         problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes
     )
-    return Strip.from_chart(problem.robot, rows, ends=problem.endpoints)
+    return Strip.from_coordinates(problem.robot, rows, ends=problem.endpoints)
 
 
 def path_strip(problem: PlanningProblem, rows: Array) -> Strip:
     """A planner's rows (N, nv) as a strip between start and goal; drivable for a differential drive."""
     if problem.robot.base_kind is BaseKind.DIFF_DRIVE:
         rows, _ = project_rolling(problem.robot.space, rows)
-    return Strip.from_chart(problem.robot, rows, ends=problem.endpoints)
+    return Strip.from_coordinates(problem.robot, rows, ends=problem.endpoints)
 
 
 def relax_path(

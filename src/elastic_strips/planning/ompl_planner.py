@@ -176,7 +176,7 @@ def ompl_path(
     if not fineness > 0.0:
         raise ParameterError(f"ompl_path: fineness={fineness!r} must be > 0")
     space = robot.space
-    endpoints = space.to_chart(np.stack((start, goal)))
+    endpoints = space.to_coordinates(np.stack((start, goal)))
     base = endpoints[:, :2]
     low, high = (base.min(axis=0) - _WIDEN, base.max(axis=0) + _WIDEN) if box is None else box
     planar = space.planar
@@ -290,7 +290,7 @@ class _Reader:
     def configuration(self, state: Any) -> Array:
         """The state as a configuration (nq,), in a buffer that the next call overwrites."""
         if not self._plain:
-            return self._space.from_chart(self.row(state))
+            return self._space.from_coordinates(self.row(state))
         q = self._q
         offset = 0
         if self._planar:
@@ -339,4 +339,4 @@ def certify_path(deformer: Deformer, scene: Scene, rows: Array) -> Certificate:
     robot = deformer.robot
     if robot.base_kind is BaseKind.DIFF_DRIVE:
         rows, _ = project_rolling(robot.space, rows)
-    return deformer.certify(Strip.from_chart(robot, rows), scene)
+    return deformer.certify(Strip.from_coordinates(robot, rows), scene)

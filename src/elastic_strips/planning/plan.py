@@ -130,7 +130,7 @@ def plan_report(
         line_ticks: most ticks that the straight line gets.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         line: whether to try the straight line at all.
-        path: what to try first: waypoints (K, 2) of the base [m], or chart rows (K, nv), from start to goal.
+        path: what to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
         grid: whether to try what :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
         watch: called with every tick's report.
 

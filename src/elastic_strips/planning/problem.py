@@ -149,7 +149,7 @@ def check_endpoints(
     _warn_of_size(scene)
     bodies = BodySet.links(robot)
     kin = Kinematics(robot.tree, 2)
-    kin.update(robot.space.to_chart(np.stack(endpoints)))
+    kin.update(robot.space.to_coordinates(np.stack(endpoints)))
     obstacles = ObstacleProximity(bodies, influence=2.0 * params.clearance + 0.01)
     obstacles.update(kin, scene)
     reach = 2.0 * params.self_clearance + 0.01
@@ -232,7 +232,7 @@ class Region:
     def __init__(
         self, robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None = None
     ) -> None:
-        self.endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
+        self.endpoints = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
         self.given = None if bounds is None else _checked_bounds(bounds, self.endpoints)
         self.cover = self._cover(robot, scene, start, goal) if self.given is None else self.given
 
@@ -270,7 +270,7 @@ class Region:
         if self.given is None:
             return 0.0
         low, high = self.given
-        path = strip.robot.space.to_chart(strip.sample(0.1))[:, :2]
+        path = strip.robot.space.to_coordinates(strip.sample(0.1))[:, :2]
         return float(max((low - path).max(), (path - high).max(), 0.0))
 
 

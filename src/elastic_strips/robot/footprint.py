@@ -49,7 +49,7 @@ class PlanarFootprint:
         row = np.array(coordinates, dtype=float)
         row[: self._robot.space.base_nv] = 0.0
         if self._posture is None or not np.array_equal(row, self._posture):
-            self._place(self._robot.space.from_chart(row))
+            self._place(self._robot.space.from_coordinates(row))
             self._posture = row
 
     def _place(self, q: Array) -> None:

@@ -38,7 +38,7 @@ class KinematicTree(Summary):
         offset: (njoints, 4, 4) placement of each aligned joint frame in its parent's aligned frame.
         align: (njoints, 3, 3) rotation from the aligned frame to Pinocchio's joint frame axes.
         prismatic: (njoints,) True for joints that slide.
-        chart_index: (njoints,) chart column of each single-dof joint (−1 for universe and planar root).
+        coordinate_index: (njoints,) coordinate column of each single-dof joint (−1 for universe and planar root).
         support: (njoints, nv) True where a degree of freedom moves the joint's body.
     """
 
@@ -47,7 +47,7 @@ class KinematicTree(Summary):
     offset: Array
     align: Array
     prismatic: Mask
-    chart_index: Indices
+    coordinate_index: Indices
     support: Mask
 
     @staticmethod
@@ -62,7 +62,7 @@ class KinematicTree(Summary):
         pin.computeJointJacobians(model, data, pin.neutral(model))
         align = np.tile(np.eye(3), (n, 1, 1))
         prismatic = np.zeros(n, dtype=bool)
-        chart_index = np.full(n, -1, dtype=np.intp)
+        coordinate_index = np.full(n, -1, dtype=np.intp)
         support = np.zeros((n, model.nv), dtype=bool)
         for i in range(1, n):
             joint = model.joints[i]
@@ -74,7 +74,7 @@ class KinematicTree(Summary):
             column = data.oMi[i].actInv(pin.Motion(columns[:, joint.idx_v])).vector
             prismatic[i] = bool(np.linalg.norm(column[3:]) < 0.5)
             align[i] = _rotation_to_axis(column[:3] if prismatic[i] else column[3:])
-            chart_index[i] = joint.idx_v
+            coordinate_index[i] = joint.idx_v
         offset = np.tile(np.eye(4), (n, 1, 1))
         parents = np.asarray([model.parents[i] for i in range(n)], dtype=np.intp)
         for i in range(1, n):
@@ -82,7 +82,7 @@ class KinematicTree(Summary):
             to_parent = align[parents[i]].T
             offset[i, :3, :3] = to_parent @ placement.rotation @ align[i]
             offset[i, :3, 3] = to_parent @ placement.translation
-        tree = KinematicTree(space, parents, offset, align, prismatic, chart_index, support)
+        tree = KinematicTree(space, parents, offset, align, prismatic, coordinate_index, support)
         tree._compare(model, data)
         return tree
 
@@ -96,10 +96,10 @@ class KinematicTree(Summary):
         """
         space = self.space
         low, high = np.maximum(space.lower, -np.pi), np.minimum(space.upper, np.pi)
-        chart = np.random.default_rng(0).uniform(np.minimum(low, high), np.maximum(low, high), (4, space.nv))
-        kin = Kinematics(self, len(chart))
-        kin.update(chart)
-        for n, q in enumerate(space.from_chart(chart)):
+        coordinates = np.random.default_rng(0).uniform(np.minimum(low, high), np.maximum(low, high), (4, space.nv))
+        kin = Kinematics(self, len(coordinates))
+        kin.update(coordinates)
+        for n, q in enumerate(space.from_coordinates(coordinates)):
             pin.computeJointJacobians(model, data, q)
             placed = [
                 (data.oMi[i] * pin.SE3(self.align[i], np.zeros(3))).homogeneous[:3] for i in range(1, model.njoints)
@@ -129,7 +129,7 @@ class Kinematics:
         T: (njoints, capacity, 3, 4) world placements of the aligned joint frames; T[0] is the identity.
         J: (capacity, nv, 6) world spatial Jacobian columns as rows, [linear, angular] at the world origin:
             ``data.J.T``.
-        chart: (capacity, nv) the configurations.
+        coordinates: (capacity, nv) the configurations.
     """
 
     def __init__(self, tree: KinematicTree, capacity: int = 64) -> None:
@@ -143,28 +143,28 @@ class Kinematics:
         self.T = np.zeros((n, capacity, 3, 4))
         self.T[:, :, 0, 0] = self.T[:, :, 1, 1] = self.T[:, :, 2, 2] = 1.0
         self.J = np.zeros((capacity, nv, 6))
-        self.chart = np.zeros((capacity, nv))
+        self.coordinates = np.zeros((capacity, nv))
         if self.tree.space.planar:
             self.J[:, 2, 5] = 1.0
 
-    def update(self, chart: Array, *, jacobians: bool = True) -> None:
-        """Compute placements (and Jacobian columns) of the chart rows (N, nv)."""
-        n = len(chart)
+    def update(self, coordinates: Array, *, jacobians: bool = True) -> None:
+        """Compute placements (and Jacobian columns) of the coordinate rows (N, nv)."""
+        n = len(coordinates)
         if n > self.capacity:
             self._allocate(max(n, 2 * self.capacity))
         self.n = n
-        self.chart[:n] = chart
+        self.coordinates[:n] = coordinates
         tree, T = self.tree, self.T
-        cos, sin = np.cos(chart), np.sin(chart)
+        cos, sin = np.cos(coordinates), np.sin(coordinates)
         for i in range(1, len(tree.parents)):
-            k = tree.chart_index[i]
+            k = tree.coordinate_index[i]
             parent = T[tree.parents[i], :n]
             if k < 0:
                 base = T[i, :n]
                 base[:, 0, 0] = base[:, 1, 1] = cos[:, 2]
                 base[:, 1, 0] = sin[:, 2]
                 base[:, 0, 1] = -sin[:, 2]
-                base[:, :2, 3] = chart[:, :2]
+                base[:, :2, 3] = coordinates[:, :2]
                 base[:, 2, 3] = 0.0
                 continue
             frame = parent.reshape(3 * n, 4) @ tree.offset[i]
@@ -172,7 +172,7 @@ class Kinematics:
             out = T[i, :n]
             if tree.prismatic[i]:
                 out[:] = frame
-                out[:, :, 3] += frame[:, :, 2] * chart[:, k, None]
+                out[:, :, 3] += frame[:, :, 2] * coordinates[:, k, None]
             else:
                 c, s = cos[:, k, None], sin[:, k, None]
                 x, y = frame[:, :, 0], frame[:, :, 1]
@@ -190,7 +190,7 @@ class Kinematics:
             J[:n, 1, :2] = base[:, :2, 1]
             J[:n, 2, 0] = base[:, 1, 3]
             J[:n, 2, 1] = -base[:, 0, 3]
-        single = np.flatnonzero(tree.chart_index >= 0)
+        single = np.flatnonzero(tree.coordinate_index >= 0)
         if len(single) == 0:
             return
         frames = T[single, :n]
@@ -199,7 +199,7 @@ class Kinematics:
         moment[..., 0] = origin[..., 1] * axis[..., 2] - origin[..., 2] * axis[..., 1]
         moment[..., 1] = origin[..., 2] * axis[..., 0] - origin[..., 0] * axis[..., 2]
         moment[..., 2] = origin[..., 0] * axis[..., 1] - origin[..., 1] * axis[..., 0]
-        columns = tree.chart_index[single]
+        columns = tree.coordinate_index[single]
         sliding = tree.prismatic[single]
         if sliding.any():
             linear = np.where(sliding[:, None, None], axis, moment)

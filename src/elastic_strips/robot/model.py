@@ -33,7 +33,7 @@ class RobotModel(Summary):
         base_kind: how the root moves.
         model: planned Pinocchio model; joint 1 is a ``JointModelPlanar`` unless the base is fixed.
         collision_model: convex collision geometry with the self-collision pairs to check.
-        space: configuration space (charts, difference, integrate, interpolate).
+        space: configuration space (coordinates, difference, integrate, interpolate).
         tree: the model's joints as arrays.
         geometries: the convex pieces, in the order of ``collision_model.geometryObjects``.
         self_pairs: (S, 2) index pairs of ``geometries`` that must not touch.
@@ -138,7 +138,7 @@ class RobotModel(Summary):
         Raises:
             ConfigurationError: an unknown joint, a value that is not finite or outside its limits.
         """
-        chart = self.space.to_chart(self.home_q)
+        coordinates = self.space.to_coordinates(self.home_q)
         if joints is not None and not isinstance(joints, Mapping):
             raise ConfigurationError(f"home(...): joints={joints!r} must be a mapping from joint names to values")
         named = {**(joints or {}), **more}
@@ -146,14 +146,14 @@ class RobotModel(Summary):
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
                 raise ConfigurationError(f"home(...): {name}={value!r} is not a number")
         if self.space.planar:
-            chart[:3] = (x, y, yaw)
+            coordinates[:3] = (x, y, yaw)
         elif (x, y, yaw) != (0.0, 0.0, 0.0):
             raise ConfigurationError(f"the base of {self.name!r} is fixed; x={x}, y={y}, yaw={yaw} must be 0")
         for name, value in named.items():
             if name not in self.joint_names:
                 raise ConfigurationError(f"{self.name!r} plans no joint {name!r}{nearest_name(name, self.joint_names)}")
-            chart[self.space.base_nv + self.joint_names.index(name)] = value
-        return self.check_q(self.space.from_chart(chart), what="home(...)")
+            coordinates[self.space.base_nv + self.joint_names.index(name)] = value
+        return self.check_q(self.space.from_coordinates(coordinates), what="home(...)")
 
     def state(self, name: str, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> Array:
         """A named posture (an SRDF's ``group_state``) at a base pose: a configuration (nq,).
@@ -202,15 +202,15 @@ class RobotModel(Summary):
                     f"{what}: the length of the pair (cos, sin) at {i}, {i + 1} is off by {worst:.3g}; it must be 1"
                 )
         if limits:
-            chart = self.space.to_chart(array)
-            beyond = np.maximum(self.space.lower - chart, chart - self.space.upper)
+            coordinates = self.space.to_coordinates(array)
+            beyond = np.maximum(self.space.lower - coordinates, coordinates - self.space.upper)
             outside = beyond > LIMIT_TOLERANCE
             if outside.any():
                 index = tuple(int(i) for i in np.argwhere(outside)[0])
                 k = index[-1]
                 name = self.joint_names[k - self.space.base_nv]
                 raise ConfigurationError(
-                    f"{what}: joint {name!r} = {chart[index]:.6g} is outside its limits "
+                    f"{what}: joint {name!r} = {coordinates[index]:.6g} is outside its limits "
                     f"[{self.space.lower[k]:.6g}, {self.space.upper[k]:.6g}]"
                 )
             for k in np.flatnonzero((np.atleast_2d(beyond) > 0.0).any(axis=0)):

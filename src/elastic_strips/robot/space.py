@@ -1,7 +1,7 @@
 """The configuration space SE(2) × Rⁿ: base kinds, and batched twins of Pinocchio functions.
 
 Pinocchio works on one configuration a call. A tick needs a whole strip at once, so this room holds
-configurations in a *chart* of one number per degree of freedom, ``[x, y, yaw, joints…]`` for a planar root
+configurations in *coordinates*: one number per degree of freedom, ``[x, y, yaw, joints…]`` for a planar root
 and ``[joints…]`` for a fixed one, with all arithmetic vectorised over the leading axes. Tests prove it
 equal to ``pin.difference``, ``pin.integrate``, ``pin.interpolate`` and ``pin.dDifference``.
 """
@@ -79,11 +79,11 @@ class ConfigurationSpace(Summary):
 
     Attributes:
         nq: size of a Pinocchio configuration.
-        nv: size of a tangent vector, and of a chart row.
+        nv: size of a tangent vector, and of a coordinate row.
         planar: whether the first joint is ``JointModelPlanar`` (x, y, cos, sin → x, y, yaw).
         idx_q: (J,) index of each single-dof joint's (first) entry in q.
         circular: (J,) whether that joint stores (cos, sin), as continuous joints do.
-        lower, upper: (nv,) chart limits; ±inf where there are none.
+        lower, upper: (nv,) coordinate limits; ±inf where there are none.
     """
 
     nq: int
@@ -128,30 +128,30 @@ class ConfigurationSpace(Summary):
         """Number of the base's degrees of freedom: 3 for a planar root, else 0."""
         return 3 if self.planar else 0
 
-    def to_chart(self, q: Array) -> Array:
-        """Configurations (…, nq) to chart rows (…, nv)."""
+    def to_coordinates(self, q: Array) -> Array:
+        """Configurations (…, nq) to coordinate rows (…, nv)."""
         q = np.asarray(q, dtype=float)
-        chart = np.empty((*q.shape[:-1], self.nv))
+        coordinates = np.empty((*q.shape[:-1], self.nv))
         b = self.base_nv
         if self.planar:
-            chart[..., :2] = q[..., :2]
-            chart[..., 2] = np.arctan2(q[..., 3], q[..., 2])
+            coordinates[..., :2] = q[..., :2]
+            coordinates[..., 2] = np.arctan2(q[..., 3], q[..., 2])
         if self.circular.any():
             angle = np.arctan2(q[..., np.minimum(self.idx_q + 1, self.nq - 1)], q[..., self.idx_q])
-            chart[..., b:] = np.where(self.circular, angle, q[..., self.idx_q])
+            coordinates[..., b:] = np.where(self.circular, angle, q[..., self.idx_q])
         else:
-            chart[..., b:] = q[..., self.idx_q]
-        return chart
+            coordinates[..., b:] = q[..., self.idx_q]
+        return coordinates
 
-    def from_chart(self, chart: Array) -> Array:
-        """Chart rows (…, nv) to configurations (…, nq)."""
-        chart = np.asarray(chart, dtype=float)
-        q = np.empty((*chart.shape[:-1], self.nq))
+    def from_coordinates(self, coordinates: Array) -> Array:
+        """Coordinate rows (…, nv) to configurations (…, nq)."""
+        coordinates = np.asarray(coordinates, dtype=float)
+        q = np.empty((*coordinates.shape[:-1], self.nq))
         if self.planar:
-            q[..., :2] = chart[..., :2]
-            q[..., 2] = np.cos(chart[..., 2])
-            q[..., 3] = np.sin(chart[..., 2])
-        joints = chart[..., self.base_nv :]
+            q[..., :2] = coordinates[..., :2]
+            q[..., 2] = np.cos(coordinates[..., 2])
+            q[..., 3] = np.sin(coordinates[..., 2])
+        joints = coordinates[..., self.base_nv :]
         if self.circular.any():
             q[..., self.idx_q] = np.where(self.circular, np.cos(joints), joints)
             q[..., self.idx_q[self.circular] + 1] = np.sin(joints[..., self.circular])
@@ -160,7 +160,7 @@ class ConfigurationSpace(Summary):
         return q
 
     def difference(self, a: Array, b: Array) -> Array:
-        """Tangent vectors (…, nv) that lead from chart rows ``a`` to ``b``: ``pin.difference``.
+        """Tangent vectors (…, nv) that lead from coordinate rows ``a`` to ``b``: ``pin.difference``.
 
         The base part (v_x, v_y, ω) is the constant twist in the base's own frame (a screw arc) that takes unit time.
         """
@@ -180,7 +180,7 @@ class ConfigurationSpace(Summary):
         return v
 
     def integrate(self, a: Array, v: Array) -> Array:
-        """Chart rows (…, nv) reached from ``a`` along tangent vectors ``v``: ``pin.integrate``."""
+        """Coordinate rows (…, nv) reached from ``a`` along tangent vectors ``v``: ``pin.integrate``."""
         out = np.add(a, v)
         if self.planar:
             theta = v[..., 2]
@@ -196,7 +196,7 @@ class ConfigurationSpace(Summary):
         return out
 
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
-        """Chart rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
+        """Coordinate rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
 
         The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
         rounding makes of it.

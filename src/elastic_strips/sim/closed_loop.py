@@ -44,7 +44,7 @@ class _Senses(Protocol):
     @property
     def contact(self) -> str: ...
 
-    def observe(self, t: float, chart: Array, estimate: Array) -> None: ...
+    def observe(self, t: float, coordinates: Array, estimate: Array) -> None: ...
 
     def sense(self, t: float) -> object:
         """What a controller takes: a scene, or readings."""
@@ -128,7 +128,7 @@ class Simulation(Generic[_Driver]):
         world: the true obstacles over time.
         plant: the machine, which stands at the controller's start.
         perception: what the controller gets to know of the world.
-        goal: (nv,) chart row that is the last one to be reached.
+        goal: (nv,) coordinate row that is the last one to be reached.
         watch: called after every planning tick, with this simulation; what it raises is logged and goes no further.
         realtime: whether to wait for the wall clock.
         record: whether to write down every step; without it a result has a record of the last step only.
@@ -195,7 +195,7 @@ class Simulation(Generic[_Driver]):
         """One step of the controller, on what it may know."""
         controller, measurement = self.controller, self._measurement
         if measurement is None and self.perception.contact:  # it stands in something from the beginning
-            joints = self.plant.chart[self.robot.space.base_nv :]
+            joints = self.plant.coordinates[self.robot.space.base_nv :]
             still = np.zeros(len(self.limits.drive_speed))
             measurement = Measurement(t, still, joints, contact=self.perception.contact)
         sensed: object = None
@@ -217,14 +217,14 @@ class Simulation(Generic[_Driver]):
             self.recorder = self._new_recorder()
         reference = controller.reference
         self.recorder.control(
-            t, chart=plant.chart, v=plant.v,
-            reference=None if reference is None else reference.chart,
+            t, coordinates=plant.coordinates, v=plant.v,
+            reference=None if reference is None else reference.coordinates,
             reference_v=None if reference is None else reference.v,
             estimate=controller.estimate, drive=command.drive, joints=command.joints, motors=plant.motors,
             state=int(controller.state),
         )  # fmt: skip
-        self.perception.observe(t, plant.chart, controller.estimate)
-        self.pedestrians.step(t, plant.chart, plant.v)
+        self.perception.observe(t, plant.coordinates, controller.estimate)
+        self.pedestrians.step(t, plant.coordinates, plant.v)
         measurement = plant.step(command, self.params.control_dt)
         contact = self.perception.contact
         self._measurement = replace(measurement, contact=contact) if contact else measurement
@@ -365,8 +365,8 @@ def simulation(
         machine = cast("Plant", FaultyPlant(machine, fault_plan))
         slow = 10.0 * params.latency * params.control_dt
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
-    machine.reset(robot.space.to_chart(robot.check_q(start, what="start")))
-    last = robot.space.to_chart(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
+    machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
+    last = robot.space.to_coordinates(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
     return Simulation(
         controller, world, machine, senses, goal=last, watch=watch, realtime=realtime, record=record,
         metadata=metadata,

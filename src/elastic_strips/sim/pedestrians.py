@@ -140,12 +140,12 @@ class Pedestrians:
         if self._movers:
             world.forget()
 
-    def step(self, t: float, chart: Array, v: Array) -> None:
+    def step(self, t: float, coordinates: Array, v: Array) -> None:
         """Set all clocks from the time ``t`` [s] on.
 
         Args:
             t: later than at the last step.
-            chart: where the robot truly is (nv,).
+            coordinates: where the robot truly is (nv,).
             v: how it truly moves (nv,).
         """
         if self._footprint is None:
@@ -157,8 +157,8 @@ class Pedestrians:
         stands = t - self._moved >= policy.patience - _ROUNDING
         if t - self._looked >= policy.look - _ROUNDING:
             self._looked = t
-            self._footprint.update(chart)
-            base = chart[:3] if self._planar else np.zeros(3)
+            self._footprint.update(coordinates)
+            base = coordinates[:3] if self._planar else np.zeros(3)
             for mover in self._movers:
                 if self._world.exists(mover.name, t):
                     mover.decide(t, stands, self._footprint, base, policy)

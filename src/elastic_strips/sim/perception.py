@@ -49,12 +49,12 @@ class Perception(Protocol):
         """What is known before the robot sets out."""
         ...
 
-    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+    def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Look at the world, at every control step.
 
         Args:
             t: time [s].
-            chart: (nv,) where the robot truly is; for what simulates sensors, and nobody else.
+            coordinates: (nv,) where the robot truly is; for what simulates sensors, and nobody else.
             estimate: (nv,) where it believes to be.
         """
         ...
@@ -106,7 +106,7 @@ class NoisyGroundTruth:
         """All that is there at time 0."""
         return self.world.at(0.0)
 
-    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+    def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Nothing: this perception knows the world."""
 
     def sense(self, t: float) -> Scene:

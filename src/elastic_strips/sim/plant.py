@@ -222,8 +222,8 @@ class Plant(Protocol):
         ...
 
     @property
-    def chart(self) -> Array:
-        """(nv,) true configuration as a chart row."""
+    def coordinates(self) -> Array:
+        """(nv,) true configuration as a coordinate row."""
         ...
 
     @property
@@ -236,7 +236,7 @@ class Plant(Protocol):
         """(k,) true speeds of the drive's motors, at the rim and without slip [m/s; rad/s for a yaw]."""
         ...
 
-    def reset(self, chart: Array, time: float = 0.0) -> None:
+    def reset(self, coordinates: Array, time: float = 0.0) -> None:
         """Put the robot somewhere, at rest."""
         ...
 
@@ -290,14 +290,14 @@ class KinematicPlant:
         first = robot.space.base_nv
         self._lower, self._upper = robot.space.lower[first:].tolist(), robot.space.upper[first:].tolist()
         self._odometry = Odometry(params.odometry, self._rng, (self._k, self._n))
-        self.reset(robot.space.to_chart(robot.home_q))
+        self.reset(robot.space.to_coordinates(robot.home_q))
 
     @property
     def time(self) -> float:
         return self._time
 
     @property
-    def chart(self) -> Array:
+    def coordinates(self) -> Array:
         return np.array([*self._pose, *self._joints] if self._k else self._joints)
 
     @property
@@ -316,9 +316,9 @@ class KinematicPlant:
         """(k,) part of each drive coordinate's travel that is lost now."""
         return np.array(self._slip)
 
-    def reset(self, chart: Array, time: float = 0.0) -> None:
-        """Put the robot at a chart row (nv,) at rest; the wheels' slip is drawn anew."""
-        values = [float(x) for x in chart]
+    def reset(self, coordinates: Array, time: float = 0.0) -> None:
+        """Put the robot at a coordinate row (nv,) at rest; the wheels' slip is drawn anew."""
+        values = [float(x) for x in coordinates]
         first = self.robot.space.base_nv
         self._time = float(time)
         self._pose: Pose = (values[0], values[1], values[2]) if self._k else (0.0, 0.0, 0.0)

@@ -29,9 +29,9 @@ class ContactSensor:
         self._kin = Kinematics(robot.tree, 1)
         self._obstacles = ObstacleProximity(BodySet.links(robot), influence=_NEAR)
 
-    def touched(self, scene: Scene, chart: Array) -> str:
-        """The obstacle that is touched at a chart row (nv,), or ""."""
-        self._kin.update(chart[None], jacobians=False)
+    def touched(self, scene: Scene, coordinates: Array) -> str:
+        """The obstacle that is touched at a coordinate row (nv,), or ""."""
+        self._kin.update(coordinates[None], jacobians=False)
         self._obstacles.update(self._kin, scene)
         exact = self._obstacles.exact
         if exact.size == 0 or exact.min() > 0.0:
@@ -95,10 +95,10 @@ class SensorPerception:
         self.estimator = SceneEstimator(params)
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params = PerceptionParams(delay=latency)
-        chart = robot.space.to_chart(robot.check_q(start, what="start"))
+        coordinates = robot.space.to_coordinates(robot.check_q(start, what="start"))
         self._past = PoseBuffer()
         for k in range(round(look / _STEP)):
-            self.observe(-look + k * _STEP, chart, chart)
+            self.observe(-look + k * _STEP, coordinates, coordinates)
 
     @property
     def contact(self) -> str:
@@ -109,12 +109,12 @@ class SensorPerception:
         """What was seen from the start."""
         return self.sense(0.0)
 
-    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+    def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Take the readings that have come by the time ``t`` [s] into the scene."""
         self._past.add(t, estimate)
         if self._contact_sensor is not None and t - self._looked >= _FEEL - 1e-9:
-            self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), chart)
-        readings = self.suite.observe(t, chart)
+            self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), coordinates)
+        readings = self.suite.observe(t, coordinates)
         if self._touched:  # what covers the sensors would stay in the map where they cannot see
             return
         for reading in readings:

@@ -34,7 +34,7 @@ class Displacement:
         self._one, self._two = Kinematics(robot.tree), Kinematics(robot.tree)
 
     def __call__(self, a: Array, b: Array) -> Array:
-        """Bounds (S,) [m] between the chart rows ``a`` and ``b`` (S, nv)."""
+        """Bounds (S,) [m] between the coordinate rows ``a`` and ``b`` (S, nv)."""
         self._one.update(a, jacobians=False)
         self._two.update(b, jacobians=False)
         bodies = self._bodies

@@ -103,7 +103,7 @@ class Workspace:
         self.obstacles = ObstacleProximity(self.bodies, influence=reach)
         home = SelfProximity(self.bodies, robot.self_pairs, self.bounds, influence=self_reach)
         kin = Kinematics(robot.tree, 1)
-        kin.update(robot.space.to_chart(robot.home_q)[None])
+        kin.update(robot.space.to_coordinates(robot.home_q)[None])
         home.update(kin)
         self.self_home = home.bound[0].copy()
         repulsion = np.clip(0.8 * np.minimum(home.exact[0], self_reach), 0.0, self_influence)
@@ -117,9 +117,9 @@ class Workspace:
         self._ends: Array | None = None  # configurations that stay fixed
 
     @property
-    def chart(self) -> Array:
+    def coordinates(self) -> Array:
         """(N, nv) the current nodes (a view)."""
-        return self.kin.chart[: self.kin.n]
+        return self.kin.coordinates[: self.kin.n]
 
     @property
     def queries(self) -> int:
@@ -148,7 +148,7 @@ class Workspace:
         """
         current = strip is self._strip
         if not current:
-            self.kin.update(strip.chart)
+            self.kin.update(strip.coordinates)
         self._strip, self._ends = strip, strip.q[[0, -1]]
         if not (to_move and current and self.prediction is not None and self.obstacles.knows(scene)):
             self._distances(scene)
@@ -159,38 +159,38 @@ class Workspace:
             return
         self.obstacles.remap(source)
         self.self_pairs.remap(source)
-        self.kin.update(new.chart)
+        self.kin.update(new.coordinates)
         self._strip, self._ends = new, new.q[[0, -1]]
 
-    def move(self, chart: Array, scene: Scene) -> float:
+    def move(self, coordinates: Array, scene: Scene) -> float:
         """Move the nodes; returns how far the fastest base or joint moved [m or rad]."""
-        moved = float(np.abs(chart - self.chart).max(initial=0.0))
-        self.replace(chart, scene)
+        moved = float(np.abs(coordinates - self.coordinates).max(initial=0.0))
+        self.replace(coordinates, scene)
         return moved
 
-    def replace(self, chart: Array, scene: Scene) -> None:
+    def replace(self, coordinates: Array, scene: Scene) -> None:
         """Make nodes (N, nv) current, however many there were; all is measured again."""
         self._strip = None
-        self.kin.update(chart)
+        self.kin.update(coordinates)
         self._distances(scene)
 
-    def edit(self, chart: Array, source: Indices, scene: Scene) -> None:
+    def edit(self, coordinates: Array, source: Indices, scene: Scene) -> None:
         """Make nodes (N, nv) current, whose node i was node ``source[i]`` (−1: none), with what is known."""
         self.obstacles.remap(source)
         self.self_pairs.remap(source)
         self.clock.mark("maintenance")
-        self.replace(chart, scene)
+        self.replace(coordinates, scene)
 
     def _distances(self, scene: Scene) -> None:
         self.clock.mark("kinematics")
-        self.obstacles.update(self.kin, scene, None if self.prediction is None else self.prediction(self.chart))
+        self.obstacles.update(self.kin, scene, None if self.prediction is None else self.prediction(self.coordinates))
         self.clock.mark("proximity")
         self.self_pairs.update(self.kin)
         self.clock.mark("self-collision")
 
     def certify(self, scene: Scene) -> Certificate:
         """Certify the segments between the current nodes."""
-        v = self.robot.space.difference(self.chart[:-1], self.chart[1:])
+        v = self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
         params = self.params
         certificate = self.certifier.certify(
             self.kin, v, clearance=params.clearance, self_clearance=params.self_clearance, scene=scene
@@ -200,7 +200,7 @@ class Workspace:
 
     def strip(self) -> Strip:
         """The current nodes as a frozen strip, which stays current."""
-        self._strip = Strip.from_chart(self.robot, self.chart, ends=self._ends)
+        self._strip = Strip.from_coordinates(self.robot, self.coordinates, ends=self._ends)
         return self._strip
 
 

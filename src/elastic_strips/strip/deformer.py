@@ -63,7 +63,7 @@ class Deformer(BaseDeformer[DeformReport]):
         b = space.base_nv
         lever = np.ones(space.nv)
         lever[b:] = params.joint_lever
-        sliding = robot.tree.prismatic[robot.tree.chart_index >= 0]
+        sliding = robot.tree.prismatic[robot.tree.coordinate_index >= 0]
         lever[b:][sliding] = 1.0
         if b:
             lever[2] = params.yaw_lever
@@ -126,20 +126,20 @@ class Deformer(BaseDeformer[DeformReport]):
         self._proven, self._scene, self._trust = False, None, 1.0
         super().reset()
 
-    def carry(self, strip: Strip, chart: Array, source: Indices) -> Strip:
+    def carry(self, strip: Strip, coordinates: Array, source: Indices) -> Strip:
         """A strip made of the last one's nodes and new ones; what is known of the old nodes is carried over.
 
         Args:
             strip: the strip of the last report.
-            chart: (M, nv) the new nodes.
+            coordinates: (M, nv) the new nodes.
             source: (M,) which node of ``strip`` each was; −1 for a new one.
         """
         self._check(strip)
-        ends = self.robot.space.from_chart(chart[[0, -1]])
+        ends = self.robot.space.from_coordinates(coordinates[[0, -1]])
         for end in (0, -1):
             if source[end] >= 0:
                 ends[end] = strip.q[source[end]]
-        new = Strip.from_chart(self.robot, chart, ends=ends)
+        new = Strip.from_coordinates(self.robot, coordinates, ends=ends)
         self.workspace.carry(strip, new, source)
         return new
 
@@ -157,30 +157,30 @@ class Deformer(BaseDeformer[DeformReport]):
     def _iterate(self, scene: Scene) -> TickResult:
         """One iteration; where the current nodes are proven, it does not lose the proof without need."""
         work, keep = self.workspace, self._proven
-        before = work.chart.copy()
+        before = work.coordinates.copy()
         if not keep:
             self._trust = 1.0
-        chart, slip, energies, forces = self._update()
-        moved = work.move(chart, scene)
+        coordinates, slip, energies, forces = self._update()
+        moved = work.move(coordinates, scene)
         result = TickResult(work.certify(scene), slip, moved, energies, forces)
         if keep and not _is_proven(result):
-            result = self._shortened(before, chart, scene, result)
+            result = self._shortened(before, coordinates, scene, result)
         else:
             self._trust = min(1.0, 2.0 * self._trust)
         self._proven = _is_proven(result)
         return result
 
     def _update(self) -> tuple[Array, float, dict[str, float], StripForces]:
-        """Where the forces move the nodes: chart (N, nv), rolling residual [m], energies, external forces."""
+        """Where the forces move the nodes: coordinates (N, nv), rolling residual [m], energies, external forces."""
         params, space, kin = self.params, self.robot.space, self.workspace.kin
         obstacles, self_pairs = self.workspace.obstacles, self.workspace.self_pairs
         n = kin.n
-        chart = kin.chart[:n]
+        coordinates = kin.coordinates[:n]
         if self._system.force.shape[0] != n:
             self._system = System(n, space.nv)
         system = self._system
         system.clear()
-        v = space.difference(chart[:-1], chart[1:])
+        v = space.difference(coordinates[:-1], coordinates[1:])
         add_elastic(system, space, v, self._stiffness)
         contacts = obstacles.contacts()
         add_repulsion(
@@ -188,12 +188,14 @@ class Deformer(BaseDeformer[DeformReport]):
             k_r=params.k_r, influence=params.influence, k_near=params.k_near, near=min(params.near, params.influence),
         )  # fmt: skip
         add_self_repulsion(system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self)
-        add_joint_limits(system, space, chart, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin)
+        add_joint_limits(
+            system, space, coordinates, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin
+        )
         if self.constraint is not None:
             self.constraint.push(system, kin)
         if params.k_posture > 0.0:
-            target = space.interpolate(chart[:1], chart[-1:], np.linspace(0.0, 1.0, n))
-            add_posture(system, space, chart, target, k_p=self._posture)
+            target = space.interpolate(coordinates[:1], coordinates[-1:], np.linspace(0.0, 1.0, n))
+            add_posture(system, space, coordinates, target, k_p=self._posture)
         self.clock.mark("forces")
         delta = self._solver.solve(system, self._damping)
         largest = float(np.abs(delta * self._step_lever).max(initial=0.0))
@@ -201,7 +203,7 @@ class Deformer(BaseDeformer[DeformReport]):
         if largest > limit:
             delta *= limit / largest
         self.clock.mark("solve")
-        moved = space.integrate(chart, delta)
+        moved = space.integrate(coordinates, delta)
         np.clip(moved, space.lower, space.upper, out=moved)
         residual = 0.0
         if self._rolling:
@@ -211,7 +213,7 @@ class Deformer(BaseDeformer[DeformReport]):
         forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
         return moved, residual, dict(system.energies), forces
 
-    def _shortened(self, before: Array, chart: Array, scene: Scene, full: TickResult) -> TickResult:
+    def _shortened(self, before: Array, coordinates: Array, scene: Scene, full: TickResult) -> TickResult:
         """A step must not lose the certificate where a shorter one, or none, keeps it; the next ones are shorter too.
 
         The strip does not count as at rest then: ``moved`` stays that of the full step.
@@ -221,7 +223,7 @@ class Deformer(BaseDeformer[DeformReport]):
             self._trust = max(0.5 * self._trust, 0.05)
             nodes, slip = before, 0.0
             if scale > 0.0:
-                nodes = space.integrate(before, scale * space.difference(before, chart))
+                nodes = space.integrate(before, scale * space.difference(before, coordinates))
                 if self._rolling:
                     nodes, slip = project_rolling(space, nodes)
             work.replace(nodes, scene)
@@ -229,14 +231,14 @@ class Deformer(BaseDeformer[DeformReport]):
             if certificate.certified and slip <= SLIP_LIMIT:
                 return replace(full, certificate=certificate, slip=slip)
         self._trust = 1.0
-        work.replace(chart, scene)  # the obstacle came too near: the full step leads away
+        work.replace(coordinates, scene)  # the obstacle came too near: the full step leads away
         return full
 
     def _resample(self, scene: Scene, result: TickResult) -> TickResult:
         params, space, work = self.params, self.robot.space, self.workspace
         edit = resample(
             space,
-            work.chart,
+            work.coordinates,
             weight=self.spacing_weight,
             max_spacing=params.max_spacing,
             min_spacing=params.min_spacing,
@@ -246,11 +248,11 @@ class Deformer(BaseDeformer[DeformReport]):
         self.clock.mark("maintenance")
         if edit is None:
             return result
-        before, slip = work.chart.copy(), result.slip
-        chart, source = edit
+        before, slip = work.coordinates.copy(), result.slip
+        coordinates, source = edit
         if self._rolling:  # a removed node joins two arcs into one that must be drivable again
-            chart, slip = project_rolling(space, chart)
-        work.edit(chart, source, scene)
+            coordinates, slip = project_rolling(space, coordinates)
+        work.edit(coordinates, source, scene)
         edited = replace(result, certificate=work.certify(scene), slip=slip)
         if _is_proven(result) and not _is_proven(edited):  # the removed nodes were needed
             work.replace(before, scene)
@@ -269,10 +271,10 @@ class Deformer(BaseDeformer[DeformReport]):
         hulls = self._hulls() if detail else None
         rest, wide = result.moved < self.params.rest_step, ""
         if rest:
-            chart = self.workspace.chart
-            spacing = float(node_spacing(self.robot.space, chart, self.spacing_weight).max())
-            wide = _wide_spacing(spacing, len(chart), self.params)
-            rest = not wide or len(chart) >= self.params.max_nodes  # else there are nodes to be put in
+            coordinates = self.workspace.coordinates
+            spacing = float(node_spacing(self.robot.space, coordinates, self.spacing_weight).max())
+            wide = _wide_spacing(spacing, len(coordinates), self.params)
+            rest = not wide or len(coordinates) >= self.params.max_nodes  # else there are nodes to be put in
         status, reason = tick_status(result.certificate, rest, wide)
         if result.slip > SLIP_LIMIT:
             status = DeformStatus.BROKEN if rest else DeformStatus.DEFORMING

@@ -111,10 +111,12 @@ def add_self_repulsion(
     system.energies["self_collision"] = energy
 
 
-def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *, k_l: float, margin: float) -> None:
+def add_joint_limits(
+    system: System, space: ConfigurationSpace, coordinates: Array, *, k_l: float, margin: float
+) -> None:
     """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
-    below = np.maximum(space.lower + margin - chart, 0.0)
-    above = np.maximum(chart - space.upper + margin, 0.0)
+    below = np.maximum(space.lower + margin - coordinates, 0.0)
+    above = np.maximum(coordinates - space.upper + margin, 0.0)
     energy = 0.5 * k_l * float((below**2).sum() + (above**2).sum())
     if energy > 0.0:
         system.force += k_l * (below - above)
@@ -123,19 +125,19 @@ def add_joint_limits(system: System, space: ConfigurationSpace, chart: Array, *,
     system.energies["joint_limits"] = energy
 
 
-def add_posture(system: System, space: ConfigurationSpace, chart: Array, target: Array, *, k_p: Array) -> None:
+def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, target: Array, *, k_p: Array) -> None:
     """Pull the joints towards a posture: V = ½ Σ k_p (θ − θ*)².
 
     Args:
         system: accumulates force and matrix.
         space: configuration space.
-        chart: (N, nv) nodes.
+        coordinates: (N, nv) nodes.
         target: (nv,) or (N, nv) posture; the base's entries do not count.
         k_p: (nv,) gains, zero for the base.
     """
     b = space.base_nv
-    off = np.zeros_like(chart)
-    off[:, b:] = chart[:, b:] - np.broadcast_to(target, chart.shape)[:, b:]
+    off = np.zeros_like(coordinates)
+    off[:, b:] = coordinates[:, b:] - np.broadcast_to(target, coordinates.shape)[:, b:]
     if space.circular.any():
         wrapped = np.arctan2(np.sin(off[:, b:]), np.cos(off[:, b:]))
         off[:, b:] = np.where(space.circular, wrapped, off[:, b:])

@@ -8,15 +8,15 @@ from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.robot import ConfigurationSpace
 
 
-def node_spacing(space: ConfigurationSpace, chart: Array, weight: Array) -> Array:
+def node_spacing(space: ConfigurationSpace, coordinates: Array, weight: Array) -> Array:
     """(N−1,) weighted length of each segment, √(vᵀ diag(w) v)."""
-    v = space.difference(chart[:-1], chart[1:])
+    v = space.difference(coordinates[:-1], coordinates[1:])
     return np.sqrt((v * v) @ weight)
 
 
 def resample(
     space: ConfigurationSpace,
-    chart: Array,
+    coordinates: Array,
     *,
     weight: Array,
     max_spacing: float,
@@ -28,7 +28,7 @@ def resample(
 
     Args:
         space: configuration space.
-        chart: (N, nv) nodes.
+        coordinates: (N, nv) nodes.
         weight: (nv,) metric of the spacing.
         max_spacing: a longer segment is divided.
         min_spacing: a node is dropped where both its segments together are shorter.
@@ -39,32 +39,32 @@ def resample(
         The new nodes (M, nv), and the index (M,) of the old node that each was, −1 for a new one; None where nothing
         changes.
     """
-    spacing = node_spacing(space, chart, weight)
+    spacing = node_spacing(space, coordinates, weight)
     pieces = np.clip(np.ceil(spacing / max_spacing).astype(int), 1, 8)
     if split is not None:
         halved = split & (spacing > 0.05 * min_spacing)
         pieces[halved] = np.maximum(pieces[halved], 2)
-    room = max_nodes - len(chart)
+    room = max_nodes - len(coordinates)
     if int((pieces - 1).sum()) > room:  # marked segments first, then where the pieces are longest
         wanted, priority = pieces, np.zeros(len(spacing)) if split is None else split * 1e6
         pieces = np.ones_like(wanted)
         for _ in range(room):
             need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, priority, 0.0), -np.inf)
             pieces[int(np.argmax(need))] += 1
-    keep = np.ones(len(chart), dtype=bool)
-    for j in range(1, len(chart) - 1):
+    keep = np.ones(len(coordinates), dtype=bool)
+    for j in range(1, len(coordinates) - 1):
         undivided = pieces[j - 1] == 1 and pieces[j] == 1
         if undivided and keep[j - 1] and spacing[j - 1] + spacing[j] < min_spacing:
             keep[j] = False
     if keep.all() and (pieces == 1).all():
         return None
     rows, source = [], []
-    for j in range(len(chart)):
+    for j in range(len(coordinates)):
         if keep[j]:
-            rows.append(chart[j])
+            rows.append(coordinates[j])
             source.append(j)
-        if j < len(chart) - 1 and pieces[j] > 1:
+        if j < len(coordinates) - 1 and pieces[j] > 1:
             s = np.arange(1, pieces[j]) / pieces[j]
-            rows.extend(space.interpolate(chart[j][None], chart[j + 1][None], s))
+            rows.extend(space.interpolate(coordinates[j][None], coordinates[j + 1][None], s))
             source.extend([-1] * (pieces[j] - 1))
     return np.array(rows), np.asarray(source, dtype=np.intp)

@@ -107,7 +107,7 @@ class BandedSolver:
         return delta
 
 
-def project_rolling(space: ConfigurationSpace, chart: Array, *, iterations: int = 12) -> tuple[Array, float]:
+def project_rolling(space: ConfigurationSpace, coordinates: Array, *, iterations: int = 12) -> tuple[Array, float]:
     """Move the inner nodes' base poses, as little as possible, until every segment can be driven: v_y = 0.
 
     Each segment has one scalar constraint on its two nodes, so a Newton step is one scalar tridiagonal solve
@@ -115,7 +115,7 @@ def project_rolling(space: ConfigurationSpace, chart: Array, *, iterations: int 
 
     Args:
         space: configuration space with a planar root.
-        chart: (N, nv) nodes; not changed.
+        coordinates: (N, nv) nodes; not changed.
         iterations: most Newton steps.
 
     Returns:
@@ -123,15 +123,20 @@ def project_rolling(space: ConfigurationSpace, chart: Array, *, iterations: int 
     """
     from scipy.linalg.lapack import dptsv  # late: slow to import
 
-    chart = chart.copy()
-    base, plane = chart[:, :3], _PLANE
+    coordinates = coordinates.copy()
+    base, plane = coordinates[:, :3], _PLANE
     inverse_mass = np.array([1.0, 1.0, 1.0 / _YAW_WEIGHT])
     residual = np.inf
     for iteration in range(iterations + 1):
         v = plane.difference(base[:-1], base[1:])
         c = v[:, 1]
         residual = float(np.abs(c).max(initial=0.0))
-        if residual <= ROLLING_TOLERANCE or iteration == iterations or len(chart) < 3 or not np.isfinite(residual):
+        if (
+            residual <= ROLLING_TOLERANCE
+            or iteration == iterations
+            or len(coordinates) < 3
+            or not np.isfinite(residual)
+        ):
             break
         first, second = plane.base_difference_jacobians(v)
         row_a, row_b = first[:, 1, :].copy(), second[:, 1, :].copy()
@@ -151,4 +156,4 @@ def project_rolling(space: ConfigurationSpace, chart: Array, *, iterations: int 
         if largest > 0.5:
             step *= 0.5 / largest
         base[:] = plane.integrate(base, step)
-    return chart, residual
+    return coordinates, residual

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision.strip_certificate import chart_clearance
+from elastic_strips.collision.strip_certificate import coordinate_clearance
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -47,21 +47,21 @@ class Strip(Summary):
         object.__setattr__(self, "q", array)
 
     @staticmethod
-    def from_chart(robot: RobotModel, chart: Array, *, ends: Array | None = None) -> Strip:
-        """A strip from chart rows (N, nv) that are known to be sound (no checks).
+    def from_coordinates(robot: RobotModel, coordinates: Array, *, ends: Array | None = None) -> Strip:
+        """A strip from coordinate rows (N, nv) that are known to be sound (no checks).
 
         ``ends`` (2, nq) are the configurations of the first and the last row where they are known, to keep every bit.
         """
         strip = object.__new__(Strip)
-        q = robot.space.from_chart(chart)
+        q = robot.space.from_coordinates(coordinates)
         if ends is not None:
             q[0], q[-1] = ends
         q.setflags(write=False)
         object.__setattr__(strip, "robot", robot)
         object.__setattr__(strip, "q", q)
-        frozen = chart.copy()
+        frozen = coordinates.copy()
         frozen.setflags(write=False)
-        strip.__dict__["chart"] = frozen
+        strip.__dict__["coordinates"] = frozen
         return strip
 
     def _summary(self) -> dict[str, object]:
@@ -72,16 +72,16 @@ class Strip(Summary):
         return len(self.q)
 
     @cached_property
-    def chart(self) -> Array:
-        """(N, nv) chart rows: x, y, yaw, joints."""
-        chart = self.robot.space.to_chart(self.q)
-        chart.setflags(write=False)
-        return chart
+    def coordinates(self) -> Array:
+        """(N, nv) coordinate rows: x, y, yaw, joints."""
+        coordinates = self.robot.space.to_coordinates(self.q)
+        coordinates.setflags(write=False)
+        return coordinates
 
     @cached_property
     def velocities(self) -> Array:
         """(N−1, nv) tangent vectors ``pin.difference(q_j, q_{j+1})`` of the segments."""
-        return self.robot.space.difference(self.chart[:-1], self.chart[1:])
+        return self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
 
     @property
     def length(self) -> float:
@@ -104,10 +104,10 @@ class Strip(Summary):
         v = self.velocities
         counts = np.maximum(np.ceil(np.abs(v).max(axis=1) / step).astype(int), 1)
         rows = [
-            self.robot.space.interpolate(self.chart[j][None], self.chart[j + 1][None], np.arange(n) / n)
+            self.robot.space.interpolate(self.coordinates[j][None], self.coordinates[j + 1][None], np.arange(n) / n)
             for j, n in enumerate(counts)
         ]
-        return self.robot.space.from_chart(np.vstack([*rows, self.chart[-1:]]))
+        return self.robot.space.from_coordinates(np.vstack([*rows, self.coordinates[-1:]]))
 
 
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
@@ -125,4 +125,4 @@ def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> f
     check_type("strip", strip, Strip, ConfigurationError)
     check_type("scene", scene, Scene, SceneError)
     check_number("tolerance", tolerance, above=0.0, unit="m")
-    return chart_clearance(strip.robot, strip.chart, scene, tolerance=tolerance)
+    return coordinate_clearance(strip.robot, strip.coordinates, scene, tolerance=tolerance)

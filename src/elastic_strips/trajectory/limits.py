@@ -342,7 +342,7 @@ def _joint_limits(
 
 def sliding_joints(robot: RobotModel) -> Mask:
     """(n,) which planned joints slide, so that their coordinate is a length [m]."""
-    return robot.tree.prismatic[robot.tree.chart_index >= 0]
+    return robot.tree.prismatic[robot.tree.coordinate_index >= 0]
 
 
 def _named(values: float | Mapping[str, float] | None, names: Sequence[str], what: str) -> dict[str, float]:

@@ -41,14 +41,14 @@ class Polyline:
     """The nodes of a strip in drive coordinates.
 
     Attributes:
-        chart: (K, nv) nodes.
+        coordinates: (K, nv) nodes.
         tangent: (K−1, nv) segments.
         y: (K, m) travel of drive and joints since the first node.
         s: (K,) length since the first node, in the metric [m].
         stops: nodes at which the robot has to stop, ascending; the last one is K−1.
     """
 
-    chart: Array
+    coordinates: Array
     tangent: Array
     y: Array
     s: Array
@@ -60,9 +60,9 @@ class Polyline:
         return self.y[i] + part * (self.y[i + 1] - self.y[i])
 
     def pose(self, space: ConfigurationSpace, s: Array) -> Array:
-        """Chart rows (G, nv) at lengths ``s`` (G,), on the arcs between the nodes."""
+        """Coordinate rows (G, nv) at lengths ``s`` (G,), on the arcs between the nodes."""
         i, part = self._segment(s)
-        return space.integrate(self.chart[i], part * self.tangent[i])
+        return space.integrate(self.coordinates[i], part * self.tangent[i])
 
     def _segment(self, s: Array) -> tuple[Indices, Array]:
         """The segment (G,) that each length is in, and which part (G, 1) of it lies behind."""
@@ -72,23 +72,23 @@ class Polyline:
 
 
 def polyline(
-    robot: RobotModel, limits: MotionLimits, weight: Array, chart: Array, heading: Array | None = None
+    robot: RobotModel, limits: MotionLimits, weight: Array, coordinates: Array, heading: Array | None = None
 ) -> Polyline:
     """The nodes (K, nv), K ≥ 2, as travel of drive and joints.
 
     Args:
         robot, limits: whose.
         weight: (m,) the metric.
-        chart: (K, nv).
+        coordinates: (K, nv).
         heading: (m,) direction of the velocity with which the robot arrives at the first node; None at rest.
     """
-    tangent = robot.space.difference(chart[:-1], chart[1:])
+    tangent = robot.space.difference(coordinates[:-1], coordinates[1:])
     dy = limits.to_coordinates(tangent)
-    y = np.zeros((len(chart), dy.shape[1]))
+    y = np.zeros((len(coordinates), dy.shape[1]))
     np.cumsum(dy, axis=0, out=y[1:])
-    s = np.zeros(len(chart))
+    s = np.zeros(len(coordinates))
     np.cumsum(np.sqrt(((dy * weight) ** 2).sum(axis=1)), out=s[1:])
-    return Polyline(chart, tangent, y, s, _stops(y * weight, s, None if heading is None else heading * weight))
+    return Polyline(coordinates, tangent, y, s, _stops(y * weight, s, None if heading is None else heading * weight))
 
 
 def _stops(y: Array, s: Array, heading: Array | None) -> Indices:
@@ -237,7 +237,7 @@ def follow(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, curv
     count = max(round(curve.length / window), 1)
     edges = curve.length * np.arange(count + 1) / count
     width = curve.length / count
-    start, k = line.chart[0], limits.drive_dim
+    start, k = line.coordinates[0], limits.drive_dim
     target = line.pose(space, edges[1:])[:, :2]
     points, value, rate = _gauss()
     part = np.full(len(points), 1.0 / len(points))
@@ -307,7 +307,7 @@ class DrivePath(Summary):
     """A smooth path in drive coordinates.
 
     Attributes:
-        start: (nv,) chart row where it starts.
+        start: (nv,) coordinate row where it starts.
         curve: the travel of drive and joints over the length.
         grid: (G,) lengths on which it is timed, with every knot among them.
         y1, y2: (G, m) derivatives on the grid.
@@ -371,13 +371,13 @@ def smooth_path(
         control[1] = slope * (knots[1] / 3.0)
         if bend is not None and len(knots) > 2:
             control[2] = control[1] + (slope + bend * (0.5 * knots[1])) * (knots[2] / 3.0)
-        _keep_range(robot, limits, line.chart[0], control)
+        _keep_range(robot, limits, line.coordinates[0], control)
     curve = Curve.near(knots, control)
     if limits.drive_dim:
         curve = follow(robot.space, limits, line, curve, window)
     grid = _grid(knots)
     _, y1, y2 = curve(grid)
-    return DrivePath(line.chart[0], curve, grid, y1, y2)
+    return DrivePath(line.coordinates[0], curve, grid, y1, y2)
 
 
 def _keep_range(robot: RobotModel, limits: MotionLimits, start: Array, control: Array) -> None:
@@ -411,17 +411,17 @@ def _grid(knots: Array) -> Array:
 
 
 def integrate_travel(robot: RobotModel, limits: MotionLimits, start: Array, y: Array) -> Array:
-    """Chart rows (G, nv) along travels ``y`` (G, m) from the chart row ``start``: exact arcs between them."""
+    """Coordinate rows (G, nv) along travels ``y`` (G, m) from the coordinate row ``start``: exact arcs between them."""
     space = robot.space
     step = limits.to_tangent(y[1:] - y[:-1])
-    chart = np.empty((len(y), space.nv))
+    coordinates = np.empty((len(y), space.nv))
     base = space.base_nv
-    chart[:, base:] = start[base:] + (y[:, limits.drive_dim :] - y[0, limits.drive_dim :])
+    coordinates[:, base:] = start[base:] + (y[:, limits.drive_dim :] - y[0, limits.drive_dim :])
     if base:
         local = space.integrate(np.zeros_like(step), step)
-        chart[0, :3] = start[:3]
-        chart[1:, 2] = start[2] + np.cumsum(step[:, 2])
-        cos, sin = np.cos(chart[:-1, 2]), np.sin(chart[:-1, 2])
-        chart[1:, 0] = start[0] + np.cumsum(cos * local[:, 0] - sin * local[:, 1])
-        chart[1:, 1] = start[1] + np.cumsum(sin * local[:, 0] + cos * local[:, 1])
-    return chart
+        coordinates[0, :3] = start[:3]
+        coordinates[1:, 2] = start[2] + np.cumsum(step[:, 2])
+        cos, sin = np.cos(coordinates[:-1, 2]), np.sin(coordinates[:-1, 2])
+        coordinates[1:, 0] = start[0] + np.cumsum(cos * local[:, 0] - sin * local[:, 1])
+        coordinates[1:, 1] = start[1] + np.cumsum(sin * local[:, 0] + cos * local[:, 1])
+    return coordinates

@@ -77,7 +77,7 @@ class Retimer:
 
     def horizon(
         self,
-        chart: npt.ArrayLike,
+        coordinates: npt.ArrayLike,
         v_start: npt.ArrayLike | None = None,
         *,
         a_start: npt.ArrayLike | None = None,
@@ -92,7 +92,7 @@ class Retimer:
         it in which the robot can stop.
 
         Args:
-            chart: (K, nv) nodes; it starts exactly at the first one.
+            coordinates: (K, nv) nodes; it starts exactly at the first one.
             v_start: (nv,) velocity there: body twist, joint rates; None or about zero: from rest.
             a_start: (nv,) acceleration there, with which the path goes on bending as it did before: replanning from a
                 state of a trajectory then seldom fails. None where unknown.
@@ -105,7 +105,7 @@ class Retimer:
             ParameterError: another argument out of its range.
             RetimingError: it cannot be driven like that. What the robot drives now still can.
         """
-        nodes = self._nodes(chart)
+        nodes = self._nodes(coordinates)
         if not distance > 0.0:
             raise ParameterError(f"distance={distance!r} m must be positive")
         check_number("speed", speed, above=0.0, high=1.0)
@@ -113,9 +113,9 @@ class Retimer:
         line = polyline(self.robot, self.limits, self.weight, nodes, start.velocity if start.moving else None)
         return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed)
 
-    def full(self, chart: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0) -> Trajectory:
+    def full(self, coordinates: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0) -> Trajectory:
         """All of the nodes (K, nv) from rest to rest, with a stop wherever one is needed; else as :meth:`horizon`."""
-        nodes = self._nodes(chart)
+        nodes = self._nodes(coordinates)
         check_number("speed", speed, above=0.0, high=1.0)
         start = self._start(start_time, None, None)
         stops = polyline(self.robot, self.limits, self.weight, nodes).stops
@@ -125,7 +125,7 @@ class Retimer:
             piece = nodes[first : stop + 1]
             if pieces:  # each piece starts where the one before has ended and makes up for what that missed
                 start = replace(start, time=pieces[-1].end_time)
-                piece = np.vstack([pieces[-1].chart[-1], piece[1:]])
+                piece = np.vstack([pieces[-1].coordinates[-1], piece[1:]])
             line = polyline(self.robot, self.limits, self.weight, piece)
             pieces.append(self._drive(line, float(line.s[-1]), start, np.inf, speed))
             first = stop
@@ -135,8 +135,10 @@ class Retimer:
         """The earliest stop on the path of a trajectory from time ``t`` on: :func:`brake` with these limits."""
         return brake(trajectory, t, limits=self.limits, dt=self.dt)
 
-    def _nodes(self, chart: npt.ArrayLike) -> Array:
-        nodes = check_array(f"nodes of {self.robot.name!r}", chart, (None, self.robot.nv), error=ConfigurationError)
+    def _nodes(self, coordinates: npt.ArrayLike) -> Array:
+        nodes = check_array(
+            f"nodes of {self.robot.name!r}", coordinates, (None, self.robot.nv), error=ConfigurationError
+        )
         return nodes if len(nodes) > 1 else np.vstack([nodes, nodes])
 
     def _start(self, time: float, v: npt.ArrayLike | None, a: npt.ArrayLike | None) -> _Start:
@@ -173,7 +175,7 @@ class Retimer:
         braking = 0.5 * float(np.linalg.norm(start.velocity * self.weight)) / rate  # [m in the metric], straight on
         if available < max(0.9 * braking, _NOWHERE):
             if not start.moving:
-                return stationary(self.robot, self.limits, line.chart[0], start.time, self.dt)
+                return stationary(self.robot, self.limits, line.coordinates[0], start.time, self.dt)
             raise RetimingError(
                 f"the robot has to stop within {available:.4g} m and needs {braking:.4g} m to brake; keep to the "
                 "trajectory that it drives"
@@ -240,7 +242,7 @@ class Retimer:
 def _trajectory(
     robot: RobotModel, limits: MotionLimits, time: Array, start: Array, y: Array, v: Array, a: Array
 ) -> Trajectory:
-    """Travel, velocities and accelerations (M, m) of drive and joints as a trajectory from the chart row ``start``."""
+    """Travel, velocities and accelerations (M, m) of drive and joints as a trajectory from ``start`` (nv,)."""
     rows = integrate_travel(robot, limits, start, y)
     return Trajectory(robot, limits, time, rows, limits.to_tangent(v), limits.to_tangent(a))
 
@@ -258,7 +260,7 @@ def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01
         ParameterError: an argument out of its range.
         RetimingError: a piece cannot be driven within the limits.
     """
-    return Retimer(strip.robot, limits, dt=dt).full(strip.chart, speed=speed)
+    return Retimer(strip.robot, limits, dt=dt).full(strip.coordinates, speed=speed)
 
 
 _BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)
@@ -290,7 +292,7 @@ def brake(trajectory: Trajectory, t: float, *, limits: MotionLimits | None = Non
     own = _Timed(time, y, v, max(t, trajectory.start_time))
     for margin in _BRAKE_MARGINS:
         profile = own.slowest(margin * limits.acceleration)
-        stop = None if profile is None else _sampled_stop(own, profile, trajectory, rest.chart[0], limits, dt)
+        stop = None if profile is None else _sampled_stop(own, profile, trajectory, rest.coordinates[0], limits, dt)
         if stop is not None and stop.end_time <= rest.end_time:
             return stop
     return rest

@@ -28,13 +28,13 @@ class ReferenceState:
 
     Attributes:
         time: [s].
-        chart: (nv,) x, y, yaw, joints.
+        coordinates: (nv,) x, y, yaw, joints.
         v: (nv,) velocity: body twist (v_x, v_y, ω), joint rates.
         a: (nv,) its rate of change.
     """
 
     time: float
-    chart: Array
+    coordinates: Array
     v: Array
     a: Array
 
@@ -50,7 +50,7 @@ class Trajectory(Summary):
         robot: whose motion this is.
         limits: the limits that it keeps.
         time: (M,) [s], M ≥ 2, strictly ascending; may start anywhere. Evenly spaced but for the first step of a tail.
-        chart: (M, nv) chart rows x, y, yaw, joints. Angles run on: they are not wrapped.
+        coordinates: (M, nv) coordinate rows x, y, yaw, joints. Angles run on: they are not wrapped.
         v: (M, nv) velocity at the samples: body twist (v_x, v_y, ω) [m/s, rad/s], joint rates [rad/s or m/s].
         a: (M, nv) its rate of change [m/s², rad/s²].
     """
@@ -58,7 +58,7 @@ class Trajectory(Summary):
     robot: RobotModel
     limits: MotionLimits
     time: Array
-    chart: Array
+    coordinates: Array
     v: Array
     a: Array
 
@@ -75,7 +75,7 @@ class Trajectory(Summary):
         if not (time[1:] > time[:-1]).all():
             raise ParameterError("time must be strictly ascending")
         object.__setattr__(self, "time", time)
-        for name in ("chart", "v", "a"):
+        for name in ("coordinates", "v", "a"):
             what, shape = f"{name} of {self.robot.name!r}", (len(time), self.robot.nv)
             object.__setattr__(self, name, check_array(what, getattr(self, name), shape))
 
@@ -85,7 +85,7 @@ class Trajectory(Summary):
     @cached_property
     def q(self) -> Array:
         """(M, nq) Pinocchio configurations."""
-        q = self.robot.space.from_chart(self.chart)
+        q = self.robot.space.from_coordinates(self.coordinates)
         q.setflags(write=False)
         return q
 
@@ -112,7 +112,7 @@ class Trajectory(Summary):
     @cached_property
     def steps(self) -> Array:
         """(M−1, nv) tangent vectors from each sample to the next."""
-        steps = self.robot.space.difference(self.chart[:-1], self.chart[1:])
+        steps = self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
         steps.setflags(write=False)
         return steps
 
@@ -124,16 +124,16 @@ class Trajectory(Summary):
     def at(self, t: float) -> ReferenceState:
         """The reference at a time [s]: the first sample before the start, the last one at rest after the end."""
         if t <= self.time[0]:
-            return ReferenceState(float(t), self.chart[0], self.v[0], self.a[0])
+            return ReferenceState(float(t), self.coordinates[0], self.v[0], self.a[0])
         if t >= self.time[-1]:
             rest = np.zeros(self.robot.nv)
-            return ReferenceState(float(t), self.chart[-1], rest, rest.copy())
+            return ReferenceState(float(t), self.coordinates[-1], rest, rest.copy())
         i = int(np.searchsorted(self.time, t, side="right")) - 1
         s = (t - self.time[i]) / (self.time[i + 1] - self.time[i])
-        chart = self.robot.space.integrate(self.chart[i], s * self.steps[i])
+        coordinates = self.robot.space.integrate(self.coordinates[i], s * self.steps[i])
         v = self.v[i] + s * (self.v[i + 1] - self.v[i])
         a = self.a[i] + s * (self.a[i + 1] - self.a[i])
-        return ReferenceState(float(t), chart, v, a)
+        return ReferenceState(float(t), coordinates, v, a)
 
     def shifted(self, start_time: float) -> Trajectory:
         """The same motion, started at another time [s]."""
@@ -148,27 +148,27 @@ class Trajectory(Summary):
             return self
         if t + _SLIVER >= self.time[-1]:
             step = float(self.time[-1] - self.time[-2])
-            rows = np.stack([self.chart[-1], self.chart[-1]])
+            rows = np.stack([self.coordinates[-1], self.coordinates[-1]])
             rest = np.zeros_like(rows)
-            return replace(self, time=np.array([t, t + step]), chart=rows, v=rest, a=rest)
+            return replace(self, time=np.array([t, t + step]), coordinates=rows, v=rest, a=rest)
         state = self.at(t)
         i = int(np.searchsorted(self.time, t + _SLIVER, side="right"))
         return replace(
             self,
             time=np.concatenate([[t], self.time[i:]]),
-            chart=np.vstack([state.chart, self.chart[i:]]),
+            coordinates=np.vstack([state.coordinates, self.coordinates[i:]]),
             v=np.vstack([state.v, self.v[i:]]),
             a=np.vstack([state.a, self.a[i:]]),
         )
 
     def strip(self) -> Strip:
         """The samples as a strip (M nodes)."""
-        return Strip.from_chart(self.robot, self.chart)
+        return Strip.from_coordinates(self.robot, self.coordinates)
 
 
-def stationary(robot: RobotModel, limits: MotionLimits, chart: Array, time: float, dt: float) -> Trajectory:
-    """A trajectory that stays at chart row ``chart`` (nv,) from ``time`` [s] on; its samples are ``dt`` [s] apart."""
-    rows = np.stack([chart, chart])
+def stationary(robot: RobotModel, limits: MotionLimits, coordinates: Array, time: float, dt: float) -> Trajectory:
+    """A trajectory that stays at ``coordinates`` (nv,) from ``time`` [s] on; its samples are ``dt`` [s] apart."""
+    rows = np.stack([coordinates, coordinates])
     rest = np.zeros_like(rows)
     return Trajectory(robot, limits, np.array([time, time + dt]), rows, rest, rest)
 
@@ -180,7 +180,7 @@ def joined(pieces: list[Trajectory]) -> Trajectory:
     def rows(name: str) -> Array:
         return np.concatenate([*(getattr(piece, name)[:-1] for piece in pieces[:-1]), getattr(last, name)])
 
-    return replace(last, time=rows("time"), chart=rows("chart"), v=rows("v"), a=rows("a"))
+    return replace(last, time=rows("time"), coordinates=rows("coordinates"), v=rows("v"), a=rows("a"))
 
 
 class TrajectoryCertifier:
@@ -216,7 +216,7 @@ class TrajectoryCertifier:
         Raises:
             ParameterError: the forecast's horizon is shorter than the motion.
         """
-        chart = np.vstack([trajectory.chart, trajectory.chart[-1:]])
+        coordinates = np.vstack([trajectory.coordinates, trajectory.coordinates[-1:]])
         times = np.append(trajectory.time, trajectory.time[-1] + self.settle_time) - scene.time
         if len(forecast) and times[-1] > forecast.horizon:
             raise ParameterError(
@@ -224,5 +224,5 @@ class TrajectoryCertifier:
             )
         v = np.vstack([trajectory.steps, np.zeros((1, self.robot.nv))])
         return self._certifier.certify(
-            chart, v, scene, forecast.predict(times), clearance=self.clearance, self_clearance=self.self_clearance
+            coordinates, v, scene, forecast.predict(times), clearance=self.clearance, self_clearance=self.self_clearance
         )

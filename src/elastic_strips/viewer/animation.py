@@ -124,16 +124,16 @@ def draw_strips(drawing: Drawing, play: StripAnimation) -> list[Command]:
     drawing.playing = True
     frames, fps = _frames(play.duration)
     share = np.linspace(0.0, 1.0, frames + 1)
-    charts = [space.to_chart(nodes) for nodes in play.strips]
-    poses.update(_driven(poses, charts, share))
+    coordinate_arrays = [space.to_coordinates(nodes) for nodes in play.strips]
+    poses.update(_driven(poses, coordinate_arrays, share))
     tracks = _robot_tracks(drawing, poses.matrices(drawing.joints))
     for obstacle in drawing.obstacles.moving(play.scene):
         path = drawing.obstacles.path(obstacle)
         tracks += commands.motion_tracks(path, _obstacle_poses(obstacle, play.scene.time + share * play.duration))
-    if len(charts) > 1:
+    if len(coordinate_arrays) > 1:
         out += [commands.visible(path, False) for path in STATIC]
-        out += _sequence(drawing, play, charts, tracks, frames)
-    out.append(drawing.camera(np.concatenate(charts), play.scene))
+        out += _sequence(drawing, play, coordinate_arrays, tracks, frames)
+    out.append(drawing.camera(np.concatenate(coordinate_arrays), play.scene))
     out.append(commands.animation(tracks, fps))
     return out
 
@@ -154,48 +154,48 @@ def _obstacle_poses(obstacle: Obstacle, times: Array) -> Floats:
     return commands.columns(np.array([obstacle.at(float(t)).pose for t in times]))
 
 
-def _driven(poses: RobotPoses, charts: Sequence[Array], share: Array) -> Array:
-    """Where the robot is in each frame: chart rows (F, nv).
+def _driven(poses: RobotPoses, coordinate_arrays: Sequence[Array], share: Array) -> Array:
+    """Where the robot is in each frame: coordinate rows (F, nv).
 
     It drives along the strip; if the strips of a sequence begin where the robot is, it is there.
     """
     space, places, starts = poses.space, [], []
-    for chart in charts:
-        poses.update(chart)
+    for coordinates in coordinate_arrays:
+        poses.update(coordinates)
         places.append(geometry.arc_length(poses.points()))
-        starts.append(chart[0])
-    follows = len(charts) > 1 and float(np.abs(np.diff(starts, axis=0)).max()) > 1e-4
-    place = share * (len(charts) - 1)
-    index = np.minimum(place.astype(int), max(len(charts) - 2, 0))
+        starts.append(coordinates[0])
+    follows = len(coordinate_arrays) > 1 and float(np.abs(np.diff(starts, axis=0)).max()) > 1e-4
+    place = share * (len(coordinate_arrays) - 1)
+    index = np.minimum(place.astype(int), max(len(coordinate_arrays) - 2, 0))
     eased = share * share * (3.0 - 2.0 * share)
 
     def at(which: int, s: float) -> Array:
         if follows:
-            return charts[which][0]
+            return coordinate_arrays[which][0]
         where = np.array([s * places[which][-1]])
-        return geometry.interpolated(space, charts[which], places[which], where)[0]
+        return geometry.interpolated(space, coordinate_arrays[which], places[which], where)[0]
 
-    if len(charts) == 1:
-        return geometry.interpolated(space, charts[0], places[0], eased * places[0][-1])
+    if len(coordinate_arrays) == 1:
+        return geometry.interpolated(space, coordinate_arrays[0], places[0], eased * places[0][-1])
     before = np.array([at(int(i), float(s)) for i, s in zip(index, eased, strict=True)])
     after = np.array([at(int(i) + 1, float(s)) for i, s in zip(index, eased, strict=True)])
     return space.interpolate(before, after, place - index)
 
 
 def _sequence(
-    drawing: Drawing, play: StripAnimation, charts: Sequence[Array], tracks: list[Track], frames: int
+    drawing: Drawing, play: StripAnimation, coordinate_arrays: Sequence[Array], tracks: list[Track], frames: int
 ) -> list[Command]:
     """Draw some of the strips and let each be seen in its turn."""
     poses, _ = drawing.prepare(play.robot)
-    count = min(len(charts), _MAX_STRIPS)
-    chosen = np.unique(np.linspace(0, len(charts) - 1, count).round().astype(int))
-    begins = np.round(chosen / (len(charts) - 1) * frames).astype(int)
+    count = min(len(coordinate_arrays), _MAX_STRIPS)
+    chosen = np.unique(np.linspace(0, len(coordinate_arrays) - 1, count).round().astype(int))
+    begins = np.round(chosen / (len(coordinate_arrays) - 1) * frames).astype(int)
     out: list[Command] = []
     for k, which in enumerate(chosen):
         path = f"/playback/{k}"
-        poses.update(charts[which])
-        colors = segment_colors(play.reports[which], len(charts[which]) - 1)
-        out += drawing.strip(path, charts[which], poses.points(), colors)
+        poses.update(coordinate_arrays[which])
+        colors = segment_colors(play.reports[which], len(coordinate_arrays[which]) - 1)
+        out += drawing.strip(path, coordinate_arrays[which], poses.points(), colors)
         out.append(commands.visible(path, k == 0))
         end = begins[k + 1] if k + 1 < len(chosen) else frames + 1
         times = np.arange(frames + 1)
@@ -228,7 +228,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     record, robot = play.record, play.robot
     frames, fps = _frames(play.duration)
     times = np.linspace(play.begin, play.end, frames + 1)
-    chart = geometry.interpolated(robot.space, record.control.chart, record.control.time, times)
+    coordinates = geometry.interpolated(robot.space, record.control.coordinates, record.control.time, times)
     state = record.control.state[np.searchsorted(record.control.time, times, side="right") - 1]
     scene = record.world.scene.at(play.begin)
     passing = frozenset({*record.world.appears, *record.world.vanishes})
@@ -236,20 +236,20 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     poses, out = drawing.prepare(robot)
     out += drawing.stop()
     out += drawing.obstacles.draw(scene, alone=passing)
-    poses.update(chart)
+    poses.update(coordinates)
     matrices, points = poses.matrices(drawing.joints), poses.points()
     out.append(commands.transforms("/robot", drawing.body_paths, matrices[0]))
     tracks = _robot_tracks(drawing, matrices)
     out += _obstacles(drawing, record, scene, times, tracks)
-    out += _traces(play, chart, state, points[:, -1], tracks)
-    out += _ring(play, chart, state, tracks)
+    out += _traces(play, coordinates, state, points[:, -1], tracks)
+    out += _ring(play, coordinates, state, tracks)
     shown = _recorded_strips(drawing, play, times, tracks)
     out += shown
-    goal = chart[-1] if record.goal is None else record.goal
-    out += drawing.markers(np.stack((record.control.chart[0], goal)))
+    goal = coordinates[-1] if record.goal is None else record.goal
+    out += drawing.markers(np.stack((record.control.coordinates[0], goal)))
     out += [commands.visible(path, False) for path in (*STATIC, "/tunnel")]
     drawing.playing = True
-    out.append(drawing.camera(np.concatenate((chart, goal[None])), scene, height=_HEIGHT))
+    out.append(drawing.camera(np.concatenate((coordinates, goal[None])), scene, height=_HEIGHT))
     out += _captions(drawing, play, times, points, bool(shown))
     out.append(commands.animation(tracks, fps))
     return out
@@ -280,11 +280,13 @@ def _obstacles(drawing: Drawing, record: Record, scene: Scene, times: Array, tra
     return out
 
 
-def _traces(play: RunReplay, chart: Array, state: NDArray[np.uint8], hand: Array, tracks: list[Track]) -> list[Command]:
+def _traces(
+    play: RunReplay, coordinates: Array, state: NDArray[np.uint8], hand: Array, tracks: list[Track]
+) -> list[Command]:
     """Draw the reference as a thin line, and where base and hand have been so far, coloured by state."""
     robot, record = play.robot, play.record
     out: list[Command] = []
-    rows, base = record.control, np.column_stack((chart[:, :2], np.zeros(len(chart))))
+    rows, base = record.control, np.column_stack((coordinates[:, :2], np.zeros(len(coordinates))))
     if robot.space.planar:
         inside = (rows.time >= play.begin) & (rows.time <= play.end) & np.isfinite(rows.reference).all(axis=1)
         nodes = rows.reference[inside]
@@ -302,7 +304,7 @@ def _traces(play: RunReplay, chart: Array, state: NDArray[np.uint8], hand: Array
         rods = geometry.between(points[chosen[:-1]], points[chosen[1:]], 0.007 if name == "hand" else 0.016)
         out.append(commands.mesh(path, geometry.rod(), look, instances=len(rods), cast=False))
         out.append(commands.instances(path, rods, colors[state[chosen[:-1]]]))
-        passed = np.searchsorted(chosen[1:], np.arange(len(chart)), side="right")
+        passed = np.searchsorted(chosen[1:], np.arange(len(coordinates)), side="right")
         tracks.append(commands.count_track(path, passed))
     return out
 
@@ -316,12 +318,12 @@ def _evenly(points: Array, count: int) -> Indices:
     return np.unique(np.searchsorted(along, wanted - 1e-12))
 
 
-def _ring(play: RunReplay, chart: Array, state: NDArray[np.uint8], tracks: list[Track]) -> list[Command]:
+def _ring(play: RunReplay, coordinates: Array, state: NDArray[np.uint8], tracks: list[Track]) -> list[Command]:
     """Lay a ring about the base that shows where it heads, and the state by its colour."""
-    place = np.tile(np.eye(4), (len(chart), 1, 1))
+    place = np.tile(np.eye(4), (len(coordinates), 1, 1))
     if play.robot.space.planar:
-        place[:, :2, 3] = chart[:, :2]
-        c, s = np.cos(chart[:, 2]), np.sin(chart[:, 2])
+        place[:, :2, 3] = coordinates[:, :2]
+        c, s = np.cos(coordinates[:, 2]), np.sin(coordinates[:, 2])
         place[:, 0, 0], place[:, 0, 1], place[:, 1, 0], place[:, 1, 1] = c, -s, s, c
     place[:, 2, 3] = 0.012
     tracks += commands.motion_tracks("/playback/state", commands.columns(place))

@@ -74,22 +74,22 @@ class Drawing:
         poses, out = self.prepare(snapshot.robot)
         out += self.stop()
         out += self.obstacles.draw(snapshot.scene)
-        chart = snapshot.robot.space.to_chart(snapshot.nodes)
-        poses.update(chart)
+        coordinates = snapshot.robot.space.to_coordinates(snapshot.nodes)
+        poses.update(coordinates)
         points = poses.points()
         matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
         out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
-        out += self.strip("/strip", chart, points, segment_colors(snapshot.report, len(chart) - 1))
-        out += self.markers(chart)
+        out += self.strip("/strip", coordinates, points, segment_colors(snapshot.report, len(coordinates) - 1))
+        out += self.markers(coordinates)
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
-        out += self._trouble(snapshot.report, chart)
+        out += self._trouble(snapshot.report, coordinates)
         if snapshot.q is not None:
-            poses.update(snapshot.robot.space.to_chart(np.asarray(snapshot.q))[None])
+            poses.update(snapshot.robot.space.to_coordinates(np.asarray(snapshot.q))[None])
         out.append(commands.transforms("/robot", self.body_paths, poses.matrices(self.joints, [0])[0]))
         out.append(self.card(snapshot))
         if self._first("camera") or snapshot.frame:
-            out.append(self.camera(chart, snapshot.scene))
+            out.append(self.camera(coordinates, snapshot.scene))
         return out
 
     @property
@@ -126,7 +126,7 @@ class Drawing:
         self._made -= {path for path in self._made if path.startswith("/playback")}
         return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
 
-    def strip(self, path: str, chart: Array, points: Array, colors: Array) -> list[Command]:
+    def strip(self, path: str, coordinates: Array, points: Array, colors: Array) -> list[Command]:
         """Draw the paths of the control points and of the base below ``path``, the base's in ``colors`` (N - 1, 3)."""
         assert self.robot is not None
         out: list[Command] = []
@@ -139,16 +139,16 @@ class Drawing:
         starts, ends = (np.swapaxes(rows, 0, 1).reshape(-1, 3) for rows in (points[:-1], points[1:]))
         rods = geometry.between(starts, ends, 0.0055)
         out.append(commands.instances(threads, rods, np.repeat(shade, len(points) - 1, axis=0)))
-        band = geometry.ribbon(self.robot.space, chart, colors, height=0.004)
+        band = geometry.ribbon(self.robot.space, coordinates, colors, height=0.004)
         if band is not None:
             out.append(commands.mesh(f"{path}/base", band, commands.material(lit=False), cast=False))
         return out
 
-    def camera(self, chart: Array, scene: Scene, *, height: float = 0.62) -> Command:
+    def camera(self, coordinates: Array, scene: Scene, *, height: float = 0.62) -> Command:
         """Look at the strip from the side, from a little behind its start, and from above, the more the higher."""
         assert self.poses is not None
-        chosen = np.unique(np.linspace(0, len(chart) - 1, 24).round().astype(int))
-        self.poses.update(chart[chosen])
+        chosen = np.unique(np.linspace(0, len(coordinates) - 1, 24).round().astype(int))
+        self.poses.update(coordinates[chosen])
         inside = []
         for b, T in enumerate(np.swapaxes(self.poses.matrices(self.joints), 0, 1).reshape(len(self.bodies), -1, 4, 4)):
             vertices = self.bodies[b].mesh.vertices
@@ -162,7 +162,7 @@ class Drawing:
             if np.all(np.abs(at - (low + high) / 2) < (high - low) / 2 + 0.8):
                 r = min(obstacle.reach, 0.6)
                 points = np.vstack((points, np.maximum(at - r, [-np.inf, -np.inf, 0.0]), at + r))
-        along = chart[-1, :2] - chart[0, :2] if self.poses.space.planar else np.zeros(2)
+        along = coordinates[-1, :2] - coordinates[0, :2] if self.poses.space.planar else np.zeros(2)
         length = float(np.linalg.norm(along))
         along = along / length if length > 0.3 else np.array([1.0, 0.0])
         view = np.array([along[1], -along[0]]) - 0.42 * along
@@ -195,8 +195,8 @@ class Drawing:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         return commands.hud({**card, "rows": rows, "legend": [*legend, THREADS]})
 
-    def markers(self, chart: Array) -> list[Command]:
-        """Lay rings where the first and the last of chart rows (N, nv) have their base."""
+    def markers(self, coordinates: Array) -> list[Command]:
+        """Lay rings where the first and the last of coordinate rows (N, nv) have their base."""
         assert self.robot is not None
         if not self.robot.space.planar:
             return []
@@ -206,7 +206,7 @@ class Drawing:
                 look = commands.material(linear(color), opacity=0.85, lit=False)
                 out.append(commands.mesh(f"/markers/{name}", geometry.ring(0.44, 0.5), look, cast=False))
         poses = np.tile(np.eye(4), (2, 1, 1))
-        for T, (x, y, yaw) in zip(poses, chart[[0, -1], :3], strict=True):
+        for T, (x, y, yaw) in zip(poses, coordinates[[0, -1], :3], strict=True):
             c, s = np.cos(yaw), np.sin(yaw)
             T[:2, :2], T[:3, 3] = [[c, -s], [s, c]], (x, y, 0.006)
         out.append(commands.transforms("/markers", ["/markers/start", "/markers/goal"], commands.columns(poses)))
@@ -230,11 +230,11 @@ class Drawing:
         look = commands.material(linear(_HULL), opacity=0.07, hides=False)
         return self._many("/tunnel", geometry.sphere(16), look, matrices) + out
 
-    def _trouble(self, report: DeformReport | None, chart: Array) -> list[Command]:
+    def _trouble(self, report: DeformReport | None, coordinates: Array) -> list[Command]:
         """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
         assert self.robot is not None
         assert self.poses is not None
-        spot = None if report is None else _trouble_spot(self.robot, report, chart, self.poses)
+        spot = None if report is None else _trouble_spot(self.robot, report, coordinates, self.poses)
         self._pinned = spot is not None
         ball = head = pole = None
         if spot is not None:
@@ -271,7 +271,7 @@ def segment_colors(report: DeformReport | None, count: int) -> Array:
     return np.where(report.certificate.segments[:, None], linear(CERTIFIED), linear(REFUSED))
 
 
-def _trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: RobotPoses) -> Array | None:
+def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, poses: RobotPoses) -> Array | None:
     """Where (3,) [m] the worst segment is: between the hulls that do not connect, or at the link that is not clear.
 
     None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
@@ -281,9 +281,13 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, chart: Array, poses: 
     if tunnel is not None and counts and not tunnel.connected.all():
         j, c = np.unravel_index(int(np.argmin(tunnel.overlap)), tunnel.overlap.shape)
         return 0.5 * (tunnel.points[j, c] + tunnel.points[j + 1, c])
-    if broken is None or not 0 <= broken.segment < len(chart) - 1:
+    if broken is None or not 0 <= broken.segment < len(coordinates) - 1:
         return None
-    poses.update(robot.space.interpolate(chart[broken.segment, None], chart[broken.segment + 1, None], np.array([0.5])))
+    poses.update(
+        robot.space.interpolate(
+            coordinates[broken.segment, None], coordinates[broken.segment + 1, None], np.array([0.5])
+        )
+    )
     piece = next((piece for piece in robot.geometries if piece.name == broken.link), None)
     if piece is None:
         return poses.points()[0, 0]

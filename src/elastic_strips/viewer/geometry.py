@@ -307,9 +307,9 @@ class RobotPoses:
         align = robot.tree.align[points.joint]
         self._local = np.matmul(np.swapaxes(align, -1, -2), points.local[..., None])[..., 0]
 
-    def update(self, chart: Array) -> None:
-        """Place chart rows (N, nv)."""
-        self._kinematics.update(chart, jacobians=False)
+    def update(self, coordinates: Array) -> None:
+        """Place coordinate rows (N, nv)."""
+        self._kinematics.update(coordinates, jacobians=False)
 
     def points(self) -> Array:
         """Control points, (N, C, 3) [m]."""
@@ -384,23 +384,23 @@ def arc_length(points: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.maximum(step, 1e-9))))
 
 
-def interpolated(space: ConfigurationSpace, chart: Array, at: Array, where: Array) -> Array:
-    """Chart rows (M, nv) at places ``where`` (M,) along nodes (N, nv) that lie at ``at`` (N,)."""
-    if len(chart) == 1:
-        return np.repeat(chart, len(where), axis=0)
-    index = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(chart) - 2)
+def interpolated(space: ConfigurationSpace, coordinates: Array, at: Array, where: Array) -> Array:
+    """Coordinate rows (M, nv) at places ``where`` (M,) along nodes (N, nv) that lie at ``at`` (N,)."""
+    if len(coordinates) == 1:
+        return np.repeat(coordinates, len(where), axis=0)
+    index = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(coordinates) - 2)
     s = np.clip((where - at[index]) / (at[index + 1] - at[index]), 0.0, 1.0)
-    return space.interpolate(chart[index], chart[index + 1], s)
+    return space.interpolate(coordinates[index], coordinates[index + 1], s)
 
 
 def ribbon(
-    space: ConfigurationSpace, chart: Array, colors: Array, *, width: float = 0.06, height: float = 0.0
+    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0
 ) -> MeshData | None:
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
     Args:
         space: The robot's configuration space.
-        chart: Nodes (N, nv).
+        coordinates: Nodes (N, nv).
         colors: (N - 1, 3) linear RGB.
         width: Width of the band [m].
         height: Height above the floor [m].
@@ -408,11 +408,11 @@ def ribbon(
     Returns:
         None where the base does not move.
     """
-    if len(chart) < 2 or not space.planar:
+    if len(coordinates) < 2 or not space.planar:
         return None
     steps = 4  # per segment, so that arcs look like arcs
-    s = np.broadcast_to(np.linspace(0.0, 1.0, steps + 1), (len(chart) - 1, steps + 1))
-    path = space.interpolate(chart[:-1, None], chart[1:, None], s)[..., :2]
+    s = np.broadcast_to(np.linspace(0.0, 1.0, steps + 1), (len(coordinates) - 1, steps + 1))
+    path = space.interpolate(coordinates[:-1, None], coordinates[1:, None], s)[..., :2]
     flat = path.reshape(-1, 2)  # ((N - 1) (steps + 1), 2): the ends of a segment appear twice, once for each colour
     along = np.zeros_like(flat)
     along[1:-1] = flat[2:] - flat[:-2]
@@ -424,6 +424,6 @@ def ribbon(
     side = 0.5 * width * np.column_stack((-along[:, 1], along[:, 0]))
     vertices = np.zeros((2 * len(flat), 3))
     vertices[0::2, :2], vertices[1::2, :2], vertices[:, 2] = flat + side, flat - side, height
-    i = 2 * (np.arange(len(chart) - 1)[:, None] * (steps + 1) + np.arange(steps)[None]).reshape(-1)
+    i = 2 * (np.arange(len(coordinates) - 1)[:, None] * (steps + 1) + np.arange(steps)[None]).reshape(-1)
     faces = np.vstack((np.column_stack((i, i + 1, i + 3)), np.column_stack((i, i + 3, i + 2))))
     return _flat(vertices, faces, np.repeat(colors, 2 * (steps + 1), axis=0))

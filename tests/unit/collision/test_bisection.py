@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from brute_force import SHAPES, configuration, link_distances, make_obstacle, random_chart, self_distances
+from brute_force import SHAPES, configuration, link_distances, make_obstacle, random_coordinates, self_distances
 
 from elastic_strips.collision import BodySet, Forecast, MotionBounds, ObstacleProximity, SelfProximity
 from elastic_strips.collision.certificate import ObstaclePairs, SelfPairs
@@ -17,9 +17,9 @@ NOISE = 2e-5
 
 
 def test_obstacle_pairs_among_moving_parts(silvermate, rng):
-    chart = random_chart(silvermate, rng, 4)
+    coordinates = random_coordinates(silvermate, rng, 4)
     kin, between = Kinematics(silvermate.tree, 4), Kinematics(silvermate.tree, 4)
-    kin.update(chart)
+    kin.update(coordinates)
     scene = Scene([make_obstacle(s, rng, (-1.0, -1.0, 0.0), (1.0, 1.0, 1.5)) for s in SHAPES])
     forecast = Forecast(np.array([0, 2]), rng.normal(size=(2, 3)), np.full(2, 0.01), np.full(2, 0.1), np.full(2, 0.2))
     times = np.array([0.0, 0.3, 0.5, 0.6])
@@ -30,7 +30,7 @@ def test_obstacle_pairs_among_moving_parts(silvermate, rng):
     count = len(proximity.bodies) * len(window)
     for place in (0.25, 1.5, 2.75):
         s = int(place)
-        row = silvermate.space.interpolate(chart[s : s + 1], chart[s + 1 : s + 2], place - s)
+        row = silvermate.space.interpolate(coordinates[s : s + 1], coordinates[s + 1 : s + 2], place - s)
         between.update(row, jacobians=False)
         ahead = forecast.predict(times)
         shift = (1 - place + s) * ahead.shift[s] + (place - s) * ahead.shift[s + 1]
@@ -55,9 +55,9 @@ def test_obstacle_pairs_among_moving_parts(silvermate, rng):
 def test_self_pairs(robot, rng):
     bodies = BodySet.links(robot)
     pairs = SelfPairs(SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=0.1))
-    kin, chart = Kinematics(robot.tree, 8), random_chart(robot, rng, 12)
-    kin.update(chart)
-    truth = np.array([self_distances(robot, configuration(robot, row)) for row in chart])
+    kin, coordinates = Kinematics(robot.tree, 8), random_coordinates(robot, rng, 12)
+    kin.update(coordinates)
+    truth = np.array([self_distances(robot, configuration(robot, row)) for row in coordinates])
     node, pair = (i.ravel() for i in np.indices(truth.shape))
     given = (kin, node, node.astype(float), pair)
     assert (pairs.lower_bounds(*given) <= truth.ravel() + 1e-9).all()
@@ -68,12 +68,12 @@ def test_self_pairs(robot, rng):
 def test_the_clearance_of_a_strip_that_goes_deep_into_an_obstacle(silvermate, seed):
     """Lower bounds from boxes say nothing inside them; they once hid millimetres of a penetration."""
     rng, space = np.random.default_rng(seed), silvermate.space
-    chart = random_chart(silvermate, rng, 1)
-    chart = np.vstack((chart, space.integrate(chart, 0.3 * rng.normal(size=(1, silvermate.nv)))))
-    chart = np.clip(chart, space.lower, space.upper)
-    at = chart[:, :2].mean(axis=0) + rng.uniform(-0.3, 0.3, 2)
+    coordinates = random_coordinates(silvermate, rng, 1)
+    coordinates = np.vstack((coordinates, space.integrate(coordinates, 0.3 * rng.normal(size=(1, silvermate.nv)))))
+    coordinates = np.clip(coordinates, space.lower, space.upper)
+    at = coordinates[:, :2].mean(axis=0) + rng.uniform(-0.3, 0.3, 2)
     scene = Scene([Box((0.5, 0.5, 0.6), at=(*at, rng.uniform(0.1, 0.9)))])
-    rows = space.interpolate(chart[:1], chart[1:], np.linspace(0.0, 1.0, 60))
+    rows = space.interpolate(coordinates[:1], coordinates[1:], np.linspace(0.0, 1.0, 60))
     truth = min(link_distances(silvermate, scene, configuration(silvermate, row)).min() for row in rows)
-    value = strip_clearance(Strip.from_chart(silvermate, chart), scene)
+    value = strip_clearance(Strip.from_coordinates(silvermate, coordinates), scene)
     assert truth - 2e-3 <= value <= truth + 1e-6

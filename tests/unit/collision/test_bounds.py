@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, random_chart
+from brute_force import configuration, random_coordinates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -65,7 +65,7 @@ def bounds_of(robot: RobotModel, a: np.ndarray, v: np.ndarray) -> tuple[np.ndarr
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry", "rover"])
 def test_no_point_travels_further(name, request, seed, size, sparse):
     robot, rng = request.getfixturevalue(name), np.random.default_rng(seed)
-    a, other = random_chart(robot, rng, 2)
+    a, other = random_coordinates(robot, rng, 2)
     v = size * robot.space.difference(a, other)
     if sparse:  # single joints: nothing to hide behind
         v *= rng.random(robot.nv) < 0.3
@@ -83,7 +83,7 @@ def test_single_freedoms_are_bounded_closely(robot, rng):
     support = robot.tree.support[bodies.joint]
     loose = []
     for k in range(robot.nv):
-        a = random_chart(robot, rng, 1)[0]
+        a = random_coordinates(robot, rng, 1)[0]
         v = np.zeros(robot.nv)
         v[k] = 0.05
         a = np.clip(a, robot.space.lower, robot.space.upper - v)
@@ -108,9 +108,9 @@ def test_levers_that_grow_on_the_way(name, request):
     growth = 0.0
     for _ in range(60):
         inner, outer = np.sort(rng.choice(joints, 2, replace=False))
-        starts = random_chart(robot, rng, 12)
+        starts = random_coordinates(robot, rng, 12)
         v = np.zeros((12, robot.nv))
-        ends = random_chart(robot, rng, 12)
+        ends = random_coordinates(robot, rng, 12)
         moves = robot.space.difference(starts, ends)
         v[:, [inner, outer]] = moves[:, [inner, outer]]
         # the start from which the last link is nearest to the inner axis
@@ -147,7 +147,7 @@ def test_a_telescope_lengthens_the_lever_of_the_base():
 
 def test_the_base_counts_its_way_once(silvermate):
     """Driving straight moves every point by exactly the distance driven."""
-    a = silvermate.space.to_chart(silvermate.home())
+    a = silvermate.space.to_coordinates(silvermate.home())
     v = np.zeros(10)
     v[:2] = 0.3, 0.4
     travel, tight = bounds_of(silvermate, a, v)
@@ -163,7 +163,7 @@ def test_pair_distances_change_no_more_than_their_bound(name, request, seed, siz
     from brute_force import self_distances
 
     robot, rng = request.getfixturevalue(name), np.random.default_rng(seed)
-    a, other = random_chart(robot, rng, 2)
+    a, other = random_coordinates(robot, rng, 2)
     v = size * robot.space.difference(a, other)
     bodies = BodySet.links(robot)
     radius = MotionBounds(bodies).pair_radius(robot.self_pairs)
@@ -181,11 +181,11 @@ def test_base_motion_changes_no_pair(silvermate):
 def test_bodies_lie_in_their_capsules(robot, rng):
     """The capsules on which all bounds rest, in the world."""
     bodies, kin = BodySet.links(robot), Kinematics(robot.tree, 3)
-    chart = random_chart(robot, rng, 3)
-    kin.update(chart)
+    coordinates = random_coordinates(robot, rng, 3)
+    kin.update(coordinates)
     ends = bodies.capsule_ends(kin)
     data = robot.model.createData()
-    for n, row in enumerate(chart):
+    for n, row in enumerate(coordinates):
         pin.forwardKinematics(robot.model, data, configuration(robot, row))
         for g, points in enumerate(body_points(robot, rng)):
             T = data.oMi[robot.geometries[g].joint]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from brute_force import configuration, link_distances, make_obstacle, random_chart
+from brute_force import configuration, link_distances, make_obstacle, random_coordinates
 
 from elastic_strips.collision import BodySet, Forecast, ObstacleProximity
 from elastic_strips.errors import ParameterError
@@ -43,9 +43,9 @@ def test_distances_are_those_at_the_time_of_the_node(name, request, rng):
     for _ in range(3):
         scene = Scene([make_obstacle(s, rng, (-1.5, -1.5, 0.0), (1.5, 1.5, 1.5)) for s in SHAPES])
         moving = sorted(rng.choice(len(SHAPES), 4, replace=False).tolist())
-        chart = random_chart(robot, rng, 5)
+        coordinates = random_coordinates(robot, rng, 5)
         kin = Kinematics(robot.tree, 5)
-        kin.update(chart)
+        kin.update(coordinates)
         times = np.sort(rng.uniform(0.0, 2.0, 5))
         ahead = forecast(rng, moving).predict(times)
         proximity = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE)
@@ -53,7 +53,7 @@ def test_distances_are_those_at_the_time_of_the_node(name, request, rng):
         window = proximity.candidates
         contacts = proximity.contacts()
         for n in range(5):
-            d = truth(robot, scene, chart[n], ahead.shift[n], ahead.uncertainty[n], moving)[:, window.rows]
+            d = truth(robot, scene, coordinates[n], ahead.shift[n], ahead.uncertainty[n], moving)[:, window.rows]
             # of a block that is penetrated the deepest box counts, where the tree stops at the first
             solid = np.array([p.geometry is not None for p in window.parts])
             assert (proximity.bound[n] <= d + 1e-9)[:, solid].all()
@@ -78,9 +78,9 @@ def test_distances_are_those_at_the_time_of_the_node(name, request, rng):
 
 def test_a_forecast_that_is_dropped_leaves_no_trace(silvermate, rng):
     scene = Scene([make_obstacle(s, rng, (-1, -1, 0.0), (1, 1, 1.5)) for s in SHAPES])
-    chart = random_chart(silvermate, rng, 4)
+    coordinates = random_coordinates(silvermate, rng, 4)
     kin = Kinematics(silvermate.tree, 4)
-    kin.update(chart)
+    kin.update(coordinates)
     used, fresh = (ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE) for _ in range(2))
     for moving in ([0, 3], [1], [0, 1, 2, 5]):
         used.update(kin, scene, forecast(rng, moving).predict(np.linspace(0.0, 3.0, 4)))
@@ -100,7 +100,7 @@ def test_what_is_kept_from_tick_to_tick_never_exceeds_the_distance(name, request
     moving = [0, 2, 3, 5]
     expected = forecast(rng, moving, horizon=1.8)
     expected.velocity[1], expected.speed[1] = 0.0, 0.3  # it only grows
-    chart = random_chart(robot, rng, 6)
+    coordinates = random_coordinates(robot, rng, 6)
     kin = Kinematics(robot.tree, 6)
     used = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE)
     for tick in range(24):
@@ -108,21 +108,21 @@ def test_what_is_kept_from_tick_to_tick_never_exceeds_the_distance(name, request
         if tick % 4 == 3:  # a node goes, another one comes
             source = np.array([0, 1, 3, 4, -1, 5])
             used.remap(source)
-            chart = np.where((source < 0)[:, None], random_chart(robot, rng, 6), chart[source])
+            coordinates = np.where((source < 0)[:, None], random_coordinates(robot, rng, 6), coordinates[source])
         elif tick % 2:
-            chart = robot.space.integrate(chart, rng.uniform(-0.003, 0.003, chart.shape))
+            coordinates = robot.space.integrate(coordinates, rng.uniform(-0.003, 0.003, coordinates.shape))
         for k in moving[:3]:
             pose = scene.obstacles[k].pose.copy()
             pose[:3, 3] += rng.uniform(-0.01, 0.01, 3) * (tick % 2)
             a = rng.uniform(-0.01, 0.01) if tick % 2 else rng.uniform(-0.4, 0.4)
             pose[:2, :3] = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) @ pose[:2, :3]
             scene = scene.moved(scene.names[k], pose)
-        kin.update(chart)
+        kin.update(coordinates)
         ahead = expected.predict(times)
         used.update(kin, scene, ahead)
         window, found = used.candidates, used.contacts()
         for n in range(6):
-            d = truth(robot, scene, chart[n], ahead.shift[n], ahead.uncertainty[n], moving)[:, window.rows]
+            d = truth(robot, scene, coordinates[n], ahead.shift[n], ahead.uncertainty[n], moving)[:, window.rows]
             mine = found.node == n
             near = np.zeros(d.shape, dtype=bool)
             near[found.body[mine], found.part[mine]] = True
@@ -140,7 +140,7 @@ def test_what_moves_as_expected_is_not_asked_again(silvermate, rng):
     velocity = np.array([[0.4, -0.3, 0.0], [-0.2, 0.5, 0.0], [0.1, 0.1, 0.0]])
     expected = Forecast(np.array([0, 2, 4]), velocity, np.zeros(3), np.zeros(3), np.zeros(3))
     kin = Kinematics(silvermate.tree, 6)
-    kin.update(random_chart(silvermate, rng, 6))
+    kin.update(random_coordinates(silvermate, rng, 6))
     times = np.linspace(0.2, 2.0, 6)
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
     proximity.update(kin, scene, expected.predict(times))
@@ -162,7 +162,7 @@ def test_what_comes_from_far_away_is_in_the_window(silvermate):
     """An obstacle 20 m off that will be here in time."""
     scene = Scene([Sphere(0.2, at=(20.0, 0.0, 0.3))])
     kin = Kinematics(silvermate.tree, 2)
-    kin.update(np.repeat(silvermate.space.to_chart(silvermate.home())[None], 2, axis=0))
+    kin.update(np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], 2, axis=0))
     coming = Forecast(np.array([0]), np.array([[-10.0, 0.0, 0.0]]), np.zeros(1), np.zeros(1), np.zeros(1))
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
     proximity.update(kin, scene)
@@ -178,7 +178,7 @@ def test_what_comes_from_far_away_is_in_the_window(silvermate):
 def test_beyond_the_horizon_nothing_is_said(silvermate):
     scene = Scene([Sphere(0.2, at=(0.3, 0.0, 0.3)), Sphere(0.2, at=(-0.3, 0.0, 0.3))])
     kin = Kinematics(silvermate.tree, 3)
-    kin.update(np.repeat(silvermate.space.to_chart(silvermate.home())[None], 3, axis=0))
+    kin.update(np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], 3, axis=0))
     still = Forecast(np.array([0]), np.zeros((1, 3)), np.zeros(1), np.zeros(1), np.zeros(1), horizon=1.0)
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
     proximity.update(kin, scene, still.predict(np.array([0.0, 0.9, 1.1])))

@@ -67,8 +67,10 @@ def test_the_report_names_link_and_obstacle_and_its_distance(silvermate):
     assert broken.link.split("_link")[0] in {"palm", "arm_7", "arm_6", "arm_5"}
     fractions = np.linspace(0.0, 1.0, 4001)
     g = [p.name for p in silvermate.geometries].index(broken.link)
-    chart = silvermate.space.interpolate(strip.chart[:1], strip.chart[1:], fractions)
-    found = [link_distances(silvermate, scene, configuration(silvermate, row))[g, 0] for row in chart[1500:2500:10]]
+    coordinates = silvermate.space.interpolate(strip.coordinates[:1], strip.coordinates[1:], fractions)
+    found = [
+        link_distances(silvermate, scene, configuration(silvermate, row))[g, 0] for row in coordinates[1500:2500:10]
+    ]
     assert min(found) - 0.01 <= broken.clearance <= 0.005
 
 
@@ -90,7 +92,7 @@ def test_a_colliding_end_breaks_the_only_segment(silvermate, end):
 def test_self_collision_between_nodes_is_found(silvermate):
     """Two free postures whose straight joint-space way leads through the robot's own body."""
     rng, space = np.random.default_rng(2), silvermate.space
-    home, found = space.to_chart(silvermate.home_q), 0
+    home, found = space.to_coordinates(silvermate.home_q), 0
     pairs = {(silvermate.geometries[i].name, silvermate.geometries[k].name) for i, k in silvermate.self_pairs}
 
     def apart(row: np.ndarray) -> float:
@@ -104,7 +106,7 @@ def test_self_collision_between_nodes_is_found(silvermate):
         middle = space.interpolate(ends[:1], ends[1:], np.linspace(0.2, 0.8, 7))
         if min(apart(row) for row in middle) > -0.005:
             continue
-        certificate = certify(Strip.from_chart(silvermate, ends), Scene([]))
+        certificate = certify(Strip.from_coordinates(silvermate, ends), Scene([]))
         assert not certificate.certified
         broken = certificate.broken
         assert broken is not None
@@ -185,8 +187,10 @@ def test_nothing_is_proven_of_half_a_turn(rover, yaw, at):
     settled = Deformer(rover).settle(strip, Scene([]))  # which puts a node between
     assert settled.certified
     for a, b in pairwise(settled.strip.q):
-        ours = rover.space.interpolate(*rover.space.to_chart(np.stack((a, b)))[:, None], np.array([0.3]))
-        np.testing.assert_allclose(rover.space.from_chart(ours)[0], pin.interpolate(rover.model, a, b, 0.3), atol=1e-9)
+        ours = rover.space.interpolate(*rover.space.to_coordinates(np.stack((a, b)))[:, None], np.array([0.3]))
+        np.testing.assert_allclose(
+            rover.space.from_coordinates(ours)[0], pin.interpolate(rover.model, a, b, 0.3), atol=1e-9
+        )
 
 
 def test_nothing_is_proven_of_half_a_turn_of_a_joint():
@@ -223,9 +227,9 @@ def test_a_node_just_outside_the_clearance_is_not_called_colliding(silvermate):
     free = float(deformer.workspace.obstacles.clearance().min())
     scene = Scene([Box((0.2, 2.0, 0.3), at=(0.75 + 0.05 + 1e-4 - free, 0.0, 0.15), name="wall")])
     assert deformer.certify(strip, scene).certified
-    chart = strip.chart.copy()
-    chart[:, 1] += 2.5e-4  # along the wall
-    assert deformer.certify(Strip.from_chart(silvermate, chart), scene).certified
+    coordinates = strip.coordinates.copy()
+    coordinates[:, 1] += 2.5e-4  # along the wall
+    assert deformer.certify(Strip.from_coordinates(silvermate, coordinates), scene).certified
 
 
 def test_turning_and_backward_arcs_are_swept(silvermate):
@@ -290,8 +294,8 @@ def test_clearance_along_the_strip(silvermate):
     assert strip_clearance(strip, through) < -0.05
     assert strip_clearance(strip, Scene([])) == np.inf
     far = Scene([Sphere(0.5, at=(0.0, 20.0, 0.5))])
-    chart = strip.robot.space.interpolate(strip.chart[:1], strip.chart[1:], np.linspace(0, 1, 41))
-    truth = min(link_distances(silvermate, far, configuration(silvermate, row)).min() for row in chart)
+    coordinates = strip.robot.space.interpolate(strip.coordinates[:1], strip.coordinates[1:], np.linspace(0, 1, 41))
+    truth = min(link_distances(silvermate, far, configuration(silvermate, row)).min() for row in coordinates)
     assert strip_clearance(strip, far) == pytest.approx(truth, abs=1e-3)
 
 
@@ -300,17 +304,19 @@ def test_clearance_of_a_strip_far_from_everything(silvermate):
 
 
 def test_clearance_equals_dense_sampling(robot, rng):
-    from brute_force import make_scene, random_chart
+    from brute_force import make_scene, random_coordinates
 
     for _ in range(2):
         scene = make_scene(rng, 6)
-        chart = random_chart(robot, rng, 1)
+        coordinates = random_coordinates(robot, rng, 1)
         step = rng.normal(size=(2, robot.nv)) * 0.1
         for v in step:
-            chart = np.vstack((chart, robot.space.integrate(chart[-1], v)))
-        chart = np.clip(chart, robot.space.lower, robot.space.upper)
-        strip = Strip.from_chart(robot, chart)
-        rows = np.vstack([robot.space.interpolate(a[None], b[None], np.linspace(0, 1, 40)) for a, b in pairwise(chart)])
+            coordinates = np.vstack((coordinates, robot.space.integrate(coordinates[-1], v)))
+        coordinates = np.clip(coordinates, robot.space.lower, robot.space.upper)
+        strip = Strip.from_coordinates(robot, coordinates)
+        rows = np.vstack(
+            [robot.space.interpolate(a[None], b[None], np.linspace(0, 1, 40)) for a, b in pairwise(coordinates)]
+        )
         truth = min(link_distances(robot, scene, configuration(robot, row)).min() for row in rows)
         value = strip_clearance(strip, scene)
         assert value <= truth + 1e-6

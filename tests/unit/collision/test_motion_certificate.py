@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from brute_force import configuration, link_distances, make_obstacle, random_chart
+from brute_force import configuration, link_distances, make_obstacle, random_coordinates
 
 from elastic_strips.collision import (
     BodySet,
@@ -26,7 +26,7 @@ CLEARANCE = 0.02
 def motion(robot, rng: np.random.Generator, count: int = 30, swing: float = 0.6) -> np.ndarray:
     """Samples on the arc from one posture to another one near by."""
     space = robot.space
-    start = random_chart(robot, rng, 1)[0]
+    start = random_coordinates(robot, rng, 1)[0]
     v = rng.uniform(-swing, swing, space.nv)
     v[0], v[1] = rng.uniform(0.3, 1.2), 0.0
     end = np.clip(space.integrate(start[None], v[None])[0], space.lower, space.upper)
@@ -40,12 +40,12 @@ def forecast(rng: np.random.Generator, moving: list[int]) -> Forecast:
     return Forecast(np.array(moving), velocity, rng.uniform(0, 0.02, m), rng.uniform(0, 0.1, m), rng.uniform(0, 0.3, m))
 
 
-def at_every_sample(robot, chart, v, scene, ahead, clearance: float):
+def at_every_sample(robot, coordinates, v, scene, ahead, clearance: float):
     """The certificate of strips."""
     bodies = BodySet.links(robot)
     bounds = MotionBounds(bodies)
-    kin = Kinematics(robot.tree, len(chart))
-    kin.update(chart)
+    kin = Kinematics(robot.tree, len(coordinates))
+    kin.update(coordinates)
     obstacles = ObstacleProximity(bodies, influence=clearance + 0.1)
     obstacles.update(kin, scene, ahead)
     pairs = SelfProximity(bodies, robot.self_pairs, bounds, influence=0.02)
@@ -61,15 +61,15 @@ def test_the_verdict_is_that_of_all_samples_and_asks_less(name, request, rng):
     certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)
     verdicts, asked = {True: 0, False: 0}, [0, 0]
     for k in range(60):
-        chart = motion(robot, rng, swing=0.3 if k % 2 else 0.0)
-        low, high = chart[:, :2].min(axis=0) - 1.2, chart[:, :2].max(axis=0) + 1.2
+        coordinates = motion(robot, rng, swing=0.3 if k % 2 else 0.0)
+        low, high = coordinates[:, :2].min(axis=0) - 1.2, coordinates[:, :2].max(axis=0) + 1.2
         scene = Scene([make_obstacle(s, rng, (*low, 0.0), (*high, 1.5)) for s in rng.choice(SHAPES, 3)])
-        times = np.linspace(0.0, 1.0, len(chart))
+        times = np.linspace(0.0, 1.0, len(coordinates))
         ahead = forecast(rng, sorted(rng.choice(3, int(rng.integers(0, 3)), replace=False).tolist())).predict(times)
-        v = robot.space.difference(chart[:-1], chart[1:])
+        v = robot.space.difference(coordinates[:-1], coordinates[1:])
         before = certifier.queries
-        mine = certifier.certify(chart, v, scene, ahead, clearance=CLEARANCE, self_clearance=1e-3)
-        theirs, obstacles, pairs = at_every_sample(robot, chart, v, scene, ahead, CLEARANCE)
+        mine = certifier.certify(coordinates, v, scene, ahead, clearance=CLEARANCE, self_clearance=1e-3)
+        theirs, obstacles, pairs = at_every_sample(robot, coordinates, v, scene, ahead, CLEARANCE)
         assert mine.certified == theirs.certified
         assert mine.segments.all() == (mine.broken is None)
         if mine.broken is not None:
@@ -90,22 +90,22 @@ def test_certified_is_free_at_all_times(silvermate, rng):
     certifier = MotionCertifier(bodies, MotionBounds(bodies), silvermate.self_pairs)
     certified, nearest = 0, np.inf
     for _ in range(40):
-        chart = motion(silvermate, rng, 12, swing=0.2)
-        where = chart[int(rng.integers(12)), :2] + rng.uniform(-0.8, 0.8, 2)
+        coordinates = motion(silvermate, rng, 12, swing=0.2)
+        where = coordinates[int(rng.integers(12)), :2] + rng.uniform(-0.8, 0.8, 2)
         scene = Scene([Sphere(0.15, at=(*where, rng.uniform(0.1, 1.2)))])
         velocity = np.array([[*rng.uniform(-0.6, 0.6, 2), 0.0]])
         expected = Forecast(np.array([0]), velocity, np.zeros(1), np.array([0.05]), np.zeros(1))
-        v = silvermate.space.difference(chart[:-1], chart[1:])
+        v = silvermate.space.difference(coordinates[:-1], coordinates[1:])
         times = np.linspace(0.0, 1.0, 12)
         certificate = certifier.certify(
-            chart, v, scene, expected.predict(times), clearance=CLEARANCE, self_clearance=1e-3
+            coordinates, v, scene, expected.predict(times), clearance=CLEARANCE, self_clearance=1e-3
         )
         if not certificate.certified:
             continue
         certified += 1
         for f in np.linspace(0.0, 11.0, 89):
             s = min(int(f), 10)
-            row = silvermate.space.integrate(chart[s : s + 1], (f - s) * v[s : s + 1])[0]
+            row = silvermate.space.integrate(coordinates[s : s + 1], (f - s) * v[s : s + 1])[0]
             t = f / 11.0
             pose = scene.obstacles[0].pose.copy()
             pose[:3, 3] += velocity[0] * t
@@ -120,15 +120,15 @@ def test_what_lies_between_two_samples_is_found(silvermate):
     """A thin post that a single long step of a turning base sweeps over; both samples are far from it."""
     bodies = BodySet.links(silvermate)
     certifier = MotionCertifier(bodies, MotionBounds(bodies), silvermate.self_pairs)
-    chart = np.stack([silvermate.space.to_chart(silvermate.home(x=x)) for x in (0.0, 2.0)])
-    v = silvermate.space.difference(chart[:1], chart[1:])
+    coordinates = np.stack([silvermate.space.to_coordinates(silvermate.home(x=x)) for x in (0.0, 2.0)])
+    v = silvermate.space.difference(coordinates[:1], coordinates[1:])
     ahead = forecast(np.random.default_rng(0), []).predict(np.zeros(2))
     post = Box((0.02, 0.02, 1.0), at=(1.0, 0.0, 0.5), name="post")
-    hit = certifier.certify(chart, v, Scene([post]), ahead, clearance=CLEARANCE, self_clearance=1e-3)
+    hit = certifier.certify(coordinates, v, Scene([post]), ahead, clearance=CLEARANCE, self_clearance=1e-3)
     assert not hit.certified
     assert hit.broken.obstacle == "post"
     aside = Box((0.02, 0.02, 1.0), at=(1.0, 0.9, 0.5), name="post")
-    assert certifier.certify(chart, v, Scene([aside]), ahead, clearance=CLEARANCE, self_clearance=1e-3).certified
+    assert certifier.certify(coordinates, v, Scene([aside]), ahead, clearance=CLEARANCE, self_clearance=1e-3).certified
 
 
 def test_links_that_meet_between_samples_are_found(silvermate, rng):
@@ -138,12 +138,12 @@ def test_links_that_meet_between_samples_are_found(silvermate, rng):
     nothing = Scene([])
     ahead = forecast(rng, []).predict(np.zeros(4))
     for _ in range(60):
-        ends = random_chart(silvermate, rng, 2)
+        ends = random_coordinates(silvermate, rng, 2)
         v = silvermate.space.difference(ends[:1], ends[1:])
-        chart = silvermate.space.integrate(np.repeat(ends[:1], 4, axis=0), np.linspace(0, 1, 4)[:, None] * v)
-        steps = silvermate.space.difference(chart[:-1], chart[1:])
-        mine = certifier.certify(chart, steps, nothing, ahead, clearance=CLEARANCE, self_clearance=1e-3)
-        assert mine.certified == at_every_sample(silvermate, chart, steps, nothing, ahead, CLEARANCE)[0].certified
+        coordinates = silvermate.space.integrate(np.repeat(ends[:1], 4, axis=0), np.linspace(0, 1, 4)[:, None] * v)
+        steps = silvermate.space.difference(coordinates[:-1], coordinates[1:])
+        mine = certifier.certify(coordinates, steps, nothing, ahead, clearance=CLEARANCE, self_clearance=1e-3)
+        assert mine.certified == at_every_sample(silvermate, coordinates, steps, nothing, ahead, CLEARANCE)[0].certified
         verdicts[mine.certified] += 1
         assert mine.broken is None or mine.broken.kind == "self"
     assert min(verdicts.values()) >= 5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pytest
-from brute_force import SHAPES, configuration, distance, link_poses, make_scene, outside, random_chart, transform
+from brute_force import SHAPES, configuration, distance, link_poses, make_scene, outside, random_coordinates, transform
 from scipy.optimize import minimize
 
 from elastic_strips.collision import BodySet, ObstacleProximity
@@ -60,15 +60,15 @@ def test_direction_is_the_gradient_and_witnesses_lie_on_both_shapes(name, reques
     seen: dict[tuple[str, bool], int] = {}
     for _ in range(12):
         scene = make_scene(rng, 18)
-        chart = random_chart(robot, rng, 6)
+        coordinates = random_coordinates(robot, rng, 6)
         kin = Kinematics(robot.tree, 6)
-        kin.update(chart)
+        kin.update(coordinates)
         proximity = ObstacleProximity(BodySet.links(robot), influence=0.25)
         proximity.update(kin, scene)
         c = proximity.contacts()
         for k in rng.permutation(len(c))[:60].tolist():
             link = robot.geometries[c.body[k]].geometry
-            T = link_poses(robot, configuration(robot, chart[c.node[k]]))[c.body[k]]
+            T = link_poses(robot, configuration(robot, coordinates[c.node[k]]))[c.body[k]]
             row = int(proximity.candidates.rows[c.part[k]])
             others = part_shapes(scene, row)
             inside = c.distance[k] < 0
@@ -90,9 +90,9 @@ def test_direction_is_the_gradient_and_witnesses_lie_on_both_shapes(name, reques
 
 def test_signs_where_they_are_known(silvermate):
     """A sphere in front of the robot: the way out is backwards, whether it touches or not."""
-    chart = silvermate.space.to_chart(silvermate.home())[None]
+    coordinates = silvermate.space.to_coordinates(silvermate.home())[None]
     kin = Kinematics(silvermate.tree, 1)
-    kin.update(chart)
+    kin.update(coordinates)
     for x, inside in ((0.55, False), (0.45, False), (0.32, True), (0.25, True)):
         proximity = ObstacleProximity(BodySet.links(silvermate), influence=0.4)
         proximity.update(kin, Scene([Sphere(0.1, at=(x, 0.0, 0.15))]))
@@ -105,9 +105,9 @@ def test_signs_where_they_are_known(silvermate):
 def test_the_same_query_twice_gives_the_same_answer(silvermate, rng):
     """Result objects are reused: nothing of the last pair may stay in them."""
     scene = Scene([Box((0.3, 0.3, 0.3), at=(0.6, 0.1, 0.5)), Cylinder(0.1, 0.5, at=(-0.5, 0.3, 0.5))])
-    chart = random_chart(silvermate, rng, 4)
+    coordinates = random_coordinates(silvermate, rng, 4)
     kin = Kinematics(silvermate.tree, 4)
-    kin.update(chart)
+    kin.update(coordinates)
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=5.0)
     proximity.update(kin, scene)
     first = proximity.contacts()
@@ -195,7 +195,7 @@ def test_control_points_inside_a_cylinder(silvermate):
     """The way out of a flat drum is through its lid, not through its side."""
     drum = Scene([Cylinder(1.0, 0.2, at=(0.0, 0.0, 0.05))])
     kin = Kinematics(silvermate.tree, 1)
-    kin.update(silvermate.space.to_chart(silvermate.home())[None])
+    kin.update(silvermate.space.to_coordinates(silvermate.home())[None])
     proximity = ObstacleProximity(BodySet.control_points(silvermate), influence=1.0)
     proximity.update(kin, drum)
     c = proximity.contacts()

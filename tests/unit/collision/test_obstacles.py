@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import SHAPES, configuration, link_distances, make_scene, random_chart, random_pose, scene_pieces
+from brute_force import SHAPES, configuration, link_distances, make_scene, random_coordinates, random_pose, scene_pieces
 
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.collision.narrowphase import GJK_EXCESS
@@ -20,18 +20,20 @@ GJK_NOISE = 3e-6
 class Bench:
     """A robot's proximity next to brute force, through a history of strips and scenes."""
 
-    def __init__(self, robot: RobotModel, scene: Scene, chart: np.ndarray, **options: float) -> None:
-        self.robot, self.scene, self.chart = robot, scene, chart
+    def __init__(self, robot: RobotModel, scene: Scene, coordinates: np.ndarray, **options: float) -> None:
+        self.robot, self.scene, self.coordinates = robot, scene, coordinates
         self.kin = Kinematics(robot.tree, 4)
         self.proximity = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE, **options)
 
     def update(self) -> None:
-        self.kin.update(self.chart)
+        self.kin.update(self.coordinates)
         self.proximity.update(self.kin, self.scene)
 
     def truth(self) -> np.ndarray:
         """Distances (N, G, P) to all parts of the scene."""
-        return np.array([link_distances(self.robot, self.scene, configuration(self.robot, row)) for row in self.chart])
+        return np.array(
+            [link_distances(self.robot, self.scene, configuration(self.robot, row)) for row in self.coordinates]
+        )
 
     def check(self, *, tolerance: float = GJK_NOISE) -> int:
         """Compare bounds, exact distances, contacts and clearance with brute force; returns the number of contacts."""
@@ -68,7 +70,7 @@ class Bench:
 
 
 def start(robot: RobotModel, rng: np.random.Generator, *, nodes: int = 5, count: int = 18, **options: float) -> Bench:
-    bench = Bench(robot, make_scene(rng, count), random_chart(robot, rng, nodes), **options)
+    bench = Bench(robot, make_scene(rng, count), random_coordinates(robot, rng, nodes), **options)
     bench.update()
     return bench
 
@@ -103,29 +105,29 @@ def test_bounds_hold_through_any_history(name, request):
     rebuilt, windows = 0, bench.proximity.candidates
     for turn in range(24):
         kind = turn % 6
-        n = len(bench.chart)
-        step = rng.normal(size=bench.chart.shape) * 10.0 ** rng.uniform(-6, -2.5)
+        n = len(bench.coordinates)
+        step = rng.normal(size=bench.coordinates.shape) * 10.0 ** rng.uniform(-6, -2.5)
         if kind in (0, 1):  # all nodes, a little
-            bench.chart = robot.space.integrate(bench.chart, step)
+            bench.coordinates = robot.space.integrate(bench.coordinates, step)
         elif kind == 2:  # one node
-            bench.chart = bench.chart.copy()
-            bench.chart[rng.integers(n)] = robot.space.integrate(bench.chart, 30 * step)[0]
+            bench.coordinates = bench.coordinates.copy()
+            bench.coordinates[rng.integers(n)] = robot.space.integrate(bench.coordinates, 30 * step)[0]
         elif kind == 3:  # obstacles move, one from far away
             for name_ in rng.choice(bench.scene.names, 2, replace=False):
                 at, quat = random_pose(rng, (-1.5, -1.5, 0.0), (1.5, 1.5, 1.5))
                 pose = pin.XYZQUATToSE3(np.r_[at, quat]).homogeneous
                 bench.scene = bench.scene.moved(str(name_), pose)
         elif kind == 4:  # a node comes in, another goes
-            new = robot.space.interpolate(bench.chart[1], bench.chart[2], 0.5)
+            new = robot.space.interpolate(bench.coordinates[1], bench.coordinates[2], 0.5)
             keep = [i for i in range(n) if i != 3]
-            rows = [bench.chart[i] for i in keep]
+            rows = [bench.coordinates[i] for i in keep]
             rows.insert(2, new)
             source = [*keep[:2], -1, *keep[2:]]
             bench.proximity.remap(np.array(source))
-            bench.chart = np.array(rows)
+            bench.coordinates = np.array(rows)
         else:  # far away: the window is collected anew
             side = 2.0 * (turn % 4)
-            bench.chart = random_chart(robot, rng, n, low=(-1.0 - side, -1.0), high=(1.0 - side, 1.0))
+            bench.coordinates = random_coordinates(robot, rng, n, low=(-1.0 - side, -1.0), high=(1.0 - side, 1.0))
         bench.update()
         rebuilt += bench.proximity.candidates is not windows
         windows = bench.proximity.candidates
@@ -139,20 +141,20 @@ def test_bounds_of_exact_pairs_survive_large_moves(name, request):
     robot, rng = request.getfixturevalue(name), np.random.default_rng(3)
     for _ in range(6):
         scene = make_scene(rng, 12, shapes=SHAPES[:6])
-        chart = random_chart(robot, rng, 6)
+        coordinates = random_coordinates(robot, rng, 6)
         kin = Kinematics(robot.tree, 6)
         proximity = ObstacleProximity(BodySet.links(robot), influence=1e-6, slack=5.0)
-        kin.update(chart)
+        kin.update(coordinates)
         proximity.update(kin, scene)
         everything = [a.ravel() for a in np.indices(proximity.bound.shape)]
         proximity.refine_at(kin, *everything, np.full(len(everything[0]), 1e3))
-        step = rng.normal(size=chart.shape) * rng.uniform(0.01, 0.3)
+        step = rng.normal(size=coordinates.shape) * rng.uniform(0.01, 0.3)
         step[:, : robot.space.base_nv] *= rng.random((6, robot.space.base_nv)) < 0.3
-        chart = np.clip(robot.space.integrate(chart, step), robot.space.lower, robot.space.upper)
-        kin.update(chart)
+        coordinates = np.clip(robot.space.integrate(coordinates, step), robot.space.lower, robot.space.upper)
+        kin.update(coordinates)
         asked = proximity.narrow.queries
         proximity.update(kin, scene)
-        truth = np.array([link_distances(robot, scene, configuration(robot, row)) for row in chart])
+        truth = np.array([link_distances(robot, scene, configuration(robot, row)) for row in coordinates])
         assert (proximity.bound <= truth[:, :, proximity.candidates.rows] + GJK_NOISE).all()
         assert proximity.narrow.queries - asked < 0.7 * len(everything[0])
 
@@ -171,7 +173,7 @@ def test_scenes_come_and_go(silvermate, rng):
 
 def test_an_obstacle_that_comes_in_from_far_away_is_seen(silvermate):
     scene = Scene([Box((0.2, 0.2, 0.2), at=(50, 0, 0.5), name="comet"), Box((0.2, 0.2, 0.2), at=(1, 0, 0.5))])
-    bench = Bench(silvermate, scene, silvermate.space.to_chart(silvermate.home())[None])
+    bench = Bench(silvermate, scene, silvermate.space.to_coordinates(silvermate.home())[None])
     bench.update()
     assert len(bench.proximity.candidates) == 1
     pose = np.eye(4)
@@ -204,10 +206,10 @@ def corridor(count: int) -> Scene:
 
 def test_hardly_any_pair_is_asked(silvermate):
     """The proof that the culling works: queries against the number of node–link–part triples."""
-    home = silvermate.space.to_chart(silvermate.home())
-    chart = np.tile(home, (60, 1))
-    chart[:, 0] = np.linspace(0.0, 8.0, 60)
-    bench = Bench(silvermate, corridor(120), chart)
+    home = silvermate.space.to_coordinates(silvermate.home())
+    coordinates = np.tile(home, (60, 1))
+    coordinates[:, 0] = np.linspace(0.0, 8.0, 60)
+    bench = Bench(silvermate, corridor(120), coordinates)
     bench.update()
     pairs = 60 * len(silvermate.geometries) * 120
     first = bench.proximity.narrow.queries
@@ -215,8 +217,8 @@ def test_hardly_any_pair_is_asked(silvermate):
     assert contacts > 100
     assert first < 0.03 * pairs, (first, pairs)
     assert first < 8 * contacts, (first, contacts)
-    bench.chart = chart.copy()
-    bench.chart[30, 1] += 0.01  # one node moves: only its pairs are asked again
+    bench.coordinates = coordinates.copy()
+    bench.coordinates[30, 1] += 0.01  # one node moves: only its pairs are asked again
     bench.update()
     second = bench.proximity.narrow.queries - first
     assert 0 < second < 4 * first / 60, (second, first)
@@ -224,10 +226,10 @@ def test_hardly_any_pair_is_asked(silvermate):
 
 
 def test_a_moved_obstacle_is_asked_alone(silvermate):
-    chart = np.tile(silvermate.space.to_chart(silvermate.home()), (20, 1))
-    chart[:, 0] = np.linspace(0.0, 2.0, 20)
+    coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home()), (20, 1))
+    coordinates[:, 0] = np.linspace(0.0, 2.0, 20)
     scene = corridor(60).with_obstacle(Sphere(0.1, at=(1.0, 0.6, 0.3), name="ball"))
-    bench = Bench(silvermate, scene, chart)
+    bench = Bench(silvermate, scene, coordinates)
     bench.update()
     asked = bench.proximity.narrow.queries
     pose = np.eye(4)
@@ -241,7 +243,7 @@ def test_a_moved_obstacle_is_asked_alone(silvermate):
 def test_blocks_of_boxes_give_the_nearest_box(silvermate, rng):
     cells = np.unique(rng.integers(0, 25, (1500, 3)), axis=0) * 0.05
     scene = Scene([Voxels(cells, 0.05, at=(0.45, -0.6, 0.1), quat=(0, 0, 0.6, 0.8))])
-    bench = Bench(silvermate, scene, random_chart(silvermate, rng, 6, low=(-0.6, -0.6), high=(0.3, 0.3)))
+    bench = Bench(silvermate, scene, random_coordinates(silvermate, rng, 6, low=(-0.6, -0.6), high=(0.3, 0.3)))
     bench.update()
     assert len(scene_pieces(scene)) > 300
     assert bench.check() > 50
@@ -256,7 +258,7 @@ def test_blocks_give_the_deepest_box():
     cells = np.array([[x, y, z] for x in range(8) for y in range(8) for z in range(3)]) * 0.05
     cells = cells[(cells.sum(axis=1) * 100).astype(int) % 2 == 0]
     scene = Scene([Voxels(cells, 0.05, at=(-0.2, -0.2, 0.1))])
-    bench = Bench(robot, scene, robot.space.to_chart(robot.home())[None])
+    bench = Bench(robot, scene, robot.space.to_coordinates(robot.home())[None])
     bench.update()
     truth, found = bench.truth()[0], bench.proximity.exact[0]
     deep = truth[:, bench.proximity.candidates.rows] < -0.01
@@ -267,15 +269,15 @@ def test_blocks_give_the_deepest_box():
 
 def test_control_points_are_measured_as_points(silvermate, rng):
     scene = Scene([Sphere(0.3, at=(0.9, 0.1, 0.9)), Box((0.4, 0.4, 1.0), at=(-0.8, 0.0, 0.5))])
-    chart = random_chart(silvermate, rng, 8)
+    coordinates = random_coordinates(silvermate, rng, 8)
     kin = Kinematics(silvermate.tree, 8)
-    kin.update(chart)
+    kin.update(coordinates)
     proximity = ObstacleProximity(BodySet.control_points(silvermate), influence=1.5, slack=1.0)
     proximity.update(kin, scene)
     contacts = proximity.contacts()
     assert len(contacts) > 50
     for n, g, p, d in zip(contacts.node, contacts.body, contacts.part, contacts.distance, strict=True):
-        point = silvermate.control_points(configuration(silvermate, chart[n]))[g]
+        point = silvermate.control_points(configuration(silvermate, coordinates[n]))[g]
         if proximity.obstacle_name(int(p)).startswith("sphere"):
             expected = np.linalg.norm(point - [0.9, 0.1, 0.9]) - 0.3
         else:
@@ -286,9 +288,9 @@ def test_control_points_are_measured_as_points(silvermate, rng):
 
 def test_many_scenes_do_not_mix_up_their_blocks(silvermate):
     """Parts are told apart by identity; what is forgotten must be forgotten everywhere."""
-    chart = silvermate.space.to_chart(silvermate.home())[None]
+    coordinates = silvermate.space.to_coordinates(silvermate.home())[None]
     kin = Kinematics(silvermate.tree, 1)
-    kin.update(chart)
+    kin.update(coordinates)
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
     rng = np.random.default_rng(3)
     for turn in range(60):
@@ -305,7 +307,7 @@ def test_many_scenes_do_not_mix_up_their_blocks(silvermate):
 def test_old_scenes_are_not_kept_for_ever(silvermate):
     """A sensor makes new blocks every tick: the workspace must not grow without end."""
     kin = Kinematics(silvermate.tree, 1)
-    kin.update(silvermate.space.to_chart(silvermate.home())[None])
+    kin.update(silvermate.space.to_coordinates(silvermate.home())[None])
     proximity = ObstacleProximity(BodySet.links(silvermate), influence=INFLUENCE)
     for turn in range(1500):
         proximity.update(kin, Scene([Voxels(np.zeros((1, 3)), 0.1, at=(0.5 + 1e-5 * turn, 0.0, 0.5))]))

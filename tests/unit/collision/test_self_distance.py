@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from brute_force import configuration, distance, link_poses, random_chart, self_distances
+from brute_force import configuration, distance, link_poses, random_coordinates, self_distances
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -39,8 +39,8 @@ def make(robot: RobotModel, **options: float) -> SelfProximity:
     return SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=INFLUENCE, **options)
 
 
-def check(robot: RobotModel, proximity: SelfProximity, chart: np.ndarray, tolerance: float = 1e-6) -> int:
-    truth = np.array([self_distances(robot, configuration(robot, row)) for row in chart])
+def check(robot: RobotModel, proximity: SelfProximity, coordinates: np.ndarray, tolerance: float = 1e-6) -> int:
+    truth = np.array([self_distances(robot, configuration(robot, row)) for row in coordinates])
     assert (proximity.bound <= truth + 1e-9).all()
     contacts = proximity.contacts()
     found = np.zeros(truth.shape, dtype=bool)
@@ -55,45 +55,45 @@ def test_equals_brute_force(robot, rng):
     proximity, kin = make(robot), Kinematics(robot.tree, 8)
     total = 0
     for _ in range(4):
-        chart = random_chart(robot, rng, 25)
-        kin.update(chart)
+        coordinates = random_coordinates(robot, rng, 25)
+        kin.update(coordinates)
         before = proximity.queries
         proximity.update(kin)
-        assert proximity.queries - before < 0.6 * truth_size(robot, chart)
-        total += check(robot, proximity, chart)
+        assert proximity.queries - before < 0.6 * truth_size(robot, coordinates)
+        total += check(robot, proximity, coordinates)
     assert total > 20
 
 
-def truth_size(robot: RobotModel, chart: np.ndarray) -> int:
-    return len(chart) * len(robot.self_pairs)
+def truth_size(robot: RobotModel, coordinates: np.ndarray) -> int:
+    return len(coordinates) * len(robot.self_pairs)
 
 
 def test_bounds_hold_through_any_history(robot, rng):
     proximity, kin = make(robot), Kinematics(robot.tree, 8)
-    chart = random_chart(robot, rng, 10)
+    coordinates = random_coordinates(robot, rng, 10)
     for turn in range(20):
         if turn % 4 == 3:
             source = np.array([0, 1, 2, -1, 4, 5, 6, 7, 9])
-            new = robot.space.interpolate(chart[2], chart[4], 0.5)
-            chart = np.array([new if i < 0 else chart[i] for i in source])
-            chart = np.vstack((chart, random_chart(robot, rng, 1)))
+            new = robot.space.interpolate(coordinates[2], coordinates[4], 0.5)
+            coordinates = np.array([new if i < 0 else coordinates[i] for i in source])
+            coordinates = np.vstack((coordinates, random_coordinates(robot, rng, 1)))
             proximity.remap(np.r_[source, -1])
         else:
-            step = rng.normal(size=chart.shape) * 10.0 ** rng.uniform(-6, -1.5)
-            chart = np.clip(robot.space.integrate(chart, step), robot.space.lower, robot.space.upper)
-        kin.update(chart)
+            step = rng.normal(size=coordinates.shape) * 10.0 ** rng.uniform(-6, -1.5)
+            coordinates = np.clip(robot.space.integrate(coordinates, step), robot.space.lower, robot.space.upper)
+        kin.update(coordinates)
         proximity.update(kin)
-        check(robot, proximity, chart, tolerance=proximity.tolerance + 1e-6)
+        check(robot, proximity, coordinates, tolerance=proximity.tolerance + 1e-6)
 
 
 def test_what_did_not_move_is_not_asked(silvermate, rng):
     proximity, kin = make(silvermate), Kinematics(silvermate.tree, 8)
-    chart = random_chart(silvermate, rng, 30)
-    kin.update(chart)
+    coordinates = random_coordinates(silvermate, rng, 30)
+    kin.update(coordinates)
     proximity.update(kin)
     before, bound = proximity.queries, proximity.bound.copy()
-    chart[:, :3] += rng.normal(size=(30, 3))  # the base moves all links alike
-    kin.update(chart)
+    coordinates[:, :3] += rng.normal(size=(30, 3))  # the base moves all links alike
+    kin.update(coordinates)
     proximity.update(kin)
     assert proximity.queries == before
     np.testing.assert_array_equal(proximity.bound, bound)
@@ -107,10 +107,10 @@ def test_witnesses_follow_the_base(name, request, rng):
     """The base moves all links alike: distances stay, but witness points and directions move in the world."""
     robot = request.getfixturevalue(name)
     proximity, kin = make(robot), Kinematics(robot.tree, 8)
-    chart = random_chart(robot, rng, 60)
-    kin.update(chart)
+    coordinates = random_coordinates(robot, rng, 60)
+    kin.update(coordinates)
     proximity.update(kin)
-    moved = chart.copy()
+    moved = coordinates.copy()
     moved[:, :3] += rng.normal(size=(60, 3))
     kin.update(moved)
     proximity.update(kin)
@@ -132,10 +132,10 @@ def test_repulsion_distances_limit_the_contacts(silvermate, rng):
     proximity = SelfProximity(
         bodies, silvermate.self_pairs, MotionBounds(bodies), influence=INFLUENCE, repulsion=repulsion
     )
-    chart, kin = random_chart(silvermate, rng, 60), Kinematics(silvermate.tree, 60)
-    kin.update(chart)
+    coordinates, kin = random_coordinates(silvermate, rng, 60), Kinematics(silvermate.tree, 60)
+    kin.update(coordinates)
     proximity.update(kin)
-    truth = np.array([self_distances(silvermate, configuration(silvermate, row)) for row in chart])
+    truth = np.array([self_distances(silvermate, configuration(silvermate, row)) for row in coordinates])
     contacts = proximity.contacts()
     wanted = truth < np.minimum(repulsion, INFLUENCE)
     assert len(contacts) == wanted.sum() > 10
@@ -144,14 +144,14 @@ def test_repulsion_distances_limit_the_contacts(silvermate, rng):
 
 def test_direction_moves_the_first_body_away(robot, rng):
     proximity, kin, step = make(robot), Kinematics(robot.tree, 8), 1e-4
-    chart = random_chart(robot, rng, 80)
-    kin.update(chart)
+    coordinates = random_coordinates(robot, rng, 80)
+    kin.update(coordinates)
     proximity.update(kin)
     contacts, links = proximity.contacts(), robot.geometries
     checked = {True: 0, False: 0}
     for k in rng.permutation(len(contacts))[:80]:
         i, j = robot.self_pairs[contacts.pair[k]]
-        poses = link_poses(robot, configuration(robot, chart[contacts.node[k]]))
+        poses = link_poses(robot, configuration(robot, coordinates[contacts.node[k]]))
         slope, kink, here = np.zeros(3), 0.0, contacts.distance[k]
         for axis in range(3):
             ahead, back = poses[i].copy(), poses[i].copy()
@@ -172,11 +172,11 @@ def test_direction_moves_the_first_body_away(robot, rng):
 
 def test_query_gives_the_same_for_any_nodes(tiago, rng):
     proximity, kin = make(tiago), Kinematics(tiago.tree, 4)
-    chart = random_chart(tiago, rng, 4)
-    kin.update(chart, jacobians=False)
+    coordinates = random_coordinates(tiago, rng, 4)
+    kin.update(coordinates, jacobians=False)
     node, pair = (a.ravel() for a in np.indices((4, len(tiago.self_pairs))))
     found = proximity.query(kin, node, pair)[0]
-    truth = np.concatenate([self_distances(tiago, configuration(tiago, row)) for row in chart])
+    truth = np.concatenate([self_distances(tiago, configuration(tiago, row)) for row in coordinates])
     np.testing.assert_allclose(found, truth, atol=1e-6)
     assert np.abs(found - truth).max() <= GJK_EXCESS
 
@@ -185,7 +185,7 @@ def test_query_gives_the_same_for_any_nodes(tiago, rng):
 def test_most_pairs_are_decided_by_their_capsules(name, request, rng):
     robot = request.getfixturevalue(name)
     proximity, kin = make(robot), Kinematics(robot.tree, 4)
-    chart = random_chart(robot, rng, 100)
-    kin.update(chart)
+    coordinates = random_coordinates(robot, rng, 100)
+    kin.update(coordinates)
     proximity.update(kin)
-    assert 0 < proximity.queries < 0.35 * truth_size(robot, chart)
+    assert 0 < proximity.queries < 0.35 * truth_size(robot, coordinates)

@@ -18,7 +18,7 @@ def closest(strip: Strip, segment: int, scene: Scene, forecast: Forecast, times:
     robot, nearest = strip.robot, np.inf
     for f in np.linspace(0.0, 1.0, samples):
         t = (1.0 - f) * times[segment] + f * times[segment + 1]
-        row = robot.space.interpolate(strip.chart[segment], strip.chart[segment + 1], f)
+        row = robot.space.interpolate(strip.coordinates[segment], strip.coordinates[segment + 1], f)
         there = scene
         for m, k in enumerate(forecast.obstacles):
             pose = scene.obstacles[k].pose.copy()
@@ -48,7 +48,7 @@ def test_certified_among_moving_obstacles(name, request, rng):
         )
         times = np.cumsum(np.append(0.0, rng.uniform(0.1, 0.6, 4)))
         ahead = forecast.predict(times)
-        report = deformer.assess(strip, scene, prediction=lambda chart, ahead=ahead: ahead)
+        report = deformer.assess(strip, scene, prediction=lambda coordinates, ahead=ahead: ahead)
         for j, good in enumerate(report.certificate.segments):
             d = closest(strip, j, scene, forecast, times, 41)
             if good:
@@ -71,11 +71,11 @@ def test_what_begins_before_the_snapshot_meets_obstacles_where_they_were(silverm
     times = np.linspace(-1.5, 0.5, 9)
     sensed = np.array([0.5 * (times[3] + times[4]), 0.0])  # where and when it crossed the robot's path
     velocity = np.array([[0.0, 0.9, 0.0]])
-    at = (strip.chart[3, 0], -velocity[0, 1] * sensed[0], 0.4)
+    at = (strip.coordinates[3, 0], -velocity[0, 1] * sensed[0], 0.4)
     scene = Scene([Cylinder(0.1, 0.8, at=at, name="walker")])
     known = Forecast(np.array([0]), velocity, np.zeros(1), np.zeros(1), np.zeros(1))
     deformer = Deformer(silvermate, DeformParams(clearance=0.01))
-    report = deformer.assess(strip, scene, prediction=lambda chart: known.predict(times))
+    report = deformer.assess(strip, scene, prediction=lambda coordinates: known.predict(times))
     distances = [closest(strip, j, scene, known, times, 41) for j in range(len(strip) - 1)]
     assert min(distances) < 0.0 < max(distances)
     for good, d in zip(report.certificate.segments, distances, strict=True):
@@ -95,12 +95,12 @@ def test_a_crossing_obstacle_is_passed_behind(silvermate):
 
     scene = Scene([Cylinder(0.3, 1.6, at=(2.0, 0.2, 0.8), name="walker")])
     leaving = Forecast(np.array([0]), np.array([[0.0, 0.8, 0.0]]), np.zeros(1), np.zeros(1), np.zeros(1))
-    strip = Strip.from_chart(
+    strip = Strip.from_coordinates(
         silvermate, straight_line(silvermate, silvermate.home(), silvermate.home(x=4.0), spacing=0.13)
     )
 
-    def prediction(chart):
-        v = silvermate.space.difference(chart[:-1], chart[1:])
+    def prediction(coordinates):
+        v = silvermate.space.difference(coordinates[:-1], coordinates[1:])
         return leaving.predict(np.append(0.0, np.cumsum(np.hypot(v[:, 0], v[:, 1]))) / 1.0)
 
     deformer = Deformer(silvermate)
@@ -110,8 +110,8 @@ def test_a_crossing_obstacle_is_passed_behind(silvermate):
         aside = moving.strip
     assert moving.certified
     standing = Deformer(silvermate).settle(around, scene, max_ticks=15)
-    assert np.abs(aside.chart[:, 1]).max() < 0.05
-    assert np.abs(standing.strip.chart[:, 1]).max() > 0.2
+    assert np.abs(aside.coordinates[:, 1]).max() < 0.05
+    assert np.abs(standing.strip.coordinates[:, 1]).max() > 0.2
 
 
 def test_a_strip_that_does_not_move_is_certified_against_the_newest_scene(silvermate):
@@ -121,8 +121,8 @@ def test_a_strip_that_does_not_move_is_certified_against_the_newest_scene(silver
     far = Scene([Cylinder(0.2, 1.5, at=(1.0, -3.0, 0.75), name="walker")])
     waits = Forecast(np.array([0]), np.zeros((1, 3)), np.zeros(1), np.zeros(1), np.zeros(1))
 
-    def prediction(chart):
-        return waits.predict(np.linspace(0.0, 2.0, len(chart)))
+    def prediction(coordinates):
+        return waits.predict(np.linspace(0.0, 2.0, len(coordinates)))
 
     report = deformer.step(strip, far, prediction=prediction)
     assert report.certified

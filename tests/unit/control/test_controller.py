@@ -24,17 +24,17 @@ class Wheels:
 
     def __init__(self, robot):
         self.limits = MotionLimits.for_robot(robot)
-        self.chart = robot.space.to_chart(robot.home())
+        self.coordinates = robot.space.to_coordinates(robot.home())
 
     def drive(self, command, t):
         left, right = command.drive * DT
         way, turn = 0.5 * (left + right), (right - left) / self.limits.track
-        x, y, yaw = self.chart[:3]
-        self.chart = np.concatenate(
+        x, y, yaw = self.coordinates[:3]
+        self.coordinates = np.concatenate(
             ([x + way * np.cos(yaw + 0.5 * turn), y + way * np.sin(yaw + 0.5 * turn), yaw + turn],
-             self.chart[3:] + command.joints * DT)
+             self.coordinates[3:] + command.joints * DT)
         )  # fmt: skip
-        return Measurement(t, command.drive * DT, self.chart[3:])
+        return Measurement(t, command.drive * DT, self.coordinates[3:])
 
 
 def drive(controller, wheels, steps, see, first=0):
@@ -59,7 +59,7 @@ def test_it_drives_a_machine_of_ones_own_to_its_goals(silvermate):
         drive(controller, wheels, 3000, still(CRATE))
         assert controller.state is RunState.REACHED, controller.reason
         assert not controller.goals
-        np.testing.assert_allclose(wheels.chart[:3], (2.5, 0.0, 1.0), atol=0.02)
+        np.testing.assert_allclose(wheels.coordinates[:3], (2.5, 0.0, 1.0), atol=0.02)
         assert [e.kind for e in controller.events if e.kind in ("goal", "fault")] == ["goal"]
 
 
@@ -80,7 +80,7 @@ def test_without_a_scene_it_does_not_set_out_and_with_an_old_one_it_stops(silver
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0))
     wheels = Wheels(silvermate)
     k = drive(controller, wheels, 50, lambda t: None)
-    assert (wheels.chart[:3] == 0.0).all()
+    assert (wheels.coordinates[:3] == 0.0).all()
     assert controller.reason == "no scene has come yet"
     k = drive(controller, wheels, 100, still(CRATE), first=k + 1)
     assert controller.state is RunState.MOVING
@@ -97,7 +97,7 @@ def test_what_it_feels_and_what_it_does_not_measure_stop_it(silvermate):
         assert controller.state is RunState.MOVING
         travel = np.zeros(2) if options else None
         for t in np.arange(k + 1, k + 300) * DT:
-            command = controller.step(t, Measurement(t, travel, wheels.chart[3:], **options), Scene([], time=t))
+            command = controller.step(t, Measurement(t, travel, wheels.coordinates[3:], **options), Scene([], time=t))
         assert controller.state is RunState.STOPPED
         assert np.abs(command.drive).max() < 0.05
         assert any(word in e.reason for e in controller.events if e.kind == "fault")
@@ -123,7 +123,7 @@ def test_it_does_not_wait_for_a_plan(silvermate):
     """The way is closed, and another strip is planned somewhere else: meanwhile the robot stands, step by step."""
     wall = Box((0.2, 3.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
     start, goal = silvermate.home(), silvermate.home(x=4.0)
-    through = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
+    through = Strip.from_coordinates(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
     later, wheels = Later(), Wheels(silvermate)
     controller = Controller(
         silvermate, start, goal, Scene([wall]), strip=through, executor=later, params=DriveParams(replan_after=0.1)
@@ -132,9 +132,9 @@ def test_it_does_not_wait_for_a_plan(silvermate):
     while not later.jobs and k < 1000:
         k = drive(controller, wheels, 5, still(wall), first=k) + 1
     assert later.jobs
-    here = wheels.chart.copy()
+    here = wheels.coordinates.copy()
     k = drive(controller, wheels, 200, still(wall), first=k) + 1
-    np.testing.assert_allclose(wheels.chart, here, atol=1e-3)
+    np.testing.assert_allclose(wheels.coordinates, here, atol=1e-3)
     assert len(later.jobs) == 1
     later.work()
     drive(controller, wheels, 3000, still(wall), first=k)
@@ -177,7 +177,7 @@ def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_
 def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
     wall = Box((0.2, 3.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
     start, goal = silvermate.home(), silvermate.home(x=4.0)
-    through = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
+    through = Strip.from_coordinates(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
     later, wheels, k = Later(), Wheels(silvermate), 0
     controller = Controller(
         silvermate, start, goal, Scene([wall]), strip=through, executor=later, params=DriveParams(replan_after=0.1)
@@ -188,7 +188,7 @@ def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
     later.work()  # the strip to the first goal, and the one to the second
     drive(controller, wheels, 3000, still(wall), first=k)
     assert controller.state is RunState.REACHED, controller.reason
-    np.testing.assert_allclose(wheels.chart[:2], 0.0, atol=0.05)
+    np.testing.assert_allclose(wheels.coordinates[:2], 0.0, atol=0.05)
 
 
 def test_a_robot_that_moves_takes_no_other_goal(silvermate):
@@ -204,7 +204,7 @@ def test_a_contact_between_two_planning_ticks_counts(silvermate):
     first = drive(controller, wheels, 150, still()) + 1
     for k in range(first, first + 20):
         contact = "the left bumper" if k == first + 2 else ""
-        measurement = Measurement(k * DT, np.zeros(2), wheels.chart[3:], contact=contact)
+        measurement = Measurement(k * DT, np.zeros(2), wheels.coordinates[3:], contact=contact)
         controller.step(k * DT, measurement, Scene([], time=k * DT))
     assert any("bumper" in e.reason for e in controller.events if e.kind == "braked")
 

@@ -38,7 +38,7 @@ def test_driving_keeps_the_arm(layer, silvermate):
     here = silvermate.home(joints={"arm_1_joint": 0.4})
     (step,) = layer.decompose(DriveTo(3.0, 2.0, 1.0), here, SCENE).steps
     assert step.kind is StepKind.NAVIGATION
-    np.testing.assert_allclose(silvermate.space.to_chart(step.q)[:3], (3.0, 2.0, 1.0))
+    np.testing.assert_allclose(silvermate.space.to_coordinates(step.q)[:3], (3.0, 2.0, 1.0))
     np.testing.assert_array_equal(step.q[4:], here[4:])
 
 
@@ -80,7 +80,7 @@ def test_both_at_once_is_one_goal(layer, silvermate):
     there = placement(silvermate, step.q)
     np.testing.assert_allclose(there.translation, (2.7, -0.1, 0.9), atol=2e-3)
     assert np.linalg.norm(pin.log3(there.rotation)) < 1e-2
-    np.testing.assert_allclose(silvermate.space.to_chart(step.q)[:3], (2.2, 0.0, 0.0))
+    np.testing.assert_allclose(silvermate.space.to_coordinates(step.q)[:3], (2.2, 0.0, 0.0))
 
 
 def test_what_cannot_be_reached_is_said(layer, silvermate):

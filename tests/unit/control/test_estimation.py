@@ -25,11 +25,11 @@ def limits_of(robot) -> MotionLimits:
 def run(robot, plant, commands, estimator=None) -> tuple[np.ndarray, StateEstimator]:
     """Estimation errors (S, nv) in the true robot's frame."""
     estimator = StateEstimator(robot, plant.limits) if estimator is None else estimator
-    estimator.reset(plant.chart, plant.time)
+    estimator.reset(plant.coordinates, plant.time)
     errors = []
     for c in commands:
         estimate = estimator.update(plant.step(c, 0.01))
-        errors.append(robot.space.difference(plant.chart, estimate))
+        errors.append(robot.space.difference(plant.coordinates, estimate))
     return np.array(errors), estimator
 
 
@@ -64,10 +64,10 @@ def test_a_wrong_start_is_found_out(silvermate):
     estimator = StateEstimator(silvermate, limits, EstimatorParams(drift=0.02))
     offset = np.zeros(silvermate.nv)
     offset[:3] = 0.05, -0.04, 0.1
-    estimator.reset(silvermate.space.integrate(plant.chart, offset))
+    estimator.reset(silvermate.space.integrate(plant.coordinates, offset))
     for c in curve(silvermate, 300):
         estimate = estimator.update(plant.step(c, 0.01))
-    assert np.abs(silvermate.space.difference(plant.chart, estimate)[:3]).max() < 0.01
+    assert np.abs(silvermate.space.difference(plant.coordinates, estimate)[:3]).max() < 0.01
 
 
 def test_steady_slip_is_learned(silvermate):
@@ -116,7 +116,7 @@ def test_fixes_are_worth_their_while(silvermate):
 def test_a_loss_is_timed_until_a_fix_tells_of_after_it(silvermate):
     limits = limits_of(silvermate)
     plant, estimator = KinematicPlant(silvermate, limits, EXACT), StateEstimator(silvermate, limits)
-    estimator.reset(plant.chart)
+    estimator.reset(plant.coordinates)
     latency = replace(EXACT, odometry=replace(OdometryParams.ideal(), fix_latency=0.02))
     plant = KinematicPlant(silvermate, limits, latency)
     lost = {}
@@ -137,7 +137,7 @@ def test_a_loss_is_timed_until_a_fix_tells_of_after_it(silvermate):
 def test_a_fix_of_the_time_of_a_loss_does_not_end_it(silvermate):
     limits = limits_of(silvermate)
     estimator = StateEstimator(silvermate, limits)
-    home = silvermate.space.to_chart(silvermate.home_q)
+    home = silvermate.space.to_coordinates(silvermate.home_q)
     estimator.reset(home)
     for i in range(1, 11):
         estimator.update(Measurement(0.01 * i, None, home[3:]))
@@ -152,26 +152,26 @@ def test_the_heading_is_inferred_from_positions(silvermate):
     limits = limits_of(silvermate)
     plant = KinematicPlant(silvermate, limits, EXACT)
     estimator = StateEstimator(silvermate, limits, EstimatorParams(fix_angle_noise=10.0, drift=0.05))
-    start = plant.chart
+    start = plant.coordinates
     start[2] += 0.1
     estimator.reset(start)
     for c in curve(silvermate, 400, (0.6, 0.6)):
         m = plant.step(c, 0.01)
         estimate = estimator.update(m if m.pose is None else replace(m, pose=np.add(m.pose, (0.0, 0.0, 0.3))))
-    assert estimate[2] == pytest.approx(plant.chart[2], abs=0.01)
+    assert estimate[2] == pytest.approx(plant.coordinates[2], abs=0.01)
 
 
 def test_the_pose_is_found_again_after_a_loss(silvermate):
     limits = limits_of(silvermate)
     for seed in range(5):
         plant, estimator = KinematicPlant(silvermate, limits, seed=seed), StateEstimator(silvermate, limits)
-        estimator.reset(plant.chart)
+        estimator.reset(plant.coordinates)
         worst = 0.0
         for i, c in enumerate(curve(silvermate, 300, (0.9, 0.7))):
             if i == 100:
                 plant.lost_odometry(1.5)
             estimate = estimator.update(plant.step(c, 0.01))
-            error = silvermate.space.difference(plant.chart, estimate)
+            error = silvermate.space.difference(plant.coordinates, estimate)
             worst = max(worst, float(np.hypot(*error[:2])))
             if plant.time > 1.3 and estimator.lost_for == 0.0:
                 assert np.hypot(*error[:2]) < 0.02
@@ -184,7 +184,7 @@ def test_it_coasts_for_a_moment(silvermate):
     plant, estimator = KinematicPlant(silvermate, limits, EXACT), StateEstimator(silvermate, limits)
     for c in curve(silvermate, 100, (0.5, 0.5)):
         estimator.update(plant.step(c, 0.01))
-    begin = plant.chart[0]
+    begin = plant.coordinates[0]
     plant.lost_odometry(9.0)
     ways = [estimator.update(plant.step(c, 0.01))[0] - begin for c in curve(silvermate, 20, (0.5, 0.5))]
     assert ways[4] == pytest.approx(0.025, abs=1e-4)
@@ -194,7 +194,7 @@ def test_it_coasts_for_a_moment(silvermate):
 def test_fixes_that_are_too_old_are_left_out(silvermate):
     limits = limits_of(silvermate)
     estimator = StateEstimator(silvermate, limits, EstimatorParams(drift=1.0))
-    home = silvermate.space.to_chart(silvermate.home_q)
+    home = silvermate.space.to_coordinates(silvermate.home_q)
     estimator.reset(home, 5.0)
     wrong = home[:3] + 1.0
     for pose_time in (4.0, 1.0):
@@ -209,7 +209,7 @@ def test_fixes_that_are_too_old_are_left_out(silvermate):
 def test_a_fix_between_two_measurements_is_interpolated(silvermate):
     limits = limits_of(silvermate)
     estimator = StateEstimator(silvermate, limits, EstimatorParams(drift=10.0))
-    home = silvermate.space.to_chart(silvermate.home_q)
+    home = silvermate.space.to_coordinates(silvermate.home_q)
     estimator.reset(home)
     for i in range(1, 11):  # 1 m/s; the fix is right
         fix = np.add(home[:3], (0.835, 0.0, 0.0)) if i == 10 else None
@@ -220,13 +220,13 @@ def test_a_fix_between_two_measurements_is_interpolated(silvermate):
 def test_angles_run_on_and_fixes_may_wrap(silvermate):
     limits = limits_of(silvermate)
     plant, estimator = KinematicPlant(silvermate, limits, EXACT), StateEstimator(silvermate, limits)
-    estimator.reset(plant.chart)
+    estimator.reset(plant.coordinates)
     for c in curve(silvermate, 800, (-0.3, 0.3)):
         m = plant.step(c, 0.01)
         pose = None if m.pose is None else np.array([*m.pose[:2], math.remainder(m.pose[2], 2.0 * math.pi)])
         estimate = estimator.update(replace(m, pose=pose))
-    assert plant.chart[2] > 2.0 * math.pi
-    assert estimate[2] == pytest.approx(plant.chart[2], abs=1e-3)
+    assert plant.coordinates[2] > 2.0 * math.pi
+    assert estimate[2] == pytest.approx(plant.coordinates[2], abs=1e-3)
 
 
 def test_its_own_doubt_is_of_the_size_of_its_errors(silvermate):

@@ -39,9 +39,9 @@ def some_state(robot: RobotModel, limits: MotionLimits, seed: int) -> ReferenceS
     rng = np.random.default_rng(seed)
     y = rng.uniform(-0.7, 0.7, len(limits.speed)) * limits.speed
     y[limits.drive_dim :] *= 0.1
-    chart = robot.space.to_chart(robot.home_q)
-    chart[:3] = rng.normal(size=3)
-    return ReferenceState(1.25, chart, limits.to_tangent(y), np.zeros(robot.nv))
+    coordinates = robot.space.to_coordinates(robot.home_q)
+    coordinates[:3] = rng.normal(size=3)
+    return ReferenceState(1.25, coordinates, limits.to_tangent(y), np.zeros(robot.nv))
 
 
 @pytest.mark.parametrize("name", ["jackal_box", "silvermate", "tiago"])
@@ -62,7 +62,7 @@ def test_motions_keep_the_limits_roll_and_end_at_rest(name, request):
             assert np.abs(motion.steps[:, 1]).max() < 1e-12  # no sideways travel: exact arcs
             assert np.abs(motion.v[:, 1]).max() == 0.0
             assert motion.at_rest_at_end
-            np.testing.assert_array_equal(motion.chart[0], start.chart)
+            np.testing.assert_array_equal(motion.coordinates[0], start.coordinates)
             np.testing.assert_allclose(motion.v[0], start.v, atol=1e-12)
             assert motion.start_time == start.time
     assert made > 20
@@ -77,13 +77,13 @@ def test_rollouts_are_where_the_motions_are(jackal_box):
         motion = motion_to(jackal_box, limits, start, target, part=PART, duration=0.3, dt=0.02)
         assert motion is not None
         assert motion.duration == pytest.approx(end, abs=0.03)
-        np.testing.assert_allclose(pose[-1], motion.chart[-1], atol=0.05)
+        np.testing.assert_allclose(pose[-1], motion.coordinates[-1], atol=0.05)
 
 
 def test_separations_from_above(jackal_box):
     """Against what is plain to see: a disc ahead that comes, and a wall at the side."""
     footprint = PlanarFootprint(jackal_box)
-    footprint.update(jackal_box.space.to_chart(jackal_box.home()))
+    footprint.update(jackal_box.space.to_coordinates(jackal_box.home()))
     half = footprint.half[int(footprint.half[:, 0].argmax())]
     disc = Cylinder(0.5, 1.0, at=(3.0, 0.0, 0.5), name="disc", motion=Twist((-1.0, 0.0, 0.0)))
     wall = Box((8.0, 0.2, 1.0), at=(0.0, 1.5, 0.5), name="wall")
@@ -104,7 +104,7 @@ def test_separations_from_above(jackal_box):
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
     limits = limits_for(jackal_box)
     evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
-    start = ReferenceState(0.0, jackal_box.space.to_chart(jackal_box.home()), np.zeros(3), np.zeros(3))
+    start = ReferenceState(0.0, jackal_box.space.to_coordinates(jackal_box.home()), np.zeros(3), np.zeros(3))
     scene = Scene(GATE)
     assert not evasion.look(scene, predict(scene, ObstacleAssumptions()), start, np.zeros((2, 3)))
     far = Scene([Cylinder(0.3, 1.0, at=(40.0, 0.0, 0.5), name="far", motion=Twist((1.0, 0.0, 0.0)))])
@@ -131,8 +131,8 @@ def test_a_still_scene_is_driven_as_without(jackal_box):
     post = Cylinder(0.3, 1.0, at=(3.0, 0.2, 0.5), name="post")
     runs = [drive(jackal_box, [post], evasion=e, seconds=20.0) for e in (EvasionParams(), None)]
     assert not any(p.outcome is PlanOutcome.EVADE for p in runs[0][1])
-    charts = [run[0].recorder.finish().control.chart for run in runs]
-    np.testing.assert_array_equal(*charts)
+    coordinate_arrays = [run[0].recorder.finish().control.coordinates for run in runs]
+    np.testing.assert_array_equal(*coordinate_arrays)
 
 
 def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
@@ -140,7 +140,7 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
     gate = Box((0.2, 30.0, 1.0), at=(3.0, 0.0, 0.5), name="gate")
     comer = Cylinder(0.4, 1.0, at=(2.2, -9.0, 0.5), name="comer", motion=Twist((0.0, 1.0, 0.0)))
     start = jackal_box.home(x=1.0)
-    strip = Strip.from_chart(jackal_box, straight_line(jackal_box, start, jackal_box.home(x=6.0), spacing=0.13))
+    strip = Strip.from_coordinates(jackal_box, straight_line(jackal_box, start, jackal_box.home(x=6.0), spacing=0.13))
     hit = {}
     for evasion in (EvasionParams(), None):
         proposals = []
@@ -162,13 +162,13 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
 def test_goes_back_to_the_strip(jackal_box):
     space = jackal_box.space
     goal = jackal_box.home(x=6.0)
-    chart = straight_line(jackal_box, jackal_box.home(), goal, spacing=0.2)
+    coordinates = straight_line(jackal_box, jackal_box.home(), goal, spacing=0.2)
     for here in ([1.0, 0.8, 0.3], [1.0, -1.2, 3.0], [-0.5, 0.2, -1.5], [5.9, 0.1, 0.0], [6.0, 0.0, 0.0]):
-        rows, source = reconnect(space, chart, np.array(here), np.array([1.0, 1.0, 0.1]))
+        rows, source = reconnect(space, coordinates, np.array(here), np.array([1.0, 1.0, 0.1]))
         assert len(rows) == len(source) >= 2
         np.testing.assert_array_equal(rows[0], here)
-        np.testing.assert_array_equal(rows[-1], chart[-1])
-        np.testing.assert_array_equal(rows[source >= 0], chart[source[source >= 0]])
+        np.testing.assert_array_equal(rows[-1], coordinates[-1])
+        np.testing.assert_array_equal(rows[source >= 0], coordinates[source[source >= 0]])
         step = np.hypot(*np.diff(rows[:, :2], axis=0).T)
         assert step.max() < 0.35
         assert np.abs(np.diff(rows[:, 2])).max() < 1.6
@@ -177,7 +177,7 @@ def test_goes_back_to_the_strip(jackal_box):
 def test_an_empty_forecast_is_no_lookahead(jackal_box):
     none = Forecast(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0))
     footprint = PlanarFootprint(jackal_box)
-    footprint.update(jackal_box.space.to_chart(jackal_box.home()))
+    footprint.update(jackal_box.space.to_coordinates(jackal_box.home()))
     lookahead = ObstacleLookahead(footprint, Scene(GATE), none, np.zeros(2), reach=5.0, horizon=3.0)
     assert lookahead.movers == 0
     assert (

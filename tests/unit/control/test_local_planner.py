@@ -25,9 +25,9 @@ class Ride:
 
     def __init__(self, robot, scene: Scene, params: DriveParams = PARAMS) -> None:
         limits = MotionLimits.for_robot(robot)
-        strip = Strip.from_chart(robot, straight_line(robot, robot.home(), robot.home(x=4.0), spacing=0.2))
+        strip = Strip.from_coordinates(robot, straight_line(robot, robot.home(), robot.home(x=4.0), spacing=0.2))
         self.planner = LocalPlanner(robot, limits, params, strip)
-        self.active = stationary(robot, limits, strip.chart[0], 0.0, 0.01)
+        self.active = stationary(robot, limits, strip.coordinates[0], 0.0, 0.01)
         self.time, self.scene = 0.0, scene
         self.deformed: list[bool] = []
         step = self.planner.deformer.step
@@ -130,7 +130,7 @@ def test_it_brakes_at_once_where_the_held_motion_is_refuted(silvermate):
         ride.tick()
     active = ride.active
     at = ride.time + 0.02
-    robot = active.at(at).chart[0]
+    robot = active.at(at).coordinates[0]
     comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
     now = Scene([PILLAR, comer.observed(comer.pose, comer.motion)], time=ride.time)
     result = ride.tick(now)
@@ -139,7 +139,7 @@ def test_it_brakes_at_once_where_the_held_motion_is_refuted(silvermate):
     assert "the held motion is no longer certified" in result.reason
     assert result.motion.start_time == pytest.approx(at)
     assert result.motion.end_time < active.end_time - 0.05
-    np.testing.assert_allclose(result.motion.chart[0], active.at(at).chart, atol=1e-9)
+    np.testing.assert_allclose(result.motion.coordinates[0], active.at(at).coordinates, atol=1e-9)
     ride.active = result.motion
     again = ride.tick(now)  # it brakes as hard as it can already
     assert again.outcome is not PlanOutcome.BRAKE or again.motion.end_time > ride.active.end_time - 0.03

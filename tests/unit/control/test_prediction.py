@@ -140,10 +140,10 @@ def test_parameters_are_checked(values, message):
 def test_arrival_times(silvermate):
     arrival = ArrivalTimes(silvermate, MotionLimits.for_robot(silvermate))
     arrival.pace[:] = 0.5
-    chart = np.repeat(silvermate.space.to_chart(silvermate.home())[None], 3, axis=0)
-    chart[1:, 0] = 1.0
-    chart[2, 4] += 0.25
-    np.testing.assert_allclose(arrival(chart), [0.0, 2.0, 2.5])
+    coordinates = np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], 3, axis=0)
+    coordinates[1:, 0] = 1.0
+    coordinates[2, 4] += 0.25
+    np.testing.assert_allclose(arrival(coordinates), [0.0, 2.0, 2.5])
 
 
 def test_what_keeps_to_the_assumptions_is_as_expected():

@@ -21,47 +21,47 @@ def line(robot, x=2.0, **goal):
 
 @pytest.mark.parametrize("x, first", [(0.0, 1), (0.03, 1), (0.06, 2), (0.13, 2), (0.31, 4)])
 def test_nodes_that_were_passed_or_crowd_are_left_out(silvermate, weight, x, first):
-    chart = line(silvermate)
-    here = chart[0].copy()
+    coordinates = line(silvermate)
+    here = coordinates[0].copy()
     here[0] = x
-    nodes, source = trim_passed(silvermate.space, chart, here, weight)
+    nodes, source = trim_passed(silvermate.space, coordinates, here, weight)
     np.testing.assert_array_equal(nodes[0], here)
     assert source[0] == -1
     assert source[1] == first
-    np.testing.assert_array_equal(nodes[1:], chart[source[1:]])
-    assert source[-1] == len(chart) - 1
+    np.testing.assert_array_equal(nodes[1:], coordinates[source[1:]])
+    assert source[-1] == len(coordinates) - 1
 
 
 def test_the_goal_is_never_left_out(silvermate, weight):
-    chart = line(silvermate, 0.3)
+    coordinates = line(silvermate, 0.3)
     for x in (0.29, 0.3, 0.31):
-        here = chart[-1].copy()
+        here = coordinates[-1].copy()
         here[0] = x
-        nodes, source = trim_passed(silvermate.space, chart, here, weight)
-        assert source.tolist() == [-1, len(chart) - 1]
-        np.testing.assert_array_equal(nodes[-1], chart[-1])
+        nodes, source = trim_passed(silvermate.space, coordinates, here, weight)
+        assert source.tolist() == [-1, len(coordinates) - 1]
+        np.testing.assert_array_equal(nodes[-1], coordinates[-1])
 
 
 def test_a_cusp_is_not_left_out_while_moving(silvermate, weight):
     """Forward one metre and back again: the way back passes where the robot is."""
     out = line(silvermate, 1.0)
-    chart = np.vstack([out, out[-2::-1]])
-    here = chart[0].copy()
+    coordinates = np.vstack([out, out[-2::-1]])
+    here = coordinates[0].copy()
     for x in np.linspace(0.0, 0.98, 50):
         here[0] = x
-        _, source = trim_passed(silvermate.space, chart[max(0, int(x * 10) - 1) :], here, weight)
+        _, source = trim_passed(silvermate.space, coordinates[max(0, int(x * 10) - 1) :], here, weight)
         offset = max(0, int(x * 10) - 1)
         assert source[1] + offset <= len(out) - 1
     here[0] = 0.99
-    _, source = trim_passed(silvermate.space, chart[8:], here, weight, moving=False)
+    _, source = trim_passed(silvermate.space, coordinates[8:], here, weight, moving=False)
     assert source[1] + 8 > len(out) - 1  # standing beside the cusp it may be left out
 
 
 def test_a_strip_that_comes_back_is_not_cut_short(silvermate, weight):
     """A loop: the end is where the start was."""
     t = np.linspace(0.0, 2.0 * np.pi, 60)
-    chart = np.repeat(silvermate.space.to_chart(silvermate.home())[None], 60, axis=0)
-    chart[:, 0], chart[:, 1], chart[:, 2] = np.sin(t), 1.0 - np.cos(t), t
-    here = silvermate.space.interpolate(chart[:1], chart[1:2], 0.5)[0]
-    _, source = trim_passed(silvermate.space, chart, here, weight)
+    coordinates = np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], 60, axis=0)
+    coordinates[:, 0], coordinates[:, 1], coordinates[:, 2] = np.sin(t), 1.0 - np.cos(t), t
+    here = silvermate.space.interpolate(coordinates[:1], coordinates[1:2], 0.5)[0]
+    _, source = trim_passed(silvermate.space, coordinates, here, weight)
     assert source[1] in (1, 2)

@@ -18,7 +18,7 @@ from elastic_strips.scene import Scene, World
 def fill(recorder, robot, count, rng):
     """Random rows; what was written, by column."""
     k = len(DRIVE_NAMES[robot.base_kind])
-    sizes = {name: robot.nv for name in ("chart", "v", "reference", "reference_v", "estimate")}
+    sizes = {name: robot.nv for name in ("coordinates", "v", "reference", "reference_v", "estimate")}
     sizes |= {"drive": k, "joints": len(robot.joint_names)}
     written = {name: rng.normal(size=(count, size)) for name, size in sizes.items()}
     written["time"] = np.cumsum(rng.uniform(0.001, 0.02, count))
@@ -43,13 +43,13 @@ def test_a_record_does_not_change_when_recording_goes_on(silvermate, rng):
     recorder = Recorder(silvermate, Scene())
     fill(recorder, silvermate, 5, rng)
     record = recorder.finish()
-    before = record.control.chart.copy()
-    recorder.control(9.0, chart=np.ones(silvermate.nv), v=np.ones(silvermate.nv))
+    before = record.control.coordinates.copy()
+    recorder.control(9.0, coordinates=np.ones(silvermate.nv), v=np.ones(silvermate.nv))
     recorder.planning(9.0)
     assert len(recorder.finish().control) == 6
     assert len(record.control) == 5
     assert len(record.planning) == 0
-    np.testing.assert_array_equal(record.control.chart, before)
+    np.testing.assert_array_equal(record.control.coordinates, before)
     rows = [getattr(part, f.name) for part in (record.control, record.planning) for f in dataclasses.fields(part)]
     arrays = [value for value in rows if isinstance(value, np.ndarray)]
     assert len(arrays) == 20
@@ -61,7 +61,7 @@ def test_a_record_does_not_change_when_recording_goes_on(silvermate, rng):
 def test_what_is_not_known_is_nan(silvermate):
     recorder = Recorder(silvermate, Scene())
     for k in range(7):
-        recorder.control(float(k), chart=np.zeros(10), v=np.zeros(10))
+        recorder.control(float(k), coordinates=np.zeros(10), v=np.zeros(10))
     recorder.planning(0.0)
     record = recorder.finish()
     for name in ("reference", "reference_v", "estimate", "drive", "joints"):
@@ -76,7 +76,7 @@ def test_what_is_not_known_is_nan(silvermate):
 
 def test_ticks_keep_their_strips_phases_and_reasons(silvermate, rng):
     recorder = Recorder(silvermate, Scene())
-    recorder.control(0.0, chart=np.zeros(10), v=np.zeros(10))
+    recorder.control(0.0, coordinates=np.zeros(10), v=np.zeros(10))
     strips = [rng.normal(size=(n, 10)) for n in (4, 0, 7)]
     recorder.planning(0.0, phase_ms={"a": 1.0}, status="deforming", reason="one", strip=strips[0])
     recorder.planning(0.1, phase_ms={"b": 2.0, "a": 3.0}, status="settled", reason="two", strip=strips[1])
@@ -106,7 +106,7 @@ def test_a_run_has_what_identifies_it(silvermate):
     assert record.duration == record.control.time[-1]
     assert isinstance(record.world, World)
     recorder = Recorder(silvermate, Scene())
-    recorder.control(0.0, chart=np.zeros(10), v=np.zeros(10))
+    recorder.control(0.0, coordinates=np.zeros(10), v=np.zeros(10))
     recorder.event(2.0, "late")
     recorder.event(1.0, "early", "why")
     assert [(e.time, e.kind, e.reason) for e in recorder.finish().events] == [(1, "early", "why"), (2, "late", "")]
@@ -119,16 +119,16 @@ def test_rows_that_make_no_sense_are_refused(silvermate, tiago):
     with pytest.raises(RecordError, match="no control row"):
         recorder.finish()
     row = np.zeros(10)
-    recorder.control(1.0, chart=row, v=row)
+    recorder.control(1.0, coordinates=row, v=row)
     for time in (1.0, 0.5, np.nan):
         with pytest.raises(RecordError, match="ascend in time"):
-            recorder.control(time, chart=row, v=row)
+            recorder.control(time, coordinates=row, v=row)
     with pytest.raises(RecordError, match="state 5 has no name"):
-        recorder.control(2.0, chart=row, v=row, state=5)
+        recorder.control(2.0, coordinates=row, v=row, state=5)
     with pytest.raises(RecordError, match=r"estimate has shape \(9,\); it must be \(10,\)"):
-        recorder.control(2.0, chart=row, v=row, estimate=row[:9])
+        recorder.control(2.0, coordinates=row, v=row, estimate=row[:9])
     with pytest.raises(RecordError, match=r"drive has shape \(1,\)"):
-        recorder.control(2.0, chart=row, v=row, drive=np.zeros(1))
+        recorder.control(2.0, coordinates=row, v=row, drive=np.zeros(1))
     assert len(recorder) == 1
     recorder.planning(0.0, strip=np.zeros((3, 9)))
     with pytest.raises(RecordError, match=r"a strip has shape \(3, 9\)"):

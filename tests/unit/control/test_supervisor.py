@@ -27,13 +27,13 @@ def limits(silvermate):
 
 @pytest.fixture(scope="module")
 def motion(silvermate, limits):
-    chart = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.1)
-    return Retimer(silvermate, limits, dt=0.02).horizon(chart, start_time=0.1)
+    coordinates = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.1)
+    return Retimer(silvermate, limits, dt=0.02).horizon(coordinates, start_time=0.1)
 
 
 @pytest.fixture
 def supervisor(silvermate, limits):
-    return Supervisor(stationary(silvermate, limits, silvermate.space.to_chart(silvermate.home()), 0.0, 0.01))
+    return Supervisor(stationary(silvermate, limits, silvermate.space.to_coordinates(silvermate.home()), 0.0, 0.01))
 
 
 def test_a_certified_motion_is_taken_and_driven_to_its_end(supervisor, motion):
@@ -51,16 +51,16 @@ def test_the_motion_before_is_followed_until_the_new_one_begins(supervisor, moti
     """Each new motion is taken some time before it begins, the next one perhaps before that: no step in between."""
     assert supervisor.submit(motion, GOOD, 0.05)
     retimer = Retimer(silvermate, limits, dt=0.02)
-    chart = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.1)
-    places = [supervisor.reference(0.3).chart[0]]
+    coordinates = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.1)
+    places = [supervisor.reference(0.3).coordinates[0]]
     for k in range(30, 60):
         now, begin = 0.01 * k, 0.01 * k + 0.03
         state = supervisor.active.at(begin)
-        ahead = np.vstack([state.chart, chart[chart[:, 0] > state.chart[0] + 0.02]])
+        ahead = np.vstack([state.coordinates, coordinates[coordinates[:, 0] > state.coordinates[0] + 0.02]])
         onward = retimer.horizon(ahead, state.v, a_start=state.a, start_time=begin)
         assert supervisor.submit(onward, GOOD, now)
-        places += [supervisor.reference(t).chart[0] for t in (now, now + 0.005)]
-        assert supervisor.reference(begin).chart[0] == pytest.approx(state.chart[0], abs=1e-9)
+        places += [supervisor.reference(t).coordinates[0] for t in (now, now + 0.005)]
+        assert supervisor.reference(begin).coordinates[0] == pytest.approx(state.coordinates[0], abs=1e-9)
     steps = np.diff(places)
     assert steps[1:].min() > 0.5 * np.median(steps)
     assert steps.max() < 1.5 * np.median(steps)
@@ -82,13 +82,15 @@ def test_what_is_refused_and_why(supervisor, motion, silvermate):
     assert "post" in refused(motion, BAD)
     assert "late tick: the new motion was to begin 0.150 s ago" in refused(motion, now=0.25)
     cut = motion.time < motion.end_time - 0.3
-    endless = replace(motion, time=motion.time[cut], chart=motion.chart[cut], v=motion.v[cut], a=motion.a[cut])
+    endless = replace(
+        motion, time=motion.time[cut], coordinates=motion.coordinates[cut], v=motion.v[cut], a=motion.a[cut]
+    )
     assert "does not end at rest" in refused(endless)
-    aside = motion.chart.copy()
+    aside = motion.coordinates.copy()
     aside[:, 1] += 0.01
-    assert "begins 0.0100 m or rad beside" in refused(replace(motion, chart=aside))
+    assert "begins 0.0100 m or rad beside" in refused(replace(motion, coordinates=aside))
     assert "jump in speed" in refused(motion.tail(motion.start_time + 0.4).shifted(0.1).__class__(
-        silvermate, motion.limits, motion.time[:-20], np.vstack([motion.chart[:1], motion.chart[21:]]),
+        silvermate, motion.limits, motion.time[:-20], np.vstack([motion.coordinates[:1], motion.coordinates[21:]]),
         motion.v[20:], motion.a[20:],
     ))  # fmt: skip
 
@@ -120,15 +122,15 @@ def test_the_held_motion_braked_takes_its_place_without_a_certificate(supervisor
     assert stop.end_time < motion.end_time - 0.2
     assert supervisor.update(stop.end_time) is RunState.STOPPED  # not at the goal that the held motion led to
     assert supervisor.stops == [(stop.end_time, "somebody came")]
-    assert supervisor.reference(stop.end_time).chart[0] < motion.chart[-1, 0] - 0.05
+    assert supervisor.reference(stop.end_time).coordinates[0] < motion.coordinates[-1, 0] - 0.05
 
 
 def test_what_does_not_stop_sooner_or_is_beside_the_held_motion_is_no_brake(supervisor, motion, silvermate, limits):
     supervisor.submit(motion, GOOD, 0.05)
     stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
-    aside = stop.chart.copy()
+    aside = stop.coordinates.copy()
     aside[:, 1] += 0.01
-    for refused in (motion.tail(0.82), replace(stop, chart=aside), stop.shifted(-0.1)):
+    for refused in (motion.tail(0.82), replace(stop, coordinates=aside), stop.shifted(-0.1)):
         assert not supervisor.brake(refused, "somebody came", 0.8)
         assert supervisor.active is motion
     assert supervisor.update(0.81) is RunState.BRAKING
@@ -143,7 +145,7 @@ def test_repeated_events_are_written_once(supervisor):
 
 
 def test_a_long_run_keeps_the_newest_events_only(silvermate, limits):
-    start = silvermate.space.to_chart(silvermate.home())
+    start = silvermate.space.to_coordinates(silvermate.home())
     supervisor = Supervisor(stationary(silvermate, limits, start, 0.0, 0.01), keep=10)
     for k in range(95):
         supervisor.log(0.1 * k, "refused", f"motion {k}")

@@ -99,4 +99,4 @@ def test_a_family_that_fails_costs_no_proposal(replanner, silvermate, monkeypatc
     result = runner.run(time_limit=2.0)
     assert "nobody can be there" in caplog.text
     assert not [e for e in result.events if e.kind == "fault"]
-    assert result.record.control.chart[-1, 0] > 0.5
+    assert result.record.control.coordinates[-1, 0] > 0.5

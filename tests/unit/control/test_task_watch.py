@@ -88,7 +88,7 @@ def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
         deformer = Deformer(silvermate, constraint=OrientationConstraint.at(silvermate, start, "hand_frame", gain=gain))
         assert deformer.constraint is not None
         watch = ConstraintMonitor(deformer.constraint, patience=1000)
-        strip = Strip.from_chart(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
+        strip = Strip.from_coordinates(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
         for k in range(60):
             bar = Box((0.1, 0.3, 0.5), at=(2.0, 0.55 - 0.006 * k, 0.85), name="bar")
             result = deformer.step(strip, Scene([*walls, bar]))

@@ -25,10 +25,12 @@ def limits_of(robot) -> MotionLimits:
     return MotionLimits.for_robot(robot, joint_speed=1.0)
 
 
-def state(robot, *, chart=None, v=None, a=None) -> ReferenceState:
+def state(robot, *, coordinates=None, v=None, a=None) -> ReferenceState:
     zero = np.zeros(robot.nv)
-    home = robot.space.to_chart(robot.home_q)
-    return ReferenceState(0.0, home if chart is None else chart, zero if v is None else v, zero if a is None else a)
+    home = robot.space.to_coordinates(robot.home_q)
+    return ReferenceState(
+        0.0, home if coordinates is None else coordinates, zero if v is None else v, zero if a is None else a
+    )
 
 
 def largest_error(robot, run) -> float:
@@ -38,20 +40,20 @@ def largest_error(robot, run) -> float:
 def drive(robot, trajectory, plant, *, offset=None, gains=None) -> np.ndarray:
     """Errors (S, nv) from truth to reference, in the robot's frame, with a start beside the reference's."""
     controller = TrackingController(robot, trajectory.limits, gains)
-    start = trajectory.chart[0] if offset is None else robot.space.integrate(trajectory.chart[0], offset)
+    start = trajectory.coordinates[0] if offset is None else robot.space.integrate(trajectory.coordinates[0], offset)
     plant.reset(start)
     errors = []
     for t in trajectory.time:
         reference = trajectory.at(t)
-        errors.append(robot.space.difference(plant.chart, reference.chart))
-        plant.step(controller.command(reference, plant.chart), 0.01)
+        errors.append(robot.space.difference(plant.coordinates, reference.coordinates))
+        plant.step(controller.command(reference, plant.coordinates), 0.01)
     return np.array(errors)
 
 
 def test_a_reference_at_rest_commands_exactly_zero_whatever_the_error(robot, rng):
     limits = limits_of(robot)
     controller = TrackingController(robot, limits)
-    home = robot.space.to_chart(robot.home_q)
+    home = robot.space.to_coordinates(robot.home_q)
     for size in (1e-4, 0.01, 0.3):
         command = controller.command(state(robot), home + size * rng.standard_normal(robot.nv))
         assert command.drive.tolist() == [0.0] * limits.drive_dim
@@ -62,12 +64,12 @@ def test_a_robot_whose_reference_rests_stays_at_rest(silvermate):
     """Noise of encoders and fixes reaches the estimate, but no motor."""
     limits = limits_of(silvermate)
     plant, estimator = KinematicPlant(silvermate, limits, seed=3), StateEstimator(silvermate, limits)
-    controller, chart = TrackingController(silvermate, limits), plant.chart
-    estimator.reset(chart)
+    controller, coordinates = TrackingController(silvermate, limits), plant.coordinates
+    estimator.reset(coordinates)
     estimates = []
     for _ in range(200):
-        estimates.append(estimator.update(plant.step(controller.command(state(silvermate), plant.chart), 0.01)))
-    assert np.array_equal(plant.chart, chart)
+        estimates.append(estimator.update(plant.step(controller.command(state(silvermate), plant.coordinates), 0.01)))
+    assert np.array_equal(plant.coordinates, coordinates)
     assert not plant.v.any()
     assert np.ptp(np.array(estimates), axis=0).max() > 1e-4  # there was something to be unsettled by
 
@@ -76,7 +78,7 @@ def test_an_acceleration_from_rest_is_no_rest(silvermate):
     a = np.zeros(silvermate.nv)
     a[0] = 0.5
     command = TrackingController(silvermate, limits_of(silvermate)).command(
-        state(silvermate, a=a), silvermate.space.to_chart(silvermate.home_q)
+        state(silvermate, a=a), silvermate.space.to_coordinates(silvermate.home_q)
     )
     assert command.drive == pytest.approx([0.5 * 0.046] * 2)
 
@@ -88,7 +90,7 @@ def test_a_saturated_drive_keeps_its_curvature(silvermate):
         v = np.zeros(silvermate.nv)
         v[0], v[2] = forward, turn
         reference = state(silvermate, v=v)
-        twist = limits.to_twist(controller.command(reference, reference.chart).drive)
+        twist = limits.to_twist(controller.command(reference, reference.coordinates).drive)
         assert twist[2] / twist[0] == pytest.approx(turn / forward)
         rims = limits.to_drive(twist)
         assert np.abs(rims).max() == pytest.approx(1.1 * limits.drive_speed[0])
@@ -99,7 +101,7 @@ def test_joints_are_limited_one_by_one(silvermate):
     v = np.zeros(silvermate.nv)
     v[3], v[4] = 50.0, 0.2
     reference = state(silvermate, v=v)
-    command = TrackingController(silvermate, limits).command(reference, reference.chart)
+    command = TrackingController(silvermate, limits).command(reference, reference.coordinates)
     assert command.joints[0] == pytest.approx(1.1 * limits.joint_speed[0])
     assert command.joints[1] == pytest.approx(0.2)
 
@@ -149,10 +151,10 @@ def test_an_omnidirectional_base_is_led_in_the_references_direction(rover):
     v = np.zeros(rover.nv)
     v[:2] = 0.3, 0.1
     reference = state(rover, v=v)
-    estimate = reference.chart.copy()
+    estimate = reference.coordinates.copy()
     estimate[2] -= 0.5
     drive_to = TrackingController(rover, limits).command(reference, estimate).drive
-    c, s = np.cos(estimate[2] - reference.chart[2]), np.sin(estimate[2] - reference.chart[2])
+    c, s = np.cos(estimate[2] - reference.coordinates[2]), np.sin(estimate[2] - reference.coordinates[2])
     assert np.array([[c, -s], [s, c]]) @ drive_to[:2] == pytest.approx(v[:2])
 
 
@@ -177,10 +179,10 @@ def test_a_jump_of_the_estimate_is_no_jerk(robot):
     if limits.drive_dim == 2:
         v[1] = 0.0
     reference = state(robot, v=v)
-    off = reference.chart.copy()
+    off = reference.coordinates.copy()
     off[:2] += 3.0
     off[3:] += 3.0
-    there, beside = controller.command(reference, reference.chart), controller.command(reference, off)
+    there, beside = controller.command(reference, reference.coordinates), controller.command(reference, off)
     change = limits.to_twist(beside.drive - there.drive)
     if limits.drive_dim:
         assert np.hypot(*change[:2]) <= 0.25 + 1e-9
@@ -195,7 +197,7 @@ def test_a_continuous_joint_goes_the_short_way(rover):
     v = np.zeros(rover.nv)
     v[3] = 0.1
     reference = state(rover, v=v)
-    estimate = reference.chart.copy()
+    estimate = reference.coordinates.copy()
     estimate[3 + k] += 2.0 * np.pi - 0.01
     command = TrackingController(rover, limits).command(reference, estimate)
     assert command.joints[k] == pytest.approx(0.1)

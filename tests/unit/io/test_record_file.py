@@ -99,9 +99,9 @@ def test_every_shape_comes_back_as_convex_pieces_at_the_same_places(silvermate, 
     moving.append(Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], at=(0, 1, 0), motion=spin))
     world = World(Scene([*still, *(o.named(f"moving {k}#0") for k, o in enumerate(moving))]))
     recorder = Recorder(silvermate, world)
-    row = silvermate.space.to_chart(silvermate.home())
+    row = silvermate.space.to_coordinates(silvermate.home())
     for t in (0.5, 0.7, 1.1):
-        recorder.control(t, chart=row, v=0 * row)
+        recorder.control(t, coordinates=row, v=0 * row)
     again = read_record(write_record(recorder.finish(), tmp_path / "x.npz")).world
     for t in (0.5, 0.7, 1.1):
         for scenes in (world.at(t), again.at(t)):
@@ -131,7 +131,7 @@ def test_names_that_clash_with_those_of_pieces(silvermate, tmp_path):
     cloud = make_scene(np.random.default_rng(1), 1, shapes=("points",)).obstacles[0].named("a")
     world = World(Scene([Box((1, 1, 1), at=(3, 3, 0), name="a#1"), cloud]), appears={"a#1": 1.0})
     recorder = Recorder(silvermate, world)
-    recorder.control(0.0, chart=np.zeros(10), v=np.zeros(10))
+    recorder.control(0.0, coordinates=np.zeros(10), v=np.zeros(10))
     again = read_record(write_record(recorder.finish(), tmp_path / "x.npz")).world
     assert len(again.scene) == 1 + len(scene_pieces(Scene([cloud])))
     assert dict(again.appears) == {"a#1": 1.0}
@@ -145,7 +145,7 @@ def test_numpy_alone_can_read_it(record, file):
         x = loaded["control_chart"][:, document["columns"]["chart"].index("x")]
         person = loaded["track_position"][:, document["tracks"].index("person")]
         drive = dict(zip(document["columns"]["drive"], loaded["control_drive"].T, strict=True))
-    np.testing.assert_array_equal(x, record.control.chart[:, 0])
+    np.testing.assert_array_equal(x, record.control.coordinates[:, 0])
     np.testing.assert_allclose(person[:, 1], -2.4 + 0.55 * record.control.time, atol=1e-12)
     np.testing.assert_array_equal(drive["left"], record.control.drive[:, 0])
     assert document["version"] == FORMAT_VERSION == 1
@@ -158,7 +158,7 @@ def test_the_robot_comes_back(record, file, silvermate, gantry, gantry_urdf, tmp
     assert robot.joint_names == silvermate.joint_names
     assert robot.base_kind is silvermate.base_kind
     recorder = Recorder(gantry, Scene())
-    recorder.control(0.0, chart=np.zeros(gantry.nv), v=np.zeros(gantry.nv))
+    recorder.control(0.0, coordinates=np.zeros(gantry.nv), v=np.zeros(gantry.nv))
     fixed = read_record(write_record(recorder.finish(), tmp_path / "fixed.npz"))
     assert fixed.control.drive.shape == (1, 0)
     assert record_robot(fixed).joint_names == gantry.joint_names
@@ -190,7 +190,7 @@ def test_a_csv_file_holds_the_control_rows(record, tmp_path):
 def test_nan_is_nothing_in_csv(gantry, rover):
     for robot, drive in ((gantry, 0), (rover, 3)):
         recorder = Recorder(robot, Scene())
-        recorder.control(0.25, chart=np.zeros(robot.nv), v=np.ones(robot.nv))
+        recorder.control(0.25, coordinates=np.zeros(robot.nv), v=np.ones(robot.nv))
         record = recorder.finish()
         header, row = record_csv(record).splitlines()
         values = dict(zip(header.split(","), row.split(","), strict=True))
@@ -206,7 +206,7 @@ def test_a_frame_where_pandas_is(record, monkeypatch):
     frame = record_frame(record)
     assert isinstance(frame, pandas.DataFrame)
     assert list(frame.columns) == list(record_columns(record))
-    np.testing.assert_array_equal(frame["x"], record.control.chart[:, 0])
+    np.testing.assert_array_equal(frame["x"], record.control.coordinates[:, 0])
     assert frame["state"].iloc[-1] == "reached"
 
 
@@ -353,7 +353,7 @@ def test_a_loop_of_keyframes_is_kept_as_it_was_driven(silvermate, tmp_path):
     world = World(Scene([Sphere(0.1, motion=to_and_fro, name="ball")]))
     recorder = Recorder(silvermate, world)
     for t in np.arange(0.0, 3.0, 0.01):
-        recorder.control(t, chart=np.zeros(10), v=np.zeros(10))
+        recorder.control(t, coordinates=np.zeros(10), v=np.zeros(10))
     again = read_record(write_record(recorder.finish(), tmp_path / "x.npz")).world
     apart = [
         np.abs(again.at(t).obstacles[0].pose - world.at(t).obstacles[0].pose).max() for t in np.arange(0, 2.9, 1e-3)

@@ -13,17 +13,17 @@ from elastic_strips.strip import Deformer
 def test_a_wire_between_two_samples_is_found(jackal_box) -> None:
     """A path whose nodes are all valid, with a thin plate between two of them."""
     start, goal = jackal_box.home(), jackal_box.home(x=4.0)
-    chart = straight_line(jackal_box, start, goal, spacing=2.0)
-    assert len(chart) == 5
+    coordinates = straight_line(jackal_box, start, goal, spacing=2.0)
+    assert len(coordinates) == 5
     plate = Scene([Box((0.001, 2.0, 1.0), at=(1.5, 0.0, 0.5), name="plate")])
     valid = Validity(jackal_box, plate, margin=0.0)
-    chart = chart[[0, 2, 4]]  # at 0, 2 and 4 m: half a robot is shorter than 0.5 m
-    assert all(valid(q.copy()) for q in jackal_box.space.from_chart(chart))
-    certificate = certify_path(Deformer(jackal_box), plate, chart)
+    coordinates = coordinates[[0, 2, 4]]  # at 0, 2 and 4 m: half a robot is shorter than 0.5 m
+    assert all(valid(q.copy()) for q in jackal_box.space.from_coordinates(coordinates))
+    certificate = certify_path(Deformer(jackal_box), plate, coordinates)
     assert certificate.segments.tolist() == [False, True]
     assert certificate.broken is not None
     assert certificate.broken.obstacle == "plate"
-    assert certify_path(Deformer(jackal_box), plate.without("plate"), chart).certified
+    assert certify_path(Deformer(jackal_box), plate.without("plate"), coordinates).certified
 
 
 def test_a_finer_path_checks_more(silvermate) -> None:

@@ -101,8 +101,8 @@ def test_a_grid_path_relaxes_to_a_certified_strip_without_cusps(jackal_box, seed
     assert (report.certified, report.method, report.attempts) == (True, "grid", 1), report.reason
     assert Deformer(jackal_box).certify(report.strip, scene).certified
     assert report.strip.lateral_slip.max() <= 1e-6
-    chart = report.strip.chart
-    ahead = jackal_box.space.difference(chart[:-1], chart[1:])[:, 0]
+    coordinates = report.strip.coordinates
+    ahead = jackal_box.space.difference(coordinates[:-1], coordinates[1:])[:, 0]
     assert -ahead[ahead < 0.0].sum() < 0.05
     assert ahead[2:-2].min() > 0.0
     np.testing.assert_allclose(report.strip.q[[0, -1]], [start, goal], atol=1e-12)
@@ -118,13 +118,13 @@ def test_the_planner_goes_on_where_the_grid_fails(bridge_arm):
 
 @pytest.mark.parametrize("base", ["diff_drive", "omni"])
 def test_a_given_path_is_tried_first(base):
-    """Waypoints, or chart rows, replace line and planner."""
+    """Waypoints, or coordinate rows, replace line and planner."""
     robot = load_robot("jackal-box", base=base)
     start, goal = robot.home(), robot.home(4.0, 0.0, 1.0)
     way = [(0, 0), (1.0, -1.65), (3.0, -1.65), (4, 0)]
     report = plan_report(robot, WALL, start, goal, path=way)
     assert (report.certified, report.method, report.attempts) == (True, "path", 0), report.reason
-    again = plan_report(robot, WALL, start, goal, path=report.strip.chart)
+    again = plan_report(robot, WALL, start, goal, path=report.strip.coordinates)
     assert (again.certified, again.method) == (True, "path")
     through = plan_report(
         robot, WALL, start, goal, path=[(0, 0), (4, 0)], seed=1, grid=False
@@ -136,7 +136,7 @@ def test_a_given_path_is_tried_first(base):
 def test_waypoint_rows_turn_in_place_where_headings_differ_much(jackal_box):
     start, goal = jackal_box.home(yaw=2.0), jackal_box.home(2.0, 0.0, 0.3)
     rows = waypoint_rows(jackal_box, start, goal, [(0, 0), (2, 0)], spacing=0.1)
-    np.testing.assert_allclose(jackal_box.space.from_chart(rows[[0, -1]]), [start, goal], atol=1e-12)
+    np.testing.assert_allclose(jackal_box.space.from_coordinates(rows[[0, -1]]), [start, goal], atol=1e-12)
     turning = np.flatnonzero(np.hypot(*rows[:, :2].T) == 0.0)
     assert len(turning) >= 6
     assert np.abs(np.diff(rows[:, 2])).max() <= 0.36

@@ -17,6 +17,6 @@ def test_the_planner_takes_any_heading(jackal_box, yaw):
     start, goal = jackal_box.home(yaw=yaw), jackal_box.home(4.0, 0.0, yaw)
     path = ompl_path(jackal_box, WALL, start, goal, seed=0, margin=0.03, timeout=60.0).rows
     assert path is not None
-    np.testing.assert_allclose(jackal_box.space.from_chart(path[[0, -1]]), [start, goal], atol=1e-9)
+    np.testing.assert_allclose(jackal_box.space.from_coordinates(path[[0, -1]]), [start, goal], atol=1e-9)
     report = plan_report(jackal_box, WALL, start, goal, line=False)
     assert report.certified, report.reason

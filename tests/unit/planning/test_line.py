@@ -19,7 +19,7 @@ SPACING = 0.15
 
 def rows_of(robot, a, b, spacing=SPACING):
     rows = straight_line(robot, a, b, spacing=spacing)
-    Strip(robot, robot.space.from_chart(rows))  # sound configurations
+    Strip(robot, robot.space.from_coordinates(rows))  # sound configurations
     return rows
 
 
@@ -30,7 +30,7 @@ def test_a_differential_drive_can_follow_exactly(silvermate, seed, scale):
     a, b = random_configurations(silvermate, rng, 2)
     b[:2] = a[:2] + scale * rng.normal(size=2)
     rows = rows_of(silvermate, a, b)
-    q = silvermate.space.from_chart(rows)
+    q = silvermate.space.from_coordinates(rows)
     np.testing.assert_allclose(q[0], a, atol=1e-15)
     np.testing.assert_allclose(q[-1], b, atol=1e-15)
     v = np.array([pin.difference(silvermate.model, x, y) for x, y in pairwise(q)])
@@ -88,7 +88,7 @@ def test_a_fixed_base_moves_its_joints(gantry, rng):
     a, b = random_configurations(gantry, rng, 2)
     rows = rows_of(gantry, a, b)
     expected = [pin.interpolate(gantry.model, a, b, s) for s in np.linspace(0, 1, len(rows))]
-    np.testing.assert_allclose(gantry.space.from_chart(rows), expected, atol=1e-9)
+    np.testing.assert_allclose(gantry.space.from_coordinates(rows), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["silvermate", "rover"])

@@ -118,9 +118,9 @@ def test_ends_that_are_too_close_say_how_close(silvermate):
 def test_ends_in_self_collision_name_both_links(silvermate, rng):
     space = silvermate.space
     for _ in range(400):
-        chart = space.to_chart(silvermate.home_q)
-        chart[3:] = rng.uniform(space.lower[3:], space.upper[3:])
-        q = space.from_chart(chart)
+        coordinates = space.to_coordinates(silvermate.home_q)
+        coordinates[3:] = rng.uniform(space.lower[3:], space.upper[3:])
+        q = space.from_coordinates(coordinates)
         apart = self_distances(silvermate, q)
         if apart.min() < -0.01:
             break
@@ -196,10 +196,10 @@ def test_validity_equals_brute_force(silvermate, rng, many):
     assert (valid._manager is not None) is many
     space, results = silvermate.space, []
     for _ in range(25 if many else 150):
-        chart = space.to_chart(silvermate.home_q)
-        chart[:3] = rng.uniform([-2, -2, -3], [2, 2, 3])
-        chart[3:] = np.clip(chart[3:] + 0.4 * rng.normal(size=7), space.lower[3:], space.upper[3:])
-        q = space.from_chart(chart)
+        coordinates = space.to_coordinates(silvermate.home_q)
+        coordinates[:3] = rng.uniform([-2, -2, -3], [2, 2, 3])
+        coordinates[3:] = np.clip(coordinates[3:] + 0.4 * rng.normal(size=7), space.lower[3:], space.upper[3:])
+        q = space.from_coordinates(coordinates)
         nearest, own = link_distances(silvermate, scene, q).min(), self_distances(silvermate, q).min()
         if abs(nearest - margin) < 1e-4 or abs(own) < 1e-4:
             continue
@@ -213,7 +213,7 @@ def test_a_path_keeps_its_margin_at_its_nodes(silvermate):
     start, goal = silvermate.home(), silvermate.home(x=4.0)
     found = ompl_path(silvermate, scene, start, goal, seed=0, margin=0.04, timeout=60.0)
     assert found.rows is not None, found.reason
-    q = silvermate.space.from_chart(found.rows)
+    q = silvermate.space.from_coordinates(found.rows)
     np.testing.assert_allclose(q[[0, -1]], [start, goal], atol=1e-12)
     assert min(link_distances(silvermate, scene, row).min() for row in q) > 0.01
     assert found.checks > 0

@@ -58,7 +58,7 @@ def test_long_walls_are_passed(mover, scene):
 def test_where_the_base_fits_and_the_robot_does_not_it_goes_around(mover):
     report = plan_report(mover, SLIT, mover.home(), mover.home(x=4.0), timeout=60.0)
     assert report.certified, report.reason
-    assert np.abs(report.strip.chart[:, 1]).max() > 5.0
+    assert np.abs(report.strip.coordinates[:, 1]).max() > 5.0
 
 
 def test_without_the_grid_the_boxes_of_ompl_widen(silvermate):
@@ -79,12 +79,12 @@ def test_the_base_keeps_to_the_bounds(mover):
     kept = plan_report(mover, scene, start, goal, bounds=bounds, timeout=60.0)
     assert free.certified
     assert kept.certified, kept.reason
-    assert free.strip.chart[:, 1].max() > 2.0
-    path = mover.space.to_chart(kept.strip.sample(0.02))[:, :2]
+    assert free.strip.coordinates[:, 1].max() > 2.0
+    path = mover.space.to_coordinates(kept.strip.sample(0.02))[:, :2]
     assert (path >= bounds[0]).all()
     assert (path <= bounds[1]).all()
     for found in plan_report(mover, scene, start, goal, bounds=bounds, count=3, timeout=60.0).alternatives:
-        assert found.strip.chart[:, 1].max() <= 2.0
+        assert found.strip.coordinates[:, 1].max() <= 2.0
 
 
 BAD_BOUNDS = [
@@ -201,8 +201,8 @@ def test_threads_do_not_change_what_a_seed_gives(silvermate):
     for thread in threads:
         thread.join()
     assert len(found) == 3
-    for chart in found:
-        np.testing.assert_array_equal(chart, alone)
+    for coordinates in found:
+        np.testing.assert_array_equal(coordinates, alone)
 
 
 def test_a_failed_plan_says_what_is_in_the_way_and_what_to_try(silvermate):
@@ -275,10 +275,10 @@ def test_links_that_touch_are_refused_at_any_clearance(silvermate):
     deformer = Deformer(silvermate, params)
     lower, upper = silvermate.space.lower, silvermate.space.upper
     rng = np.random.default_rng(3)
-    home = silvermate.space.to_chart(silvermate.home_q)
+    home = silvermate.space.to_coordinates(silvermate.home_q)
 
     def certified(row):
-        q = silvermate.space.from_chart(row)
+        q = silvermate.space.from_coordinates(row)
         return deformer.certify(Strip(silvermate, [q, q]), Scene([])).certified
 
     for _ in range(200):
@@ -291,7 +291,7 @@ def test_links_that_touch_are_refused_at_any_clearance(silvermate):
         middle = 0.5 * (free + folded)
         free, folded = (middle, folded) if certified(home + middle * (hit - home)) else (free, middle)
     row = home + free * (hit - home)
-    touching = silvermate.space.from_chart(row)
+    touching = silvermate.space.from_coordinates(row)
     from brute_force import self_distances
 
     assert 0.0 < self_distances(silvermate, touching).min() < 1e-4

@@ -225,11 +225,11 @@ def test_named_states(tmp_path):
     )
     robot = load_robot(path, base="omni", srdf=semantics)
     assert robot.state_names == ("home", "up", "far")
-    values = dict(zip(robot.joint_names, robot.space.to_chart(robot.state("up", 1.0, 2.0, 0.5))[3:], strict=True))
+    values = dict(zip(robot.joint_names, robot.space.to_coordinates(robot.state("up", 1.0, 2.0, 0.5))[3:], strict=True))
     assert values == pytest.approx(
         {"shoulder": -1.5, "elbow": 0.5, "wrist": 0.0, "dial": math.pi / 2, "turn": 2 * math.pi - 1.5}
     )
-    np.testing.assert_allclose(robot.space.to_chart(robot.state("up", 1.0, 2.0, 0.5))[:3], [1.0, 2.0, 0.5])
+    np.testing.assert_allclose(robot.space.to_coordinates(robot.state("up", 1.0, 2.0, 0.5))[:3], [1.0, 2.0, 0.5])
     with pytest.raises(ConfigurationError, match=r"no state 'upp'; did you mean 'up'"):
         robot.state("upp")
     with pytest.raises(ConfigurationError, match=r"'wrist' = 3 is outside"):

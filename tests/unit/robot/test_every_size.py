@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, link_distances, make_scene, random_chart, self_distances
+from brute_force import configuration, link_distances, make_scene, random_coordinates, self_distances
 from random_robots import random_urdf
 
 from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
@@ -30,11 +30,11 @@ def robots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 def test_placements_and_jacobians_equal_pinocchio_at_every_node(robots, rng):
     for robot in robots:
-        chart = random_chart(robot, rng, NODES)
+        coordinates = random_coordinates(robot, rng, NODES)
         kin = Kinematics(robot.tree, NODES)
-        kin.update(chart)
+        kin.update(coordinates)
         data = robot.model.createData()
-        for n, row in enumerate(chart):
+        for n, row in enumerate(coordinates):
             pin.computeJointJacobians(robot.model, data, configuration(robot, row))
             for i in range(1, robot.model.njoints):
                 what = f"nv={robot.nv}, node {n}, joint {robot.model.names[i]}"
@@ -48,9 +48,9 @@ def test_placements_and_jacobians_equal_pinocchio_at_every_node(robots, rng):
 def test_no_bound_is_above_the_distance_at_any_node(robots, rng):
     for robot in robots:
         scene = make_scene(rng, 5, shapes=("box", "sphere", "capsule", "convex", "cylinder"))
-        chart = random_chart(robot, rng, NODES)
+        coordinates = random_coordinates(robot, rng, NODES)
         kin = Kinematics(robot.tree, NODES)
-        kin.update(chart)
+        kin.update(coordinates)
         bodies = BodySet.links(robot)
         obstacles = ObstacleProximity(bodies, influence=0.5)
         obstacles.update(kin, scene)
@@ -58,7 +58,7 @@ def test_no_bound_is_above_the_distance_at_any_node(robots, rng):
         own.update(kin)
         assert obstacles.candidates is not None
         rows = obstacles.candidates.rows
-        for n, row in enumerate(chart):
+        for n, row in enumerate(coordinates):
             q = configuration(robot, row)
             true = link_distances(robot, scene, q)[:, rows]
             what = f"nv={robot.nv}, node {n}"

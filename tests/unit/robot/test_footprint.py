@@ -44,12 +44,12 @@ def test_the_boxes_hold_the_bodies(name, request, rng):
     footprint, space = PlanarFootprint(robot), robot.space
     for _ in range(5):
         q = robot.home(2.0, -1.0, 0.4).copy()
-        row = space.to_chart(q)
+        row = space.to_coordinates(q)
         row[space.base_nv :] = rng.uniform(np.maximum(space.lower, -3.0), np.minimum(space.upper, 3.0))[space.base_nv :]
         footprint.update(row)
         row[: space.base_nv] = 0.0
         data, placed = robot.model.createData(), robot.collision_model.createData()
-        pin.updateGeometryPlacements(robot.model, data, robot.collision_model, placed, space.from_chart(row))
+        pin.updateGeometryPlacements(robot.model, data, robot.collision_model, placed, space.from_coordinates(row))
         for piece, pose in zip(robot.geometries, placed.oMg, strict=True):
             points, radius = support_points(piece.geometry)
             points = points @ pose.rotation.T + pose.translation

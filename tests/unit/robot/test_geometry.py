@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, distance, link_poses, outside, random_chart
+from brute_force import configuration, distance, link_poses, outside, random_coordinates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -77,12 +77,12 @@ def test_pieces_contain_the_urdfs_collision_geometry(name, request, rng):
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelPlanar())
     collision = pin.buildGeomFromUrdf(model, str(urdf), pin.COLLISION, package_dirs=[str(f) for f in folders])
     assert collision.ngeoms > 5
-    for row in random_chart(robot, rng, 2):
-        chart = dict(zip(robot.joint_names, row[3:], strict=True)) | dict(robot.locked)
+    for row in random_coordinates(robot, rng, 2):
+        coordinates = dict(zip(robot.joint_names, row[3:], strict=True)) | dict(robot.locked)
         q = pin.neutral(model)
         q[:4] = row[0], row[1], np.cos(row[2]), np.sin(row[2])
         for i in range(2, model.njoints):
-            joint, value = model.joints[i], chart[model.names[i]]
+            joint, value = model.joints[i], coordinates[model.names[i]]
             q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
         data = model.createData()
         pin.forwardKinematics(model, data, q)

@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, random_chart
+from brute_force import configuration, random_coordinates
 
 from elastic_strips.robot import Kinematics, RobotModel
 
 
 @pytest.fixture
-def chart(robot: RobotModel, rng: np.random.Generator) -> np.ndarray:
-    return random_chart(robot, rng, 7)
+def coordinates(robot: RobotModel, rng: np.random.Generator) -> np.ndarray:
+    return random_coordinates(robot, rng, 7)
 
 
 @pytest.fixture
-def kin(robot: RobotModel, chart: np.ndarray) -> Kinematics:
+def kin(robot: RobotModel, coordinates: np.ndarray) -> Kinematics:
     kin = Kinematics(robot.tree, 3)  # grows
-    kin.update(chart)
+    kin.update(coordinates)
     return kin
 
 
@@ -37,41 +37,41 @@ def random_points(robot: RobotModel, rng: np.random.Generator, count: int) -> tu
     return node, joint, rng.uniform(-0.5, 0.5, (count, 3))
 
 
-def test_placements_equal_forward_kinematics(robot, kin, chart):
-    for n, row in enumerate(chart):
+def test_placements_equal_forward_kinematics(robot, kin, coordinates):
+    for n, row in enumerate(coordinates):
         data = reference(robot, row)
         for i in range(robot.model.njoints):
             np.testing.assert_allclose(kin.T[i, n, :, :3], data.oMi[i].rotation @ robot.tree.align[i], atol=1e-12)
             np.testing.assert_allclose(kin.T[i, n, :, 3], data.oMi[i].translation, atol=1e-12)
 
 
-def test_jacobian_columns_equal_pinocchio(robot, kin, chart):
-    for n, row in enumerate(chart):
+def test_jacobian_columns_equal_pinocchio(robot, kin, coordinates):
+    for n, row in enumerate(coordinates):
         np.testing.assert_allclose(kin.J[n].T, reference(robot, row).J, atol=1e-12)
 
 
 def test_a_smaller_update_after_a_larger_one(robot, kin, rng):
-    chart = random_chart(robot, rng, 2)
-    kin.update(chart)
+    coordinates = random_coordinates(robot, rng, 2)
+    kin.update(coordinates)
     assert kin.n == 2
-    for n, row in enumerate(chart):
+    for n, row in enumerate(coordinates):
         np.testing.assert_allclose(kin.J[n].T, reference(robot, row).J, atol=1e-12)
 
 
-def test_updating_without_jacobians_still_places(robot, chart):
+def test_updating_without_jacobians_still_places(robot, coordinates):
     kin = Kinematics(robot.tree, 7)
-    kin.update(chart, jacobians=False)
+    kin.update(coordinates, jacobians=False)
     last = robot.model.njoints - 1
-    np.testing.assert_allclose(kin.T[last, 3, :, 3], reference(robot, chart[3]).oMi[last].translation, atol=1e-12)
+    np.testing.assert_allclose(kin.T[last, 3, :, 3], reference(robot, coordinates[3]).oMi[last].translation, atol=1e-12)
 
 
-def test_points_and_to_aligned(robot, kin, chart, rng):
+def test_points_and_to_aligned(robot, kin, coordinates, rng):
     _, joint, local = random_points(robot, rng, 12)
     aligned = np.array([robot.tree.align[j].T @ p for j, p in zip(joint, local, strict=True)])
     world = kin.points(joint, aligned)
     assert world.shape == (7, 12, 3)
     T = np.array(pin.SE3.Random().homogeneous)
-    for n, row in enumerate(chart):
+    for n, row in enumerate(coordinates):
         data = reference(robot, row)
         for k, j in enumerate(joint):
             np.testing.assert_allclose(world[n, k], data.oMi[int(j)].act(local[k]), atol=1e-12)
@@ -79,16 +79,16 @@ def test_points_and_to_aligned(robot, kin, chart, rng):
             np.testing.assert_allclose(frame, (data.oMi[int(j)].homogeneous @ T)[:3], atol=1e-12)
 
 
-def test_point_jacobians_equal_finite_differences(robot, kin, chart, rng):
+def test_point_jacobians_equal_finite_differences(robot, kin, coordinates, rng):
     node, joint, local = random_points(robot, rng, 25)
     points = np.array(
-        [reference(robot, chart[n]).oMi[int(j)].act(p) for n, j, p in zip(node, joint, local, strict=True)]
+        [reference(robot, coordinates[n]).oMi[int(j)].act(p) for n, j, p in zip(node, joint, local, strict=True)]
     )
     J = kin.point_jacobians(node, joint, points)
     assert J.shape == (25, 3, robot.nv)
     h = 1e-6
     for k in range(25):
-        q = configuration(robot, chart[node[k]])
+        q = configuration(robot, coordinates[node[k]])
         for i in range(robot.nv):
             ends = []
             for sign in (1, -1):
@@ -100,9 +100,9 @@ def test_point_jacobians_equal_finite_differences(robot, kin, chart, rng):
             np.testing.assert_allclose(J[k, :, i], (ends[0] - ends[1]) / (2 * h), atol=1e-8)
 
 
-def test_point_jacobians_equal_frame_jacobians(robot, kin, chart, rng):
+def test_point_jacobians_equal_frame_jacobians(robot, kin, coordinates, rng):
     for n in (0, 6):
-        data = reference(robot, chart[n])
+        data = reference(robot, coordinates[n])
         for frame_id in rng.integers(0, robot.model.nframes, 8):
             frame = robot.model.frames[int(frame_id)]
             full = pin.getFrameJacobian(robot.model, data, int(frame_id), pin.LOCAL_WORLD_ALIGNED)

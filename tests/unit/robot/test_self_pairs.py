@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, distance, link_poses, random_chart, self_distances
+from brute_force import configuration, distance, link_poses, random_coordinates, self_distances
 
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.robot.geometry import never_touch
@@ -40,7 +40,7 @@ def test_omitted_pairs_touch_at_home_nearly_always_or_never(name, request, rng):
     assert kept <= candidates(robot) or name == "gantry"
     count, hits = 1500, np.zeros(len(omitted))
     data = robot.model.createData()
-    for row in random_chart(robot, rng, count):
+    for row in random_coordinates(robot, rng, count):
         poses = link_poses(robot, configuration(robot, row), data)
         for n, (i, k) in enumerate(omitted):
             a, b = robot.geometries[i].geometry, robot.geometries[k].geometry
@@ -96,7 +96,7 @@ def two_links(limit: float) -> RobotModel:
 @pytest.mark.parametrize("limit, never", [(0.5, True), (1.0, True), (2.9, False)])
 def test_never_touch_is_a_proof(limit, never, rng):
     robot = two_links(limit)
-    rows = random_chart(robot, rng, 4000)
+    rows = random_coordinates(robot, rng, 4000)
     smallest = min(self_distances(robot, configuration(robot, row))[0] for row in rows)
     assert bool(smallest > 0.0) is never
     assert never_touch(robot.model, robot.geometries, 0, 1) is never

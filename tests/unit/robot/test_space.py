@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, random_chart
+from brute_force import configuration, random_coordinates
 
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import ConfigurationSpace, RobotModel
@@ -27,32 +27,32 @@ def turned(robot: RobotModel, start: np.ndarray, angle: float) -> np.ndarray:
 
 @pytest.fixture
 def pairs(robot: RobotModel, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Chart rows (K, nv) to compare between: random ones, and ones whose angles differ by special values."""
-    a = random_chart(robot, rng, 60)
-    b = random_chart(robot, rng, 60)
+    """Coordinate rows (K, nv) to compare between: random ones, and ones whose angles differ by special values."""
+    a = random_coordinates(robot, rng, 60)
+    b = random_coordinates(robot, rng, 60)
     special = [turned(robot, row, sign * angle) for row in a[:3] for angle in ANGLES for sign in (1, -1)]
     first = np.repeat(a[:3], 2 * len(ANGLES), axis=0)
     return np.vstack((a, first)), np.vstack((b, special))
 
 
-def configurations(robot: RobotModel, *charts: np.ndarray) -> list[np.ndarray]:
-    return [np.array([configuration(robot, row) for row in chart]) for chart in charts]
+def configurations(robot: RobotModel, *coordinate_arrays: np.ndarray) -> list[np.ndarray]:
+    return [np.array([configuration(robot, row) for row in coordinates]) for coordinates in coordinate_arrays]
 
 
-def test_from_chart_gives_pinocchios_configuration(robot, rng):
-    chart = random_chart(robot, rng, 20)
-    q = robot.space.from_chart(chart)
-    np.testing.assert_allclose(q, [configuration(robot, row) for row in chart], atol=1e-15)
+def test_from_coordinate_gives_pinocchios_configuration(robot, rng):
+    coordinates = random_coordinates(robot, rng, 20)
+    q = robot.space.from_coordinates(coordinates)
+    np.testing.assert_allclose(q, [configuration(robot, row) for row in coordinates], atol=1e-15)
     for row in q:
         np.testing.assert_allclose(pin.normalize(robot.model, row), row, atol=1e-12)
 
 
-def test_chart_round_trip_keeps_shape(robot, rng):
-    chart = random_chart(robot, rng, 12).reshape(3, 4, -1)
-    q = robot.space.from_chart(chart)
+def test_coordinate_round_trip_keeps_shape(robot, rng):
+    coordinates = random_coordinates(robot, rng, 12).reshape(3, 4, -1)
+    q = robot.space.from_coordinates(coordinates)
     assert q.shape == (3, 4, robot.nq)
-    np.testing.assert_allclose(robot.space.to_chart(q), chart, atol=1e-12)
-    np.testing.assert_allclose(robot.space.to_chart(q[0, 0]), chart[0, 0], atol=1e-12)
+    np.testing.assert_allclose(robot.space.to_coordinates(q), coordinates, atol=1e-12)
+    np.testing.assert_allclose(robot.space.to_coordinates(q[0, 0]), coordinates[0, 0], atol=1e-12)
 
 
 def test_difference_equals_pinocchio(robot, pairs):
@@ -70,7 +70,7 @@ def test_integrate_equals_pinocchio(robot, pairs):
     a, b = pairs
     v = robot.space.difference(a, b)
     for scale in (1.0, -0.3, 2.7):
-        got = robot.space.from_chart(robot.space.integrate(a, scale * v))
+        got = robot.space.from_coordinates(robot.space.integrate(a, scale * v))
         expected = [pin.integrate(robot.model, configuration(robot, x), scale * w) for x, w in zip(a, v, strict=True)]
         np.testing.assert_allclose(got, expected, atol=1e-10)
 
@@ -81,7 +81,7 @@ def test_interpolate_equals_pinocchio(robot, pairs):
     circular = np.flatnonzero(robot.space.circular) + robot.space.base_nv
     half_turn = (np.abs(wrap_angle(b - a)[:, circular]) > np.pi - 2e-6).any(axis=1)
     for s in (0.0, 0.25, 0.5, 1.0):
-        got = robot.space.from_chart(robot.space.interpolate(a, b, s))
+        got = robot.space.from_coordinates(robot.space.interpolate(a, b, s))
         by_twist = [
             pin.integrate(robot.model, x, s * pin.difference(robot.model, x, y)) for x, y in zip(*ends, strict=True)
         ]
@@ -100,8 +100,8 @@ def test_interpolate_takes_one_fraction_per_row(robot, pairs):
 
 def test_integrating_a_difference_arrives(robot, pairs):
     a, b = pairs
-    got = robot.space.from_chart(robot.space.integrate(a, robot.space.difference(a, b)))
-    np.testing.assert_allclose(got, robot.space.from_chart(b), atol=1e-11)
+    got = robot.space.from_coordinates(robot.space.integrate(a, robot.space.difference(a, b)))
+    np.testing.assert_allclose(got, robot.space.from_coordinates(b), atol=1e-11)
 
 
 def test_difference_jacobians_equal_pinocchio(robot, pairs):
@@ -126,7 +126,7 @@ def test_difference_jacobians_equal_finite_differences(silvermate, rng):
     """Independent of Pinocchio's conditioning: also at tiny and at nearly half turns."""
     space, h = silvermate.space, 1e-6
     for angle in (0.0, 1e-5, 9.9e-5, 1.01e-4, 0.3, -2.0, 3.0):
-        a = random_chart(silvermate, rng, 1)[0]
+        a = random_coordinates(silvermate, rng, 1)[0]
         b = turned(silvermate, a, angle)
         first, second = space.base_difference_jacobians(space.difference(a, b))
         for k in range(3):

@@ -22,7 +22,7 @@ def test_reaches_a_goal_behind_a_pillar(silvermate, method):
     evaluation = evaluate(result.record, silvermate, runner.world, runner.limits)
     assert not evaluation.contacts
     assert evaluation.max_lateral_slip_m < 1e-5
-    np.testing.assert_allclose(result.record.control.chart[-1, :2], (4.0, 0.0), atol=0.15)
+    np.testing.assert_allclose(result.record.control.coordinates[-1, :2], (4.0, 0.0), atol=0.15)
     assert result.record.metadata["method"] == method
 
 
@@ -43,7 +43,7 @@ def test_equal_seeds_give_equal_runs(silvermate):
     one, two = (
         base_simulation(silvermate, Scene([PILLAR]), silvermate.home(), silvermate.home(x=4.0), "vfh", seed=5)
         .run(time_limit=4.0)
-        .record.control.chart
+        .record.control.coordinates
         for _ in range(2)
     )
     np.testing.assert_array_equal(one, two)

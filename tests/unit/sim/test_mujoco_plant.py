@@ -67,13 +67,13 @@ def machine(request) -> MujocoPlant:
 
 
 def test_it_stands_and_holds_its_arm(machine):
-    home = machine.robot.space.to_chart(machine.robot.home_q)
+    home = machine.robot.space.to_coordinates(machine.robot.home_q)
     machine.reset(home, 2.0)
     assert machine.time == 2.0
-    assert machine.chart == pytest.approx(home, abs=1e-12)
+    assert machine.coordinates == pytest.approx(home, abs=1e-12)
     drive(machine, 2.0)
     assert machine.time == pytest.approx(4.0)
-    assert machine.chart == pytest.approx(home, abs=1e-4)
+    assert machine.coordinates == pytest.approx(home, abs=1e-4)
     assert np.abs(machine.v).max() < 1e-4
     assert machine.contacts() == ()
 
@@ -84,29 +84,31 @@ def test_masses_are_the_descriptions(machine):
 
 
 def test_it_drives_straight_as_far_as_its_wheels_turn(machine):
-    machine.reset(machine.robot.space.to_chart(machine.robot.home_q))
+    machine.reset(machine.robot.space.to_coordinates(machine.robot.home_q))
     travel = drive(machine, 3.0, 0.4)
     assert machine.v[0] == pytest.approx(0.4, rel=0.02)
     assert machine.motors == pytest.approx([0.4, 0.4], rel=0.01)
     assert abs(machine.v[1]) < 0.002
-    way = machine.chart[0] * np.cos(machine.chart[2]) + machine.chart[1] * np.sin(machine.chart[2])
+    way = machine.coordinates[0] * np.cos(machine.coordinates[2]) + machine.coordinates[1] * np.sin(
+        machine.coordinates[2]
+    )
     assert way == pytest.approx(travel.mean(), rel=5e-3)
     assert travel == pytest.approx([0.4 * 2.75 - 0.4 * 0.04] * 2, rel=0.03)
 
 
 @pytest.mark.parametrize("rim", [0.2, -0.2])
 def test_it_turns_in_place_as_its_wheels_turn(machine, rim):
-    machine.reset(machine.robot.space.to_chart(machine.robot.home_q))
+    machine.reset(machine.robot.space.to_coordinates(machine.robot.home_q))
     travel = drive(machine, 8.0, -rim, rim)
     turned = (travel[1] - travel[0]) / machine.limits.track
     assert abs(turned) > 2.0 * np.pi  # the yaw runs on
-    assert machine.chart[2] == pytest.approx(turned, rel=0.02)
+    assert machine.coordinates[2] == pytest.approx(turned, rel=0.02)
     assert machine.v[2] == pytest.approx(2.0 * rim / machine.limits.track, rel=0.03)
-    assert np.hypot(*machine.chart[:2]) < 0.03
+    assert np.hypot(*machine.coordinates[:2]) < 0.03
 
 
 def test_a_zero_command_stops_it(plant):
-    plant.reset(plant.robot.space.to_chart(plant.robot.home_q))
+    plant.reset(plant.robot.space.to_coordinates(plant.robot.home_q))
     drive(plant, 1.0, 0.5)
     drive(plant, 0.5)
     assert np.abs(plant.v).max() < 0.01
@@ -115,13 +117,13 @@ def test_a_zero_command_stops_it(plant):
 
 
 def test_joints_turn_as_they_are_told(machine):
-    home = machine.robot.space.to_chart(machine.robot.home_q)
+    home = machine.robot.space.to_coordinates(machine.robot.home_q)
     machine.reset(home)
     drive(machine, 1.5, joints=0.05)
     lag = 0.25 + machine.params.joint_lag
-    assert machine.chart[3:] - home[3:] == pytest.approx(np.full(len(home) - 3, 0.05 * (1.5 - lag)), abs=4e-3)
+    assert machine.coordinates[3:] - home[3:] == pytest.approx(np.full(len(home) - 3, 0.05 * (1.5 - lag)), abs=4e-3)
     assert machine.v[3:] == pytest.approx(np.full(len(home) - 3, 0.05), abs=5e-3)
-    assert np.hypot(*machine.chart[:2]) < 2e-3
+    assert np.hypot(*machine.coordinates[:2]) < 2e-3
 
 
 def test_joints_lag_as_the_parameters_say(silvermate):
@@ -129,20 +131,20 @@ def test_joints_lag_as_the_parameters_say(silvermate):
     for lag in (0.03, 0.08):
         params = PlantParams(jitter=0.0, joint_lag=lag, odometry=OdometryParams.ideal())
         plant = MujocoPlant(silvermate, limits_of(silvermate), params=params)
-        begin = plant.chart
+        begin = plant.coordinates
         drive(plant, 1.0, joints=0.15)
-        ways.append(plant.chart[3:] - begin[3:])
+        ways.append(plant.coordinates[3:] - begin[3:])
     assert ways[0] - ways[1] == pytest.approx(np.full(7, 0.05 * 0.15), abs=1.5e-3)
 
 
 def test_it_starts_at_any_pose(plant, rng):
-    home = plant.robot.space.to_chart(plant.robot.home_q)
+    home = plant.robot.space.to_coordinates(plant.robot.home_q)
     for yaw in (-3.0, 0.7, 9.0):
         home[:3] = 2.0, -1.0, yaw
         plant.reset(home)
-        assert plant.chart == pytest.approx(home, abs=1e-9)
+        assert plant.coordinates == pytest.approx(home, abs=1e-9)
         drive(plant, 1.0, 0.3)
-        way = plant.chart[:2] - home[:2]
+        way = plant.coordinates[:2] - home[:2]
         assert way @ (np.cos(yaw), np.sin(yaw)) == pytest.approx(np.hypot(*way), rel=1e-3)
 
 
@@ -150,7 +152,7 @@ def test_the_wheels_carry_most_of_the_weight(plant):
     """Else one of them would lift in a fast curve: the robot on four rigid points did."""
     import mujoco
 
-    plant.reset(plant.robot.space.to_chart(plant.robot.home_q))
+    plant.reset(plant.robot.space.to_coordinates(plant.robot.home_q))
     drive(plant, 0.5)
     mujoco.mj_forward(plant._model, plant._data)
     force, load = np.zeros(6), {}
@@ -198,14 +200,14 @@ def test_it_drives_through_a_corridor_without_a_touch(silvermate):
     plant = MujocoPlant(silvermate, limits, scene, seed=4)
     run = follow_trajectory(motion, plant, StateEstimator(silvermate, limits), TrackingController(silvermate, limits))
     assert plant.contact_events == ()
-    assert np.hypot(*(plant.chart[:2] - (8.0, 0.0))) < 0.05
+    assert np.hypot(*(plant.coordinates[:2] - (8.0, 0.0))) < 0.05
     assert largest_displacement(silvermate, run) < 0.02
 
 
 def test_it_runs_into_a_box_and_says_so(silvermate):
     box = Box((0.2, 2.0, 0.4), at=(0.8, 0.0, 0.2), name="crate")  # below the hand
     plant = MujocoPlant(silvermate, limits_of(silvermate), Scene([box]), EXACT)
-    while plant.chart[0] < 0.3:
+    while plant.coordinates[0] < 0.3:
         drive(plant, 0.1, 0.4, ramp=0.01)
     assert plant.contacts() == plant.contact_events == ()
     drive(plant, 2.0, 0.4, ramp=0.01)
@@ -214,13 +216,13 @@ def test_it_runs_into_a_box_and_says_so(silvermate):
     event = plant.contact_events[0]
     assert (event.link, event.other) == ("base_link", "crate")
     # the base's edge, 0.27 m before its middle, meets the box at 0.7 m
-    assert 0.42 < plant.chart[0] < 0.44
+    assert 0.42 < plant.coordinates[0] < 0.44
     assert event.speed == pytest.approx(0.4, abs=0.03)
     assert 0.0 < event.depth < 0.02
     assert event.end == pytest.approx(plant.time)
     assert {e.other for e in plant.contact_events} == {"crate"}
     assert max(t.speed for t in plant.contacts()) < 0.1
-    plant.reset(silvermate.space.to_chart(silvermate.home_q))
+    plant.reset(silvermate.space.to_coordinates(silvermate.home_q))
     assert plant.contact_events == plant.contacts() == ()
 
 
@@ -256,19 +258,19 @@ SHAPES = {
 def test_every_shape_is_touched_where_the_planner_has_it(silvermate, shape):
     scene = Scene([SHAPES[shape].named("thing")])
     plant = MujocoPlant(silvermate, limits_of(silvermate), scene, EXACT)
-    chart = silvermate.space.to_chart(silvermate.home_q)
+    coordinates = silvermate.space.to_coordinates(silvermate.home_q)
     if shape == "on an arm":
-        chart[3:] = 0.61, 0.25, -0.58, 1.53, 0.46, -0.36, 0.55
-    plant.reset(chart)
+        coordinates[3:] = 0.61, 0.25, -0.58, 1.53, 0.46, -0.36, 0.55
+    plant.reset(coordinates)
     command = Command(np.array([0.08, 0.08]), np.zeros(7))
     while not plant.contact_events and plant.time < 10.0:
-        before = plant.chart
+        before = plant.coordinates
         plant.step(command, 0.01)
     assert plant.contact_events, "it drove through"
     assert plant.contact_events[0].other == "thing"
 
-    def clearance(chart) -> float:
-        return strip_clearance(Strip.from_chart(silvermate, np.vstack([chart, chart])), scene)
+    def clearance(coordinates) -> float:
+        return strip_clearance(Strip.from_coordinates(silvermate, np.vstack([coordinates, coordinates])), scene)
 
     assert abs(clearance(before)) < 2.5e-3
 
@@ -281,7 +283,7 @@ def test_moving_obstacles_move_and_hit_a_robot_at_rest(silvermate):
     # the gap of 1.2 − 0.27 − 0.15 m, less a little where the sphere is lower than its middle
     assert event.start == pytest.approx(0.78 / 0.5, abs=0.02)
     assert event.speed < 0.05
-    assert plant.chart[0] < -0.05  # pushed
+    assert plant.coordinates[0] < -0.05  # pushed
 
 
 def test_keyframes_turn_their_obstacle(silvermate):
@@ -306,24 +308,24 @@ def test_what_appears_and_vanishes_is_there_in_between(silvermate):
     world = World(scene, appears={"door": 3.0}, vanishes={"door": 5.0})
     late = MujocoPlant(silvermate, limits_of(silvermate), world, EXACT)
     drive(late, 2.5, 0.2)
-    assert late.chart[0] > 0.43
+    assert late.coordinates[0] > 0.43
     assert late.contact_events == ()
-    late.reset(silvermate.space.to_chart(silvermate.home_q), 3.0)
+    late.reset(silvermate.space.to_coordinates(silvermate.home_q), 3.0)
     drive(late, 3.0, 0.5)
     held = [e for e in late.contact_events if e.link == "base_link"]
     assert len(held) == 1
     assert held[0].end == pytest.approx(5.0, abs=0.011)
-    assert late.chart[0] > 0.6  # through the open door
+    assert late.coordinates[0] > 0.6  # through the open door
 
 
 def test_the_robot_never_touches_itself(silvermate):
     """An arm that is turned into the body goes through it; nothing but obstacles and the floor is physical."""
     plant = MujocoPlant(silvermate, limits_of(silvermate), params=EXACT)
-    chart = plant.chart
-    chart[3:] = 0.0, -0.6, 0.0, 2.0, 0.0, 0.0, 0.0
-    plant.reset(chart)
+    coordinates = plant.coordinates
+    coordinates[3:] = 0.0, -0.6, 0.0, 2.0, 0.0, 0.0, 0.0
+    plant.reset(coordinates)
     drive(plant, 0.3)
-    assert plant.chart == pytest.approx(chart, abs=1e-3)
+    assert plant.coordinates == pytest.approx(coordinates, abs=1e-3)
     assert plant.contact_events == ()
     layout = plant._layout
     mine = np.isin(layout.kind, (LINK, ROLLING))
@@ -333,9 +335,9 @@ def test_the_robot_never_touches_itself(silvermate):
 
 def test_the_arm_touches_the_floor(tiago):
     plant = MujocoPlant(tiago, limits_of(tiago), params=EXACT)
-    chart = plant.chart
-    chart[3:] = 0.35, 2.28, -1.5, 0.1, 0.16, 0.0, 0.0, 0.0  # hanging, the lift up
-    plant.reset(chart)
+    coordinates = plant.coordinates
+    coordinates[3:] = 0.35, 2.28, -1.5, 0.1, 0.16, 0.0, 0.0, 0.0  # hanging, the lift up
+    plant.reset(coordinates)
     lower = Command(np.zeros(2), np.array([-0.07, *np.zeros(7)]))
     for _ in range(100):
         plant.step(lower, 0.01)
@@ -354,9 +356,9 @@ def test_sensors_are_those_of_the_kinematic_plant(silvermate):
         if i == 60:
             plant.lost_odometry(0.8)
         m = plant.step(Command(np.array([0.3, 0.2]), np.zeros(7)), 0.01)
-        truth[round(plant.time, 3)] = plant.chart
+        truth[round(plant.time, 3)] = plant.coordinates
         lost.append(m.drive is None)
-        assert m.joints == pytest.approx(plant.chart[3:], abs=7e-4)
+        assert m.joints == pytest.approx(plant.coordinates[3:], abs=7e-4)
         if m.pose is not None:
             fixes.append(m.pose - truth[round(m.pose_time, 3)][:3])
             assert m.time - m.pose_time == pytest.approx(0.02)
@@ -369,7 +371,7 @@ def test_a_seed_decides_everything(silvermate):
     def run(seed):
         plant = MujocoPlant(silvermate, limits_of(silvermate), seed=seed)
         out = [plant.step(Command(np.array([0.4, 0.3]), np.full(7, 0.1)), 0.01).drive for _ in range(40)]
-        return np.concatenate([np.ravel(out), plant.chart])
+        return np.concatenate([np.ravel(out), plant.coordinates])
 
     assert np.array_equal(run(1), run(1))
     assert not np.array_equal(run(1), run(2))

@@ -27,11 +27,11 @@ def walker(speed: float = 1.0, y: float = 0.0, height: float = 0.85, ahead: floa
 def watch(robot, world: World, seconds: float, speed=lambda t: 0.0, shift=lambda t: 0.0, policy=None) -> np.ndarray:
     """Places (T, 3) of the walker while the robot is at the origin, shifted along y, and moves at ``speed``."""
     pedestrians = Pedestrians(robot, world, policy)
-    chart, v, places = robot.space.to_chart(robot.home_q), np.zeros(robot.nv), []
+    coordinates, v, places = robot.space.to_coordinates(robot.home_q), np.zeros(robot.nv), []
     for k in range(round(seconds / DT)):
         t = k * DT
-        v[0], chart[1] = speed(t), shift(t)
-        pedestrians.step(t, chart, v)
+        v[0], coordinates[1] = speed(t), shift(t)
+        pedestrians.step(t, coordinates, v)
         places.append(world.at(t).obstacle("walker").pose[:3, 3])
     return np.array(places)
 
@@ -41,7 +41,7 @@ def gap(robot, world: World, t: float) -> float:
 
 
 def _home(robot) -> np.ndarray:
-    return robot.space.to_chart(robot.home_q)
+    return robot.space.to_coordinates(robot.home_q)
 
 
 def acceleration(places: np.ndarray) -> float:
@@ -107,11 +107,11 @@ def test_a_turn_and_braking_together_stay_within_the_bound(silvermate):
     circle = np.column_stack((1.6 * (1 - np.cos(angle)), 1.6 * np.sin(angle), np.full(len(angle), 0.85)))
     motion = PedestrianMotion(Keyframes(angle / 0.5, circle), LIMIT)
     world = World(Scene([Cylinder(0.25, 1.7, name="walker", motion=motion)]))
-    pedestrians, chart = Pedestrians(silvermate, world), _home(silvermate)
-    chart[:2] = 3.2, 0.0
+    pedestrians, coordinates = Pedestrians(silvermate, world), _home(silvermate)
+    coordinates[:2] = 3.2, 0.0
     places = []
     for k in range(1200):
-        pedestrians.step(k * DT, chart, np.zeros(silvermate.nv))
+        pedestrians.step(k * DT, coordinates, np.zeros(silvermate.nv))
         places.append(world.at(k * DT).obstacle("walker").pose[:3, 3])
     assert motion.rate(11.9) < 1.0
     assert motion.place(11.9) < 6.0
@@ -135,7 +135,7 @@ class Blind:
     def known(self):
         return self._world.at(0.0)
 
-    def observe(self, t, chart, estimate):
+    def observe(self, t, coordinates, estimate):
         pass
 
     def sense(self, t):
@@ -185,7 +185,7 @@ def test_mujoco_carries_them_as_their_clocks_say(silvermate):
     still = Command(np.zeros(2), np.zeros(len(silvermate.joint_names)))
     carried = []
     for k in range(700):
-        pedestrians.step(k * DT, plant.chart, plant.v)
+        pedestrians.step(k * DT, plant.coordinates, plant.v)
         plant.step(still, DT)
         carried.append(np.array(plant._data.mocap_pos[0]))
     times = np.arange(1, 701) * DT - plant.timestep  # it is carried before each step of the simulation

@@ -55,16 +55,16 @@ def test_a_speed_loop_without_lag_or_limit_jumps():
 def test_exact_motors_drive_exact_arcs(robot, rng):
     plant = KinematicPlant(robot, limits_of(robot), IDEAL)
     k, n = plant.limits.drive_dim, len(robot.joint_names)
-    chart = plant.chart
+    coordinates = plant.coordinates
     first = robot.space.base_nv
-    chart[first:] = 0.5 * (np.maximum(robot.space.lower, -3.0) + np.minimum(robot.space.upper, 3.0))[first:]
-    plant.reset(chart)
+    coordinates[first:] = 0.5 * (np.maximum(robot.space.lower, -3.0) + np.minimum(robot.space.upper, 3.0))[first:]
+    plant.reset(coordinates)
     for _ in range(50):
         c = Command(0.5 * rng.standard_normal(k), 0.05 * rng.standard_normal(n))
         plant.step(c, 0.01)
         v = plant.limits.to_tangent(np.concatenate([c.drive, c.joints]))
-        chart = robot.space.integrate(chart, 0.01 * v)
-        assert plant.chart == pytest.approx(chart, abs=1e-12)
+        coordinates = robot.space.integrate(coordinates, 0.01 * v)
+        assert plant.coordinates == pytest.approx(coordinates, abs=1e-12)
         assert plant.v == pytest.approx(v)
     assert plant.time == pytest.approx(0.5)
 
@@ -107,10 +107,10 @@ def test_a_zero_command_stops_in_the_time_that_is_stated(quiet, speed):
     while quiet.v.any():
         quiet.step(command(quiet, (0.0, 0.0)), 0.01)
         assert quiet.time - start < allowed + 0.2
-    chart = quiet.chart
+    coordinates = quiet.coordinates
     for _ in range(20):
         quiet.step(command(quiet, (0.0, 0.0)), 0.01)
-    assert np.array_equal(quiet.chart, chart)
+    assert np.array_equal(quiet.coordinates, coordinates)
 
 
 def test_from_a_slow_speed_rest_comes_within_three_tenths(silvermate):
@@ -131,9 +131,9 @@ def test_slip_is_bounded_wanders_and_is_not_seen_by_encoders(silvermate):
         plant = KinematicPlant(silvermate, limits, params, seed)
         turned, driven = np.zeros(2), np.zeros(2)
         for _ in range(400):
-            before = plant.chart
+            before = plant.coordinates
             m = plant.step(command(plant, (0.5, 0.6)), 0.01)
-            way = limits.to_drive(silvermate.space.difference(before, plant.chart)[:3])
+            way = limits.to_drive(silvermate.space.difference(before, plant.coordinates)[:3])
             turned, driven = turned + m.drive, driven + way
             slips.append(plant.slip)
         lost = 1.0 - driven / turned
@@ -148,9 +148,9 @@ def test_slip_also_jitters(silvermate):
     plant = KinematicPlant(silvermate, limits_of(silvermate), replace(IDEAL, slip_noise=0.01), 1)
     slips = []
     for _ in range(500):
-        before = plant.chart[0]
+        before = plant.coordinates[0]
         plant.step(command(plant, (0.5, 0.5)), 0.01)
-        slips.append(1.0 - (plant.chart[0] - before) / 0.005)
+        slips.append(1.0 - (plant.coordinates[0] - before) / 0.005)
     assert np.std(slips) == pytest.approx(0.01 / np.sqrt(2.0), rel=0.15)  # the mean of two wheels
     assert abs(np.mean(slips)) < 0.002
     assert abs(np.corrcoef(slips[1:], slips[:-1])[0, 1]) < 0.15
@@ -169,7 +169,9 @@ def test_seeds_decide_everything(silvermate):
     def run(seed):
         plant = KinematicPlant(silvermate, limits_of(silvermate), seed=seed)
         out = [plant.step(command(plant, (0.5, 0.4), 0.1), 0.01) for _ in range(60)]
-        return np.concatenate([[*m.drive, *m.joints, *(() if m.pose is None else m.pose)] for m in out]), plant.chart
+        return np.concatenate(
+            [[*m.drive, *m.joints, *(() if m.pose is None else m.pose)] for m in out]
+        ), plant.coordinates
 
     (one, at_one), (two, at_two), (other, at_other) = run(5), run(5), run(6)
     assert np.array_equal(one, two)
@@ -186,12 +188,12 @@ def test_a_command_arrives_late_by_at_most_the_jitter(silvermate):
     for seed in range(100):
         plant = KinematicPlant(silvermate, limits_of(silvermate), params, seed)
         plant.step(command(plant, (1.0, 1.0)), 0.01)
-        ways.append(plant.chart[0])
+        ways.append(plant.coordinates[0])
         plant.step(command(plant, (1.0, 1.0)), 0.01)
-        there = plant.chart[0]
+        there = plant.coordinates[0]
         assert there - ways[-1] == pytest.approx(0.01)
         plant.step(command(plant, (0.0, 0.0)), 0.01)
-        assert 0.0 < plant.chart[0] - there <= 0.002  # the command before holds meanwhile
+        assert 0.0 < plant.coordinates[0] - there <= 0.002  # the command before holds meanwhile
     assert 0.008 <= min(ways) < 0.0082
     assert 0.0098 < max(ways) <= 0.01
 
@@ -205,17 +207,17 @@ def test_encoder_noise_does_not_add_up(silvermate):
         turned = turned + m.drive
         assert np.abs(turned - 0.01 * (i + 1) * np.array([0.2, 0.3])).max() <= 3e-3 + 1e-9
         rough = max(rough, np.abs(m.drive - (0.002, 0.003)).max())
-        joints = max(joints, np.abs(m.joints - plant.chart[3:]).max())
+        joints = max(joints, np.abs(m.joints - plant.coordinates[3:]).max())
     assert rough > 1e-3
     assert 2e-3 < joints <= 3e-3 + 1e-9
 
 
 def test_fixes_are_late_true_and_bounded(silvermate):
     plant = KinematicPlant(silvermate, limits_of(silvermate), seed=2)
-    truth, fixes = {0.0: plant.chart}, []
+    truth, fixes = {0.0: plant.coordinates}, []
     for _ in range(1000):
         m = plant.step(command(plant, (0.4, 0.5)), 0.01)
-        truth[round(plant.time, 3)] = plant.chart
+        truth[round(plant.time, 3)] = plant.coordinates
         if m.pose is not None:
             fixes.append((m.time, m.pose_time, m.pose - truth[round(m.pose_time, 3)][:3]))
     arrival, at = np.array([f[0] for f in fixes]), np.array([f[1] for f in fixes])
@@ -236,7 +238,7 @@ def test_lost_odometry_says_so_and_comes_back(silvermate):
         m = plant.step(command(plant, (0.5, 0.5)), 0.01)
         if m.drive is None:
             lost.append(round(m.time, 3))
-            assert m.joints == pytest.approx(plant.chart[3:])
+            assert m.joints == pytest.approx(plant.coordinates[3:])
         else:
             travel += m.drive[0]
         if m.pose is not None:
@@ -270,7 +272,7 @@ def test_joints_stop_at_their_limits(silvermate):
     plant = KinematicPlant(silvermate, limits_of(silvermate), LAGGED)
     for _ in range(500):
         plant.step(command(plant, (0.0, 0.0), 1.0), 0.01)
-    assert plant.chart[3:] == pytest.approx(silvermate.space.upper[3:])
+    assert plant.coordinates[3:] == pytest.approx(silvermate.space.upper[3:])
     assert not plant.v[3:].any()
 
 
@@ -280,24 +282,24 @@ def test_a_fixed_base_measures_joints_alone(gantry):
         m = plant.step(command(plant, (), 0.05), 0.01)
     assert m.drive.shape == (0,)
     assert m.pose is None
-    assert m.joints == pytest.approx(plant.chart, abs=1e-3)
-    assert not np.array_equal(m.joints, plant.chart)
+    assert m.joints == pytest.approx(plant.coordinates, abs=1e-3)
+    assert not np.array_equal(m.joints, plant.coordinates)
 
 
 def test_a_reset_starts_anew(silvermate):
     plant = KinematicPlant(silvermate, limits_of(silvermate), seed=1)
-    chart = plant.chart + 0.1
+    coordinates = plant.coordinates + 0.1
     for _ in range(20):
         plant.step(command(plant, (0.5, 0.4), 0.2), 0.01)
     plant.lost_odometry(1e9)
-    plant.reset(chart, 3.0)
+    plant.reset(coordinates, 3.0)
     assert plant.time == 3.0
-    assert np.array_equal(plant.chart, chart)
+    assert np.array_equal(plant.coordinates, coordinates)
     assert not plant.v.any()
     m = plant.step(command(plant, (0.0, 0.0)), 0.01)
     assert m.drive is not None
     assert np.abs(m.drive).max() < 1e-3
-    assert np.array_equal(plant.chart, chart)
+    assert np.array_equal(plant.coordinates, coordinates)
     plant.close()
 
 

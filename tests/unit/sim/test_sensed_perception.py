@@ -15,9 +15,9 @@ LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")
 
 
-def stand(perception: SensorPerception, chart: np.ndarray, begin: float, end: float) -> None:
+def stand(perception: SensorPerception, coordinates: np.ndarray, begin: float, end: float) -> None:
     for t in np.arange(begin, end, 0.01).tolist():
-        perception.observe(t, chart, chart)
+        perception.observe(t, coordinates, coordinates)
 
 
 def test_what_stands_is_known_from_the_start(silvermate):
@@ -41,10 +41,10 @@ def test_it_stands_while_it_feels_something(silvermate):
     way = Keyframes([0, 1, 2, 3, 9], [[0, -2, 0.7], [0, -0.3, 0.7], [0, -0.3, 0.7], [0, -6, 0.7], [0, -6, 0.7]])
     post = Cylinder(0.15, 1.4, at=(0.0, -2.0, 0.7), name="post", motion=way)
     perception = SensorPerception(silvermate, World(Scene([post])), silvermate.home(), sensors=LASER)
-    chart = silvermate.space.to_chart(silvermate.home())
-    stand(perception, chart, 0.0, 1.5)
+    coordinates = silvermate.space.to_coordinates(silvermate.home())
+    stand(perception, coordinates, 0.0, 1.5)
     assert perception.contact == "the bumper is pressed"
-    stand(perception, chart, 1.5, 4.0)
+    stand(perception, coordinates, 1.5, 4.0)
     assert not perception.contact
     scene = perception.sense(4.0)
     close = [o.name for o in scene for p in o.parts if np.hypot(*(o.pose[:2, 3] + p.center[:2])) < 0.5]
@@ -53,12 +53,12 @@ def test_it_stands_while_it_feels_something(silvermate):
 
 def test_the_body_is_free_of_what_was_seen_there(silvermate):
     perception = SensorPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, bumper=False)
-    chart = silvermate.space.to_chart(silvermate.home())
+    coordinates = silvermate.space.to_coordinates(silvermate.home())
     assert perception.estimator.map.occupied(np.array([[1.3, 0.3]])).all()
-    chart[:2] = 1.3, 0.3  # the robot is now where the pillar's face was seen
-    stand(perception, chart, 0.0, 0.2)
+    coordinates[:2] = 1.3, 0.3  # the robot is now where the pillar's face was seen
+    stand(perception, coordinates, 0.0, 0.2)
     angle = np.linspace(0.0, 2.0 * np.pi, 24)
-    body = chart[:2] + 0.26 * np.column_stack((np.cos(angle), np.sin(angle)))
+    body = coordinates[:2] + 0.26 * np.column_stack((np.cos(angle), np.sin(angle)))
     assert not perception.estimator.map.occupied(body).any()
 
 

@@ -28,7 +28,7 @@ def ends(robot, x: float = 4.0):
 
 def through(robot) -> Strip:
     """The straight line, whatever stands on it."""
-    return Strip.from_chart(robot, straight_line(robot, *ends(robot), spacing=0.13))
+    return Strip.from_coordinates(robot, straight_line(robot, *ends(robot), spacing=0.13))
 
 
 def drive(robot, obstacles, seconds: float = 40.0, **options):
@@ -50,7 +50,7 @@ def test_drives_to_the_goal(name, request):
     assert np.abs(rows.v[-1]).max() < REST_SPEED
     # by brute force at some moments, and never nearer than what is certified minus the tracking error
     for k in range(0, len(rows), 97):
-        d = link_distances(robot, runner.world.at(rows.time[k]), configuration(robot, rows.chart[k])).min()
+        d = link_distances(robot, runner.world.at(rows.time[k]), configuration(robot, rows.coordinates[k])).min()
         assert d > runner.params.margin
         assert d >= evaluation.min_clearance_m - 1e-3
 
@@ -60,7 +60,7 @@ def test_waits_for_what_crosses_and_equal_seeds_give_equal_runs(silvermate):
     assert result.state is RunState.REACHED, result.reason
     assert not evaluation.collisions
     one, two = result.record.control, drive(silvermate, [*CLUTTER, WALKER])[1].record.control
-    np.testing.assert_array_equal(one.chart, two.chart)
+    np.testing.assert_array_equal(one.coordinates, two.coordinates)
     np.testing.assert_array_equal(one.drive, two.drive)
 
 
@@ -90,7 +90,7 @@ def test_without_odometry_it_stays_on_its_way(silvermate):
         rows = result.record.control
         moving = np.abs(rows.v[np.searchsorted(rows.time, start), 0])
         assert moving > 0.3
-        assert Displacement(silvermate)(rows.chart, rows.reference).max() < 0.04
+        assert Displacement(silvermate)(rows.coordinates, rows.reference).max() < 0.04
         assert result.state is RunState.REACHED
 
 
@@ -177,7 +177,7 @@ class Feeling:
     def known(self) -> Scene:
         return self._scene
 
-    def observe(self, t: float, chart: np.ndarray, estimate: np.ndarray) -> None:
+    def observe(self, t: float, coordinates: np.ndarray, estimate: np.ndarray) -> None:
         self.contact = self._contact if t >= self._since else ""
 
     def sense(self, t: float) -> Scene:

@@ -23,7 +23,7 @@ def test_a_hand_reaches_what_is_far(silvermate):
     assert task.control is not None
     record = result.drive.record
     assert evaluate(record, silvermate).collisions == ()
-    q = silvermate.space.from_chart(record.control.chart[-1:])[0]
+    q = silvermate.space.from_coordinates(record.control.coordinates[-1:])[0]
     data = silvermate.model.createData()
     pin.forwardKinematics(silvermate.model, data, q)
     hand = pin.updateFramePlacement(silvermate.model, data, silvermate.model.getFrameId("hand_frame"))

@@ -40,10 +40,10 @@ def displacements(robot, limits, motions, seeds, *, params=None, gains=None) -> 
     return np.concatenate([measure(run.reference, run.truth) for run in runs])
 
 
-def body_points(robot, chart, rng) -> np.ndarray:
+def body_points(robot, coordinates, rng) -> np.ndarray:
     """World positions of the same points of the robot's collision shapes, by Pinocchio."""
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.space.from_chart(chart))
+    pin.forwardKinematics(robot.model, data, robot.space.from_coordinates(coordinates))
     points = []
     for piece in robot.geometries:
         corners, radius = support_points(piece.geometry)
@@ -57,7 +57,7 @@ def body_points(robot, chart, rng) -> np.ndarray:
 
 def test_no_point_moves_further_than_the_bound(robot, rng):
     measure = Displacement(robot)
-    home = robot.space.to_chart(robot.home_q)
+    home = robot.space.to_coordinates(robot.home_q)
     for size in (1e-3, 0.02, 0.2):
         a = home + 0.1 * rng.standard_normal((20, robot.nv))
         b = robot.space.integrate(a, size * rng.standard_normal((20, robot.nv)))
@@ -72,7 +72,7 @@ def test_no_point_moves_further_than_the_bound(robot, rng):
 
 
 def test_a_pure_translation_is_exact(silvermate):
-    a = silvermate.space.to_chart(silvermate.home_q)[None]
+    a = silvermate.space.to_coordinates(silvermate.home_q)[None]
     b = a.copy()
     b[0, :2] += 0.03, 0.04
     assert Displacement(silvermate)(a, b) == pytest.approx([0.05])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import random_chart
+from brute_force import random_coordinates
 
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.robot import Kinematics
@@ -16,37 +16,37 @@ from elastic_strips.strip.solver import System
 LEVEL = OrientationConstraint(frame="hand_frame", axis=(0.3, -0.2, 2.0), direction=(0.0, 0.5, 1.0), gain=1.7)
 
 
-def potential(force: ConstraintForce, kin: Kinematics, chart: np.ndarray) -> float:
-    kin.update(chart)
-    system = System(*chart.shape)
+def potential(force: ConstraintForce, kin: Kinematics, coordinates: np.ndarray) -> float:
+    kin.update(coordinates)
+    system = System(*coordinates.shape)
     force.push(system, kin)
     return system.energies["constraint"]
 
 
 def test_the_force_is_the_gradient(silvermate, rng):
     force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 4)
-    chart = random_chart(silvermate, rng, 4)
-    kin.update(chart)
-    system = System(*chart.shape)
+    coordinates = random_coordinates(silvermate, rng, 4)
+    kin.update(coordinates)
+    system = System(*coordinates.shape)
     force.push(system, kin)
     h = 1e-6
     for node in range(4):
         for k in range(silvermate.nv):
-            delta = np.zeros_like(chart)
+            delta = np.zeros_like(coordinates)
             delta[node, k] = h
-            up = potential(force, kin, silvermate.space.integrate(chart, delta))
-            down = potential(force, kin, silvermate.space.integrate(chart, -delta))
+            up = potential(force, kin, silvermate.space.integrate(coordinates, delta))
+            down = potential(force, kin, silvermate.space.integrate(coordinates, -delta))
             assert system.force[node, k] == pytest.approx(-(up - down) / (2 * h), abs=1e-6)
     assert np.linalg.eigvalsh(system.diagonal).min() > -1e-9
 
 
 def test_the_error_is_the_angle_that_pinocchio_sees(silvermate, rng):
     force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 5)
-    chart = random_chart(silvermate, rng, 5)
-    kin.update(chart)
+    coordinates = random_coordinates(silvermate, rng, 5)
+    kin.update(coordinates)
     model, data = silvermate.model, silvermate.model.createData()
     axis, direction = np.array(LEVEL.axis), np.array(LEVEL.direction)
-    for q, error in zip(silvermate.space.from_chart(chart), force.errors(kin), strict=True):
+    for q, error in zip(silvermate.space.from_coordinates(coordinates), force.errors(kin), strict=True):
         pin.forwardKinematics(model, data, q)
         a = pin.updateFramePlacement(model, data, model.getFrameId("hand_frame")).rotation @ axis
         cos = a @ direction / np.linalg.norm(a) / np.linalg.norm(direction)
@@ -59,17 +59,17 @@ def test_a_frame_is_kept_as_it_is(silvermate):
     assert force.constraint.tolerance == 0.2
     kin = Kinematics(silvermate.tree, 2)
     turned = silvermate.home(x=1.0, yaw=-2.0)  # turning about the direction is free
-    kin.update(silvermate.space.to_chart(np.stack((q, turned))))
+    kin.update(silvermate.space.to_coordinates(np.stack((q, turned))))
     np.testing.assert_allclose(force.errors(kin), 0.0, atol=1e-8)
-    assert potential(force, kin, kin.chart[:2].copy()) == pytest.approx(0.0, abs=1e-12)
+    assert potential(force, kin, kin.coordinates[:2].copy()) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_what_is_switched_off_does_not_push(silvermate, rng):
     force, kin = ConstraintForce(silvermate, LEVEL), Kinematics(silvermate.tree, 3)
     force.active = False
-    chart = random_chart(silvermate, rng, 3)
-    kin.update(chart)
-    system = System(*chart.shape)
+    coordinates = random_coordinates(silvermate, rng, 3)
+    kin.update(coordinates)
+    system = System(*coordinates.shape)
     force.push(system, kin)
     assert not system.force.any()
     assert not system.diagonal.any()

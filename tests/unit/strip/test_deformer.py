@@ -23,12 +23,12 @@ ROUND = Scene([Sphere(0.3, at=(1.3, 0.5, 0.3)), Sphere(0.25, at=(2.3, -0.45, 0.5
 
 def line(robot: RobotModel, length: float = 4.0, spacing: float = 0.13, **goal: float) -> Strip:
     start, end = robot.home(), robot.home(x=length, **goal)
-    return Strip.from_chart(robot, straight_line(robot, start, end, spacing=spacing))
+    return Strip.from_coordinates(robot, straight_line(robot, start, end, spacing=spacing))
 
 
 def again(strip: Strip) -> Strip:
     """The same nodes as another object: the deformer cannot know that it is its own strip."""
-    return Strip.from_chart(strip.robot, strip.chart)
+    return Strip.from_coordinates(strip.robot, strip.coordinates)
 
 
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
@@ -129,7 +129,7 @@ def test_a_goal_in_collision_stays_and_is_reported(silvermate):
 
 
 def test_the_ends_keep_every_bit(silvermate):
-    """The chart is made of angles: there and back again, cos and sin may lose their last bit."""
+    """Coordinates are angles: there and back again, cos and sin may lose their last bit."""
     deformer = Deformer(silvermate)
     for yaw in np.linspace(-3.0, 3.0, 25):
         strip = Strip(silvermate, [silvermate.home(yaw=yaw), silvermate.home(x=0.1, yaw=yaw), silvermate.home(x=1.0)])
@@ -141,7 +141,7 @@ def test_an_empty_scene_settles_a_line_where_it_is(silvermate):
     strip = line(silvermate)
     report = Deformer(silvermate).settle(strip, Scene([]))
     assert report.status is DeformStatus.SETTLED
-    base = report.strip.chart[:, :2]
+    base = report.strip.coordinates[:, :2]
     assert np.abs(base[:, 1]).max() < 1e-6
     assert (np.diff(base[:, 0]) > 0).all()
 
@@ -201,7 +201,7 @@ def test_other_strips_in_between_leave_no_trace(silvermate):
                 deformer.certify(other, ASIDE)
         reports.append(deformer.step(strip, ASIDE))
     np.testing.assert_allclose(reports[0].strip.q, reports[1].strip.q, atol=5e-3)
-    assert np.abs(reports[1].strip.chart[:, 1]).max() < 0.6
+    assert np.abs(reports[1].strip.coordinates[:, 1]).max() < 0.6
 
 
 def test_the_own_strip_after_another_ones_certificate(silvermate):
@@ -210,7 +210,7 @@ def test_the_own_strip_after_another_ones_certificate(silvermate):
     report = deformer.step(line(silvermate), ASIDE)
     deformer.certify(line(silvermate, y=3.0), ASIDE)
     after = deformer.step(report.strip, ASIDE)
-    assert np.abs(after.strip.chart[:, 1]).max() < 0.6
+    assert np.abs(after.strip.coordinates[:, 1]).max() < 0.6
 
 
 def test_a_certified_strip_stays_certified_where_nothing_moves(silvermate):
@@ -224,7 +224,9 @@ def test_a_certified_strip_stays_certified_where_nothing_moves(silvermate):
 
 def test_no_step_is_shortened_where_the_scene_has_taken_the_strip(silvermate, monkeypatch):
     shortened = []
-    monkeypatch.setattr(Deformer, "_shortened", lambda self, before, chart, scene, full: shortened.append(full) or full)
+    monkeypatch.setattr(
+        Deformer, "_shortened", lambda self, before, coordinates, scene, full: shortened.append(full) or full
+    )
     deformer = Deformer(silvermate)
     report = deformer.settle(line(silvermate), Scene([]), until="certified")
     post = Cylinder(0.15, 1.0, at=(2.0, 0.1, 0.5), name="post")
@@ -338,12 +340,12 @@ def test_old_strips_do_not_change(silvermate):
     for _ in range(4):
         report = deformer.step(strip, ASIDE)
         kept.append(
-            (report.strip, report.strip.q.copy(), report.strip.chart.copy(), report.certificate.segments.copy())
+            (report.strip, report.strip.q.copy(), report.strip.coordinates.copy(), report.certificate.segments.copy())
         )
         strip = report.strip
-    for old, q, chart, segments in kept:
+    for old, q, coordinates, segments in kept:
         np.testing.assert_array_equal(old.q, q)
-        np.testing.assert_array_equal(old.chart, chart)
+        np.testing.assert_array_equal(old.coordinates, coordinates)
         assert len(segments) == len(q) - 1
 
 
@@ -379,7 +381,7 @@ def test_a_robot_that_is_a_base_and_nothing_else(tmp_path, base, deformer):
     scene = Scene([Box((0.4, 0.4, 1.0), at=(2.0, 0.5, 0.5))])
     report = deformer(cart).settle(line(cart), scene)
     assert report.certified, report.reason
-    assert np.abs(report.strip.chart[:, 1]).max() > 0.02
+    assert np.abs(report.strip.coordinates[:, 1]).max() > 0.02
 
 
 def test_the_papers_mobile_force_acts_at_the_base(silvermate):
@@ -390,7 +392,7 @@ def test_the_papers_mobile_force_acts_at_the_base(silvermate):
     scene = Scene([Sphere(0.1, at=(1.0 + hand[0], hand[1] + 0.3, hand[2]))])
     params = PaperParams(updates=1, influence=0.6)
     report = PaperDeformer(robot, params).step(Strip(robot, q), scene)
-    np.testing.assert_allclose(report.strip.chart[:, :2], Strip(robot, q).chart[:, :2], atol=1e-9)
+    np.testing.assert_allclose(report.strip.coordinates[:, :2], Strip(robot, q).coordinates[:, :2], atol=1e-9)
 
 
 WHEELED_PAIR = """<robot name="pair">

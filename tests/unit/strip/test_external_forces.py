@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, link_distances, make_obstacle, random_chart, self_distances
+from brute_force import configuration, link_distances, make_obstacle, random_coordinates, self_distances
 
 from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from elastic_strips.collision.narrowphase import Contacts
@@ -34,7 +34,7 @@ def numeric(robot: RobotModel, row: np.ndarray, potential, h: float = 4e-5) -> t
                 v = np.zeros(robot.nv)
                 v[k] = sign * step
                 q = pin.integrate(robot.model, configuration(robot, row), v)
-                value.append(potential(robot.space.to_chart(q)))
+                value.append(potential(robot.space.to_coordinates(q)))
             slope[k] = (value[0] - value[1]) / (2 * step)
         slopes.append(slope)
     coarse, fine = slopes
@@ -42,9 +42,9 @@ def numeric(robot: RobotModel, row: np.ndarray, potential, h: float = 4e-5) -> t
     return best, bool(np.abs(fine - coarse).max() < 1e-5 * max(1.0, np.abs(fine).max()))
 
 
-def update(robot: RobotModel, scene: Scene, chart: np.ndarray) -> tuple[Kinematics, ObstacleProximity]:
-    kin = Kinematics(robot.tree, len(chart))
-    kin.update(chart)
+def update(robot: RobotModel, scene: Scene, coordinates: np.ndarray) -> tuple[Kinematics, ObstacleProximity]:
+    kin = Kinematics(robot.tree, len(coordinates))
+    kin.update(coordinates)
     proximity = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE)
     proximity.update(kin, scene)
     return kin, proximity
@@ -58,8 +58,8 @@ def test_repulsion_is_minus_its_gradient(name, k_near, request):
 
     for _ in range(4):
         scene = scene_about(rng, ("box", "sphere", "cylinder", "capsule", "cone", "convex", "mesh"), 7)
-        chart = random_chart(robot, rng, 6)
-        kin, proximity = update(robot, scene, chart)
+        coordinates = random_coordinates(robot, rng, 6)
+        kin, proximity = update(robot, scene, coordinates)
         system = System(6, robot.nv)
         contacts = proximity.contacts()
         add_repulsion(
@@ -71,13 +71,15 @@ def test_repulsion_is_minus_its_gradient(name, k_near, request):
             v = 0.5 * K_R * np.maximum(INFLUENCE - d, 0.0) ** 2 + 0.5 * k_near * np.maximum(NEAR - d, 0.0) ** 2
             return float(v.sum())
 
-        assert system.energies["repulsion"] == pytest.approx(sum(potential(row) for row in chart), rel=1e-4, abs=1e-9)
+        assert system.energies["repulsion"] == pytest.approx(
+            sum(potential(row) for row in coordinates), rel=1e-4, abs=1e-9
+        )
         for n in range(6):
             mine = contacts.distance[contacts.node == n]
             if len(mine) == 0:
                 np.testing.assert_array_equal(system.force[n], 0.0)
                 continue
-            slope, smooth = numeric(robot, chart[n], potential)
+            slope, smooth = numeric(robot, coordinates[n], potential)
             if not smooth:
                 jumped += not (mine < 0.0).any()  # penetrating, Coal's solver itself is not always exact
                 continue
@@ -94,8 +96,8 @@ def test_repulsion_is_minus_its_gradient(name, k_near, request):
 def test_repulsion_matrix_is_gauss_newton(tiago, rng):
     """Σ k ∇d ∇dᵀ with ∇d from finite differences of the distances."""
     scene = scene_about(rng, ("sphere", "box"), 8)
-    chart = random_chart(tiago, rng, 4)
-    kin, proximity = update(tiago, scene, chart)
+    coordinates = random_coordinates(tiago, rng, 4)
+    kin, proximity = update(tiago, scene, coordinates)
     contacts = proximity.contacts()
     system = System(4, tiago.nv)
     add_repulsion(system, kin, contacts, proximity.bodies.joint, k_r=K_R, influence=INFLUENCE, k_near=K_NEAR, near=NEAR)
@@ -106,12 +108,12 @@ def test_repulsion_matrix_is_gauss_newton(tiago, rng):
             v = np.zeros(tiago.nv)
             v[k] = h
             up, down = (
-                link_distances(tiago, scene, configuration(tiago, tiago.space.integrate(chart[n], s * v)))
+                link_distances(tiago, scene, configuration(tiago, tiago.space.integrate(coordinates[n], s * v)))
                 for s in (1.0, -1.0)
             )
             slopes.append((up - down) / (2 * h))
         slope = np.array(slopes)  # (nv, G, P)
-        here = link_distances(tiago, scene, configuration(tiago, chart[n]))
+        here = link_distances(tiago, scene, configuration(tiago, coordinates[n]))
         weight = np.where(here < INFLUENCE, K_R, 0.0) + np.where(here < NEAR, K_NEAR, 0.0)
         expected = np.einsum("gp,agp,bgp->ab", weight, slope, slope)
         compared += bool(expected.any())
@@ -122,17 +124,17 @@ def test_repulsion_matrix_is_gauss_newton(tiago, rng):
 
 
 def test_repulsion_pushes_away(silvermate):
-    chart = silvermate.space.to_chart(silvermate.home())[None]
+    coordinates = silvermate.space.to_coordinates(silvermate.home())[None]
     for x, sign in ((0.5, -1.0), (-0.5, 1.0)):
-        kin, proximity = update(silvermate, Scene([Sphere(0.1, at=(x, 0.0, 0.15))]), chart)
+        kin, proximity = update(silvermate, Scene([Sphere(0.1, at=(x, 0.0, 0.15))]), coordinates)
         system = System(1, 10)
         add_repulsion(system, kin, proximity.contacts(), proximity.bodies.joint, k_r=1.0, influence=INFLUENCE)
         assert sign * system.force[0, 0] > 0.01
 
 
 def test_repulsion_without_contacts_is_nothing(silvermate):
-    chart = silvermate.space.to_chart(silvermate.home())[None]
-    kin, proximity = update(silvermate, Scene([Sphere(0.1, at=(9.0, 0.0, 0.15))]), chart)
+    coordinates = silvermate.space.to_coordinates(silvermate.home())[None]
+    kin, proximity = update(silvermate, Scene([Sphere(0.1, at=(9.0, 0.0, 0.15))]), coordinates)
     system = System(1, 10)
     add_repulsion(system, kin, proximity.contacts(), proximity.bodies.joint, k_r=1.0, influence=0.3)
     assert system.energies["repulsion"] == 0.0
@@ -155,7 +157,7 @@ def test_self_repulsion_is_minus_its_gradient(name, request):
         d = self_distances(robot, configuration(robot, row))
         return 0.5 * k_s * float((np.maximum(repulsion - d, 0.0) ** 2).sum())
 
-    for row in random_chart(robot, rng, 120):
+    for row in random_coordinates(robot, rng, 120):
         if checked == 8:
             break
         if potential(row) < 1e-4:
@@ -186,16 +188,16 @@ def test_control_points_are_pushed_by_their_nearest_obstacle(silvermate, rng):
     ball, radius = np.array([0.9, 0.3, 0.8]), 0.25
     crate, half = np.array([-0.6, -0.5, 0.4]), np.array([0.2, 0.3, 0.4])
     scene = Scene([Sphere(radius, at=ball), Box(2 * half, at=crate)])
-    chart = random_chart(silvermate, rng, 10)
+    coordinates = random_coordinates(silvermate, rng, 10)
     kin = Kinematics(silvermate.tree, 10)
-    kin.update(chart)
+    kin.update(coordinates)
     bodies = BodySet.control_points(silvermate)
     proximity = ObstacleProximity(bodies, influence=1.5, slack=1.0)
     proximity.update(kin, scene)
     force = control_point_repulsion(proximity.contacts(), (10, 9), k_r=0.3, influence=1.5)
     pushed = 0
     for n in range(10):
-        points = silvermate.control_points(configuration(silvermate, chart[n]))
+        points = silvermate.control_points(configuration(silvermate, coordinates[n]))
         for c, p in enumerate(points):
             away = p - ball
             choices = [(np.linalg.norm(away) - radius, away / np.linalg.norm(away))]
@@ -229,16 +231,16 @@ def test_the_nearest_of_several_contacts_wins():
 
 def test_mapping_is_the_sum_of_transposed_jacobians(robot, rng):
     """Eqs. 6–7 with Pinocchio's point Jacobians."""
-    chart = random_chart(robot, rng, 4)
+    coordinates = random_coordinates(robot, rng, 4)
     kin = Kinematics(robot.tree, 6)
-    kin.update(chart)
+    kin.update(coordinates)
     bodies = BodySet.control_points(robot)
     c = len(bodies)
     force = rng.normal(size=(4, c, 3))
     points = bodies.capsule_ends(kin)[:, :, 0]
     gamma = map_to_joints(kin, bodies.joint, points, force)
     for n in range(4):
-        q = configuration(robot, chart[n])
+        q = configuration(robot, coordinates[n])
         np.testing.assert_allclose(points[n], robot.control_points(q), atol=1e-12)
         data = robot.model.createData()
         pin.computeJointJacobians(robot.model, data, q)
@@ -254,7 +256,7 @@ def test_mapping_is_the_sum_of_transposed_jacobians(robot, rng):
 
 def test_mapped_forces_do_the_same_work(silvermate, rng):
     """Virtual work: Γ·v = Σ F·δp, by finite differences of the control points."""
-    row, h = random_chart(silvermate, rng, 1), 1e-6
+    row, h = random_coordinates(silvermate, rng, 1), 1e-6
     kin = Kinematics(silvermate.tree, 1)
     kin.update(row)
     bodies = BodySet.control_points(silvermate)
@@ -271,13 +273,13 @@ def test_mapped_forces_do_the_same_work(silvermate, rng):
 
 def test_a_block_pushes_once(silvermate):
     """Of the boxes of one block only the nearest counts, like the one box that they make up."""
-    chart = silvermate.space.to_chart(silvermate.home())[None]
+    coordinates = silvermate.space.to_coordinates(silvermate.home())[None]
     cells = np.array([[x, y, z] for x in range(2) for y in range(4) for z in range(2)]) * 0.1
     voxels = Scene([Voxels(cells, 0.1, at=(0.5, -0.15, 0.1))])
     box = Scene([Box((0.2, 0.4, 0.2), at=(0.55, 0.0, 0.15))])
     forces = []
     for scene in (voxels, box):
-        kin, proximity = update(silvermate, scene, chart)
+        kin, proximity = update(silvermate, scene, coordinates)
         system = System(1, 10)
         add_repulsion(system, kin, proximity.contacts(), proximity.bodies.joint, k_r=1.0, influence=INFLUENCE)
         forces.append(system.force[0])

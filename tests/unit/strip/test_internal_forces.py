@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from brute_force import configuration, random_chart
+from brute_force import configuration, random_coordinates
 
 from elastic_strips.robot import RobotModel
 from elastic_strips.strip.forces import add_elastic, add_joint_limits, add_posture
@@ -17,16 +17,16 @@ from elastic_strips.strip.solver import System
 Potential = Callable[[np.ndarray], float]
 
 
-def gradient(robot: RobotModel, chart: np.ndarray, potential: Potential, h: float = 1e-5) -> np.ndarray:
+def gradient(robot: RobotModel, coordinates: np.ndarray, potential: Potential, h: float = 1e-5) -> np.ndarray:
     """∂V over the nodes' tangents (N, nv) by central differences."""
-    out = np.zeros_like(chart)
-    for n in range(len(chart)):
+    out = np.zeros_like(coordinates)
+    for n in range(len(coordinates)):
         for k in range(robot.nv):
             value = []
             for sign in (1.0, -1.0):
-                v = np.zeros_like(chart)
+                v = np.zeros_like(coordinates)
                 v[n, k] = sign * h
-                value.append(potential(robot.space.integrate(chart, v)))
+                value.append(potential(robot.space.integrate(coordinates, v)))
             out[n, k] = (value[0] - value[1]) / (2 * h)
     return out
 
@@ -37,15 +37,15 @@ def assert_is_minus_gradient(force: np.ndarray, slope: np.ndarray, tolerance: fl
 
 
 def residual_jacobian(
-    robot: RobotModel, chart: np.ndarray, residual: Callable[[np.ndarray], np.ndarray], h: float = 1e-6
+    robot: RobotModel, coordinates: np.ndarray, residual: Callable[[np.ndarray], np.ndarray], h: float = 1e-6
 ) -> np.ndarray:
     """Jacobian (R, N·nv) of residuals over the tangents, by central differences."""
     columns = []
-    for n in range(len(chart)):
+    for n in range(len(coordinates)):
         for k in range(robot.nv):
-            v = np.zeros_like(chart)
+            v = np.zeros_like(coordinates)
             v[n, k] = h
-            up, down = residual(robot.space.integrate(chart, v)), residual(robot.space.integrate(chart, -v))
+            up, down = residual(robot.space.integrate(coordinates, v)), residual(robot.space.integrate(coordinates, -v))
             columns.append((up - down) / (2 * h))
     return np.array(columns).T
 
@@ -71,9 +71,9 @@ def assert_positive(system: System) -> np.ndarray:
 
 
 @pytest.fixture
-def chart(robot: RobotModel, rng: np.random.Generator) -> np.ndarray:
+def coordinates(robot: RobotModel, rng: np.random.Generator) -> np.ndarray:
     """Five nodes whose neighbours lie within a turn of two radians."""
-    rows = [random_chart(robot, rng, 1)[0]]
+    rows = [random_coordinates(robot, rng, 1)[0]]
     for _ in range(4):
         step = rng.normal(size=robot.nv) * 0.3
         if robot.space.planar:
@@ -86,47 +86,47 @@ def springs(robot: RobotModel, weight: np.ndarray) -> Potential:
     """½ Σ vᵀ W v with v from Pinocchio."""
     import pinocchio as pin
 
-    def potential(chart: np.ndarray) -> float:
-        q = [configuration(robot, row) for row in chart]
+    def potential(coordinates: np.ndarray) -> float:
+        q = [configuration(robot, row) for row in coordinates]
         v = [pin.difference(robot.model, a, b) for a, b in pairwise(q)]
         return 0.5 * float(sum((weight * x) @ x for x in v))
 
     return potential
 
 
-def test_elastic_force_is_minus_its_gradient(robot, chart, rng):
+def test_elastic_force_is_minus_its_gradient(robot, coordinates, rng):
     weight = rng.uniform(0.1, 2.0, robot.nv)
-    system = System(len(chart), robot.nv)
-    v = robot.space.difference(chart[:-1], chart[1:])
+    system = System(len(coordinates), robot.nv)
+    v = robot.space.difference(coordinates[:-1], coordinates[1:])
     add_elastic(system, robot.space, v, weight)
     energy = system.energies["elastic"]
-    assert energy == pytest.approx(springs(robot, weight)(chart), rel=1e-9)
+    assert energy == pytest.approx(springs(robot, weight)(coordinates), rel=1e-9)
     assert system.energies == {"elastic": energy}
-    assert_is_minus_gradient(system.force, gradient(robot, chart, springs(robot, weight)))
+    assert_is_minus_gradient(system.force, gradient(robot, coordinates, springs(robot, weight)))
 
 
-def test_elastic_matrix_is_gauss_newton(robot, chart, rng):
+def test_elastic_matrix_is_gauss_newton(robot, coordinates, rng):
     weight = rng.uniform(0.1, 2.0, robot.nv)
-    system = System(len(chart), robot.nv)
-    add_elastic(system, robot.space, robot.space.difference(chart[:-1], chart[1:]), weight)
+    system = System(len(coordinates), robot.nv)
+    add_elastic(system, robot.space, robot.space.difference(coordinates[:-1], coordinates[1:]), weight)
 
     def residual(c: np.ndarray) -> np.ndarray:
         return (np.sqrt(weight) * robot.space.difference(c[:-1], c[1:])).ravel()
 
-    J = residual_jacobian(robot, chart, residual)
+    J = residual_jacobian(robot, coordinates, residual)
     np.testing.assert_allclose(assert_positive(system), J.T @ J, atol=1e-6)
-    np.testing.assert_allclose(system.force.ravel(), -J.T @ residual(chart), atol=1e-6)
+    np.testing.assert_allclose(system.force.ravel(), -J.T @ residual(coordinates), atol=1e-6)
 
 
 def test_rolling_penalises_sideways_travel_alone(silvermate, rng):
-    chart = random_chart(silvermate, rng, 4)
+    coordinates = random_coordinates(silvermate, rng, 4)
     system = System(4, 10)
-    v = silvermate.space.difference(chart[:-1], chart[1:])
+    v = silvermate.space.difference(coordinates[:-1], coordinates[1:])
     weight = np.zeros(10)
     weight[1] = 200.0
     add_elastic(system, silvermate.space, v, weight)
     assert system.energies["elastic"] == pytest.approx(100.0 * float((v[:, 1] ** 2).sum()))
-    assert_is_minus_gradient(system.force, gradient(silvermate, chart, springs(silvermate, weight)))
+    assert_is_minus_gradient(system.force, gradient(silvermate, coordinates, springs(silvermate, weight)))
     np.testing.assert_array_equal(system.force[:, 3:], 0.0)
     assert_positive(system)
     drivable = np.zeros((3, 10))
@@ -139,10 +139,10 @@ def test_rolling_penalises_sideways_travel_alone(silvermate, rng):
 
 def test_springs_spread_nodes_evenly(silvermate):
     """Eq. 4 does not: the reason for springs."""
-    chart = np.tile(silvermate.space.to_chart(silvermate.home_q), (3, 1))
-    chart[:, 0] = 0.0, 0.9, 1.0
+    coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (3, 1))
+    coordinates[:, 0] = 0.0, 0.9, 1.0
     system = System(3, 10)
-    add_elastic(system, silvermate.space, silvermate.space.difference(chart[:-1], chart[1:]), np.ones(10))
+    add_elastic(system, silvermate.space, silvermate.space.difference(coordinates[:-1], coordinates[1:]), np.ones(10))
     assert system.force[1, 0] == pytest.approx(-0.8)
     points = np.zeros((3, 1, 3))
     points[:, 0, 0] = 0.0, 0.9, 1.0
@@ -150,9 +150,9 @@ def test_springs_spread_nodes_evenly(silvermate):
 
 
 def limits(robot: RobotModel, k_l: float, margin: float) -> Potential:
-    def potential(chart: np.ndarray) -> float:
+    def potential(coordinates: np.ndarray) -> float:
         total = 0.0
-        for row in chart:
+        for row in coordinates:
             for k in range(robot.nv):
                 for gap in (row[k] - robot.space.lower[k], robot.space.upper[k] - row[k]):
                     if np.isfinite(gap) and gap < margin:
@@ -163,14 +163,14 @@ def limits(robot: RobotModel, k_l: float, margin: float) -> Potential:
 
 
 def test_joint_limit_force_is_minus_its_gradient(robot, rng):
-    chart = random_chart(robot, rng, 6)
+    coordinates = random_coordinates(robot, rng, 6)
     margin, k_l = 0.11, 3.0
-    chart[0] = np.where(np.isfinite(robot.space.lower), robot.space.lower + 0.01, chart[0])
-    chart[1] = np.where(np.isfinite(robot.space.upper), robot.space.upper - 0.02, chart[1])
+    coordinates[0] = np.where(np.isfinite(robot.space.lower), robot.space.lower + 0.01, coordinates[0])
+    coordinates[1] = np.where(np.isfinite(robot.space.upper), robot.space.upper - 0.02, coordinates[1])
     system = System(6, robot.nv)
-    add_joint_limits(system, robot.space, chart, k_l=k_l, margin=margin)
-    assert system.energies["joint_limits"] == pytest.approx(limits(robot, k_l, margin)(chart), rel=1e-12)
-    assert_is_minus_gradient(system.force, gradient(robot, chart, limits(robot, k_l, margin)))
+    add_joint_limits(system, robot.space, coordinates, k_l=k_l, margin=margin)
+    assert system.energies["joint_limits"] == pytest.approx(limits(robot, k_l, margin)(coordinates), rel=1e-12)
+    assert_is_minus_gradient(system.force, gradient(robot, coordinates, limits(robot, k_l, margin)))
     assert (system.force[0] >= 0).all()
     assert (system.force[1] <= 0).all()
     assert_positive(system)
@@ -180,18 +180,18 @@ def test_joint_limit_force_is_minus_its_gradient(robot, rng):
 
 def test_joint_limits_far_away_do_nothing(silvermate):
     system = System(2, 10)
-    chart = np.tile(silvermate.space.to_chart(silvermate.home(arm_1_joint=1.0, arm_4_joint=1.0)), (2, 1))
-    add_joint_limits(system, silvermate.space, chart, k_l=1.0, margin=0.01)
+    coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home(arm_1_joint=1.0, arm_4_joint=1.0)), (2, 1))
+    add_joint_limits(system, silvermate.space, coordinates, k_l=1.0, margin=0.01)
     assert system.energies["joint_limits"] == 0.0
     np.testing.assert_array_equal(system.force, 0.0)
     np.testing.assert_array_equal(system.diagonal, 0.0)
 
 
 def test_joint_limit_matrix_is_the_hessian(silvermate):
-    chart = np.tile(silvermate.space.to_chart(silvermate.home_q), (1, 1))
-    chart[0, 3] = silvermate.space.lower[3] + 0.01
+    coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (1, 1))
+    coordinates[0, 3] = silvermate.space.lower[3] + 0.01
     system = System(1, 10)
-    add_joint_limits(system, silvermate.space, chart, k_l=2.5, margin=0.05)
+    add_joint_limits(system, silvermate.space, coordinates, k_l=2.5, margin=0.05)
     expected = np.zeros((10, 10))
     expected[3, 3] = 2.5
     np.testing.assert_array_equal(system.diagonal[0], expected)
@@ -199,16 +199,16 @@ def test_joint_limit_matrix_is_the_hessian(silvermate):
 
 def test_joint_limit_matrix_between_two_near_limits(gantry):
     """A range narrower than twice the margin: both springs act, so the stiffness is twice the gain."""
-    chart = gantry.space.to_chart(gantry.home_q)[None].copy()
-    chart[0, 0] = 0.075
+    coordinates = gantry.space.to_coordinates(gantry.home_q)[None].copy()
+    coordinates[0, 0] = 0.075
     system = System(1, 4)
-    add_joint_limits(system, gantry.space, chart, k_l=1.0, margin=0.3)
+    add_joint_limits(system, gantry.space, coordinates, k_l=1.0, margin=0.3)
     assert system.diagonal[0, 0, 0] == 2.0
 
 
 def test_posture_force_is_minus_its_gradient(robot, rng):
     b = robot.space.base_nv
-    chart, target = random_chart(robot, rng, 5), random_chart(robot, rng, 5)
+    coordinates, target = random_coordinates(robot, rng, 5), random_coordinates(robot, rng, 5)
     k_p = np.where(np.arange(robot.nv) < b, 0.0, rng.uniform(0.1, 1.0, robot.nv))
 
     def potential(c: np.ndarray) -> float:
@@ -218,24 +218,24 @@ def test_posture_force_is_minus_its_gradient(robot, rng):
         return 0.5 * float((k_p * off**2).sum())
 
     system = System(5, robot.nv)
-    add_posture(system, robot.space, chart, target, k_p=k_p)
-    assert system.energies["posture"] == pytest.approx(potential(chart))
-    assert_is_minus_gradient(system.force, gradient(robot, chart, potential))
+    add_posture(system, robot.space, coordinates, target, k_p=k_p)
+    assert system.energies["posture"] == pytest.approx(potential(coordinates))
+    assert_is_minus_gradient(system.force, gradient(robot, coordinates, potential))
     np.testing.assert_allclose(assert_positive(system), np.diag(np.tile(k_p, 5)), atol=1e-15)
 
 
 def test_posture_takes_the_short_way_of_a_continuous_joint(gantry):
-    chart = gantry.space.to_chart(gantry.home(spin=3.0))[None]
-    target = gantry.space.to_chart(gantry.home(spin=-3.0))
+    coordinates = gantry.space.to_coordinates(gantry.home(spin=3.0))[None]
+    target = gantry.space.to_coordinates(gantry.home(spin=-3.0))
     system = System(1, 4)
-    add_posture(system, gantry.space, chart, target, k_p=np.ones(4))
+    add_posture(system, gantry.space, coordinates, target, k_p=np.ones(4))
     spin = gantry.joint_names.index("spin")
     assert system.force[0, spin] == pytest.approx(2 * np.pi - 6.0)
 
 
 def test_forces_add_up(silvermate, rng):
-    chart = random_chart(silvermate, rng, 4)
-    v = silvermate.space.difference(chart[:-1], chart[1:])
+    coordinates = random_coordinates(silvermate, rng, 4)
+    v = silvermate.space.difference(coordinates[:-1], coordinates[1:])
     one, two, both = System(4, 10), System(4, 10), System(4, 10)
     sideways = 7.0 * np.eye(10)[1]
     add_elastic(one, silvermate.space, v, np.ones(10))

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from brute_force import random_chart
+from brute_force import random_coordinates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,14 +16,14 @@ BASE = 10
 
 
 def straight(silvermate, *x: float) -> np.ndarray:
-    chart = np.tile(silvermate.space.to_chart(silvermate.home_q), (len(x), 1))
-    chart[:, 0] = x
-    return chart
+    coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (len(x), 1))
+    coordinates[:, 0] = x
+    return coordinates
 
 
-def edit(silvermate, chart: np.ndarray, **options: object):
+def edit(silvermate, coordinates: np.ndarray, **options: object):
     settings = {"weight": np.ones(BASE), "max_spacing": 0.2, "min_spacing": 0.06} | options
-    return resample(silvermate.space, chart, **settings)
+    return resample(silvermate.space, coordinates, **settings)
 
 
 def test_a_good_strip_is_left_alone(silvermate):
@@ -32,8 +32,8 @@ def test_a_good_strip_is_left_alone(silvermate):
 
 
 def test_long_segments_are_divided_evenly(silvermate):
-    chart, source = edit(silvermate, straight(silvermate, 0.0, 0.1, 0.6))
-    np.testing.assert_allclose(chart[:, 0], [0.0, 0.1, 0.1 + 0.5 / 3, 0.1 + 1.0 / 3, 0.6])
+    coordinates, source = edit(silvermate, straight(silvermate, 0.0, 0.1, 0.6))
+    np.testing.assert_allclose(coordinates[:, 0], [0.0, 0.1, 0.1 + 0.5 / 3, 0.1 + 1.0 / 3, 0.6])
     assert source.tolist() == [0, 1, -1, -1, 2]
 
 
@@ -43,9 +43,9 @@ def test_one_segment_gets_at_most_seven_nodes_at_once(silvermate):
 
 
 def test_segments_without_certificate_are_halved(silvermate):
-    chart, source = edit(silvermate, straight(silvermate, 0.0, 0.1, 0.2), split=np.array([False, True]))
+    coordinates, source = edit(silvermate, straight(silvermate, 0.0, 0.1, 0.2), split=np.array([False, True]))
     assert source.tolist() == [0, 1, -1, 2]
-    assert chart[2, 0] == pytest.approx(0.15)
+    assert coordinates[2, 0] == pytest.approx(0.15)
 
 
 def test_a_segment_of_no_length_is_not_halved_for_ever(silvermate):
@@ -69,16 +69,16 @@ def test_no_node_goes_beside_one_that_comes(silvermate):
 
 
 def test_there_are_never_more_than_max_nodes(silvermate):
-    chart = straight(silvermate, 0.0, 1.0, 2.0)
-    made = edit(silvermate, chart, max_nodes=8)
+    coordinates = straight(silvermate, 0.0, 1.0, 2.0)
+    made = edit(silvermate, coordinates, max_nodes=8)
     assert made is None or len(made[0]) <= 8
-    assert len(edit(silvermate, chart, max_nodes=11)[0]) == 11
+    assert len(edit(silvermate, coordinates, max_nodes=11)[0]) == 11
 
 
 def test_some_nodes_come_in_where_not_all_fit(silvermate):
     """A broken segment must not stay broken because others are long as well."""
-    chart = straight(silvermate, 0.0, 1.0, 2.0)
-    _, source = edit(silvermate, chart, max_nodes=8)
+    coordinates = straight(silvermate, 0.0, 1.0, 2.0)
+    _, source = edit(silvermate, coordinates, max_nodes=8)
     assert (source < 0).any()
 
 
@@ -94,14 +94,14 @@ def test_order_ends_and_interpolation_are_kept(silvermate, rover, seed, nodes, s
     rng = np.random.default_rng(seed)
     robot = silvermate if seed % 2 else rover
     steps = rng.normal(size=(nodes, robot.nv)) * scale
-    chart = random_chart(robot, rng, 1)
+    coordinates = random_coordinates(robot, rng, 1)
     for v in steps[1:]:
-        chart = np.vstack((chart, robot.space.integrate(chart[-1], v)))
+        coordinates = np.vstack((coordinates, robot.space.integrate(coordinates[-1], v)))
     weight, split = rng.uniform(0.05, 1.0, robot.nv), rng.random(nodes - 1) < broken
     made = resample(
-        robot.space, chart, weight=weight, max_spacing=0.2, min_spacing=0.06, split=split, max_nodes=nodes + room
+        robot.space, coordinates, weight=weight, max_spacing=0.2, min_spacing=0.06, split=split, max_nodes=nodes + room
     )
-    spacing = node_spacing(robot.space, chart, weight)
+    spacing = node_spacing(robot.space, coordinates, weight)
     if made is None:
         assert spacing.max() <= 0.2 or room < np.ceil(spacing / 0.2).sum()
         return
@@ -110,7 +110,7 @@ def test_order_ends_and_interpolation_are_kept(silvermate, rover, seed, nodes, s
     assert source[-1] == nodes - 1
     old = source[source >= 0]
     assert (np.diff(old) > 0).all()
-    np.testing.assert_array_equal(new[source >= 0], chart[old])
+    np.testing.assert_array_equal(new[source >= 0], coordinates[old])
     assert len(new) <= nodes + room
     # new nodes lie on the way between the old ones
     j = 0
@@ -118,7 +118,10 @@ def test_order_ends_and_interpolation_are_kept(silvermate, rover, seed, nodes, s
         if of >= 0:
             j = of
             continue
-        v, whole = robot.space.difference(chart[j], row), robot.space.difference(chart[j], chart[j + 1])
+        v, whole = (
+            robot.space.difference(coordinates[j], row),
+            robot.space.difference(coordinates[j], coordinates[j + 1]),
+        )
         share = float(v @ whole) / float(whole @ whole)
         assert 0.0 < share < 1.0
         np.testing.assert_allclose(v, share * whole, atol=1e-9)

@@ -23,7 +23,7 @@ def test_nodes_are_copied_and_read_only(robot, rng):
     with pytest.raises(ValueError, match="read-only"):
         strip.q[0, 0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
-        strip.chart[0, 0] = 1.0
+        strip.coordinates[0, 0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
         strip.q = q
 
@@ -51,15 +51,15 @@ def test_faulty_nodes_are_named(silvermate):
         Strip(silvermate, q)
 
 
-def test_chart_and_configurations_agree(robot, rng):
+def test_coordinate_and_configurations_agree(robot, rng):
     q = random_configurations(robot, rng, 6)
     strip = Strip(robot, q)
-    np.testing.assert_allclose(robot.space.from_chart(strip.chart), q, atol=1e-12)
-    same = Strip.from_chart(robot, strip.chart)
-    np.testing.assert_array_equal(same.chart, strip.chart)
+    np.testing.assert_allclose(robot.space.from_coordinates(strip.coordinates), q, atol=1e-12)
+    same = Strip.from_coordinates(robot, strip.coordinates)
+    np.testing.assert_array_equal(same.coordinates, strip.coordinates)
     np.testing.assert_allclose(same.q, q, atol=1e-12)
     assert not same.q.flags.writeable
-    assert not same.chart.flags.writeable
+    assert not same.coordinates.flags.writeable
 
 
 def test_velocities_are_pinocchios_differences(robot, rng):
@@ -106,5 +106,5 @@ def test_samples_lie_on_pin_interpolate(robot, rng):
 
 def test_configurations_are_pinocchios(rover, rng):
     strip = Strip(rover, random_configurations(rover, rng, 3))
-    for row, q in zip(strip.chart, strip.q, strict=True):
+    for row, q in zip(strip.coordinates, strip.q, strict=True):
         np.testing.assert_allclose(configuration(rover, row), q, atol=1e-12)

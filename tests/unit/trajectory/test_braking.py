@@ -15,10 +15,10 @@ def distance_from_way(stop: Trajectory, way: Trajectory) -> float:
     space = way.robot.space
     s = np.linspace(0.0, 1.0, 101)[:, None]
     worst = 0.0
-    for row in stop.chart:
-        gap = np.abs(space.difference(way.chart, np.broadcast_to(row, way.chart.shape).copy())).max(axis=1)
+    for row in stop.coordinates:
+        gap = np.abs(space.difference(way.coordinates, np.broadcast_to(row, way.coordinates.shape).copy())).max(axis=1)
         i = int(np.argmin(gap))
-        near = [space.integrate(np.repeat(way.chart[k][None], 101, axis=0), s * way.steps[k]) for k in (i - 1, i)
+        near = [space.integrate(np.repeat(way.coordinates[k][None], 101, axis=0), s * way.steps[k]) for k in (i - 1, i)
                 if 0 <= k < len(way.steps)]  # fmt: skip
         dense = np.vstack(near)
         gap = np.abs(space.difference(dense, np.broadcast_to(row, dense.shape).copy())).max(axis=1)
@@ -38,7 +38,7 @@ def test_a_stop_on_the_way(name, request):
             stop = retimer.brake(way, t)
             state = way.at(t)
             assert stop.start_time == t
-            np.testing.assert_array_equal(stop.chart[0], state.chart)
+            np.testing.assert_array_equal(stop.coordinates[0], state.coordinates)
             np.testing.assert_allclose(stop.v[0], state.v, atol=1e-12)
             assert stop.at_rest_at_end
             assert stop.duration <= way.end_time - t + 1e-9
@@ -52,7 +52,7 @@ def test_a_stop_on_the_way(name, request):
 
 
 def test_as_short_as_the_motors_allow(silvermate):
-    nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (20, 1))
+    nodes = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (20, 1))
     nodes[:, 0] = 0.2 * np.arange(20)
     way = Retimer(silvermate).full(nodes)
     t = 0.5 * way.end_time
@@ -60,9 +60,9 @@ def test_as_short_as_the_motors_allow(silvermate):
     assert speed > 0.9
     stop = brake(way, t)
     exact = speed**2 / (2.0 * 1.2)
-    assert exact <= stop.chart[-1, 0] - stop.chart[0, 0] <= 1.04 * exact
+    assert exact <= stop.coordinates[-1, 0] - stop.coordinates[0, 0] <= 1.04 * exact
     harder = brake(way, t, limits=way.limits.scaled(1.0, 2.0))
-    assert 0.5 * exact <= harder.chart[-1, 0] - harder.chart[0, 0] <= 0.54 * exact
+    assert 0.5 * exact <= harder.coordinates[-1, 0] - harder.coordinates[0, 0] <= 0.54 * exact
     np.testing.assert_allclose(harder.limits.drive_acceleration, 2.4)
 
 
@@ -70,11 +70,11 @@ def test_nothing_left_to_brake(silvermate):
     way = Retimer(silvermate).full(arcs(silvermate, 1), start_time=1.0)
     over = brake(way, way.end_time + 1.0)
     assert over.at_rest_at_end
-    np.testing.assert_array_equal(over.chart[-1], way.chart[-1])
+    np.testing.assert_array_equal(over.coordinates[-1], way.coordinates[-1])
     early = brake(way, 0.0)
     assert early.start_time == way.start_time
-    np.testing.assert_array_equal(early.chart[0], way.chart[0])
-    assert np.abs(early.chart[-1] - way.chart[0]).max() < 0.01
+    np.testing.assert_array_equal(early.coordinates[0], way.coordinates[0])
+    assert np.abs(early.coordinates[-1] - way.coordinates[0]).max() < 0.01
     late = brake(way, way.end_time - 0.05)
     assert late.at_rest_at_end
     assert late.end_time <= way.end_time + 1e-9
@@ -83,12 +83,12 @@ def test_nothing_left_to_brake(silvermate):
 def test_who_stands_or_is_about_to_has_nothing_to_brake(silvermate):
     """At any time, also just beside a sample; a stop that is braked again is what is left of it."""
     retimer = Retimer(silvermate, dt=0.02)
-    nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (6, 1))
+    nodes = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (6, 1))
     still = stationary(silvermate, retimer.limits, nodes[0], 1.0, 0.01)
     for t in (0.0, 1.0, 1.005, 1.01, 5.0):
         stop = retimer.brake(still, t)
         assert stop.at_rest_at_end
-        np.testing.assert_array_equal(stop.chart[-1], nodes[0])
+        np.testing.assert_array_equal(stop.coordinates[-1], nodes[0])
     nodes[:, 0] = 0.2 * np.arange(6)
     way = retimer.horizon(nodes, start_time=0.1)
     stop = retimer.brake(way, 0.9)

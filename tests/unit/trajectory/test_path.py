@@ -31,7 +31,7 @@ def driven(robot: RobotModel, path, points: int = 3000) -> np.ndarray:
 
 def base_nodes(robot: RobotModel, moves: list[tuple[float, float]], **joints: float) -> np.ndarray:
     """Nodes along travels (ds [m], dφ [rad]), each an exact arc; from home."""
-    rows = [robot.space.to_chart(robot.home(joints=joints))]
+    rows = [robot.space.to_coordinates(robot.home(joints=joints))]
     for ds, turn in moves:
         v = np.zeros(robot.nv)
         v[0], v[2] = ds, turn
@@ -95,7 +95,7 @@ def test_a_cusp_right_ahead_of_a_moving_robot(silvermate):
 
 
 def test_joints_that_turn_back_stop(gantry):
-    nodes = np.tile(gantry.space.to_chart(gantry.home_q), (7, 1))
+    nodes = np.tile(gantry.space.to_coordinates(gantry.home_q), (7, 1))
     nodes[:, 2] = 0.0, 0.3, 0.6, 0.9, 0.6, 0.3, 0.0
     assert line_of(gantry, nodes).stops.tolist() == [3, 6]
 
@@ -201,7 +201,7 @@ def test_integration_is_exact(robot, rng):
     """Between any two rows the base moves on the arc of its travel: the same as node by node."""
     limits = limits_of(robot)
     y = np.cumsum(0.1 * rng.normal(size=(40, limits.drive_dim + len(limits.joint_speed))), axis=0)
-    start = robot.space.to_chart(random_configurations(robot, rng, 1)[0])
+    start = robot.space.to_coordinates(random_configurations(robot, rng, 1)[0])
     rows = integrate_travel(robot, limits, start, y)
     row = start
     for i in range(39):

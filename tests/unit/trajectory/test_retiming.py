@@ -38,7 +38,7 @@ def sound(motion: Trajectory, limits: MotionLimits, *, speed: float = 1.0) -> No
 
 
 def ends_at(motion: Trajectory, node: np.ndarray, within: float = 1e-3) -> bool:
-    return bool(np.abs(motion.robot.space.difference(motion.chart[-1], node)).max() <= within)
+    return bool(np.abs(motion.robot.space.difference(motion.coordinates[-1], node)).max() <= within)
 
 
 def straight(robot: RobotModel, length: float = 4.0, **goal: float) -> np.ndarray:
@@ -66,14 +66,14 @@ def test_whole_strips(request, name, seed, rough, speed):
     robot = request.getfixturevalue(name)
     limits = limits_of(robot)
     nodes = noisy(robot, seed) if rough else arcs(robot, seed, step=0.1 + 1e-5 * seed)
-    motion = retime(Strip.from_chart(robot, nodes), limits, speed=speed)
+    motion = retime(Strip.from_coordinates(robot, nodes), limits, speed=speed)
     sound(motion, limits, speed=speed)
-    np.testing.assert_array_equal(motion.chart[0], nodes[0])
+    np.testing.assert_array_equal(motion.coordinates[0], nodes[0])
     assert ends_at(motion, nodes[-1], 2e-3)
     assert not motion.v[0].any()
     np.testing.assert_allclose(np.diff(motion.time), 0.01, atol=1e-12)
     assert max(most_used(motion, limits)) > 0.9 * speed, "it uses what there is"
-    base, yaw, joints = distance_from_strip(robot, motion.chart[::5], nodes)
+    base, yaw, joints = distance_from_strip(robot, motion.coordinates[::5], nodes)
     assert base < 0.02
     assert max(yaw, joints) < 0.12
 
@@ -91,7 +91,7 @@ def test_going_on_from_a_state(request, name, seed, part, distance):
     motion = retimer.horizon(nodes, distance=2.0)
     t = part * motion.duration
     state = motion.at(t)
-    ahead = nodes_ahead(robot, state.chart, nodes)
+    ahead = nodes_ahead(robot, state.coordinates, nodes)
     try:
         after = Retimer(robot, limits).horizon(
             ahead, state.v, a_start=state.a, distance=distance, start_time=t
@@ -101,19 +101,19 @@ def test_going_on_from_a_state(request, name, seed, part, distance):
         assert stop.at_rest_at_end
         return
     sound(after, limits)
-    np.testing.assert_array_equal(after.chart[0], state.chart)
+    np.testing.assert_array_equal(after.coordinates[0], state.coordinates)
     assert after.start_time == t
     np.testing.assert_allclose(np.diff(after.time), 0.01, atol=1e-9)
     jump = motor_travel(robot, limits, after.v[0] - state.v)
     assert (np.abs(jump) <= 1e-3 * limits.speed).all()
 
 
-def nodes_ahead(robot: RobotModel, chart: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+def nodes_ahead(robot: RobotModel, coordinates: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """The state, then the nodes after the nearest segment."""
     v = robot.space.difference(nodes[:-1], nodes[1:])
     middle = robot.space.integrate(nodes[:-1], 0.5 * v)
-    gap = robot.space.difference(np.broadcast_to(chart, middle.shape).copy(), middle)
-    return np.vstack([chart, nodes[int(np.argmin((gap**2).sum(axis=1))) + 1 :]])
+    gap = robot.space.difference(np.broadcast_to(coordinates, middle.shape).copy(), middle)
+    return np.vstack([coordinates, nodes[int(np.argmin((gap**2).sum(axis=1))) + 1 :]])
 
 
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
@@ -126,12 +126,12 @@ def test_replanning_all_the_way(name, request):
     for seed in range(3):
         nodes = arcs(robot, seed)
         motion = easy.horizon(nodes, distance=1.0)
-        t, driven = 0.0, [motion.chart[0]]
+        t, driven = 0.0, [motion.coordinates[0]]
         while not ends_at(motion, nodes[-1], 2e-3):
             t = round(t + 0.1, 9)
             state = motion.at(t)
-            driven.append(state.chart)
-            ahead = nodes_ahead(robot, state.chart, nodes)
+            driven.append(state.coordinates)
+            ahead = nodes_ahead(robot, state.coordinates, nodes)
             tried += 1
             for retimer in (easy, full):
                 try:
@@ -160,7 +160,7 @@ def test_a_horizon_ends_at_its_distance(robot):
     retimer = Retimer(robot, limits)
     travel = motor_travel(robot, limits, motion.steps) * retimer.weight
     assert np.linalg.norm(travel, axis=1).sum() == pytest.approx(0.2, rel=0.02)
-    assert distance_from_strip(robot, motion.chart[-1:], nodes)[0] < 1e-3
+    assert distance_from_strip(robot, motion.coordinates[-1:], nodes)[0] < 1e-3
 
 
 def test_it_goes_farther_where_it_cannot_stop(silvermate, monkeypatch):
@@ -173,7 +173,7 @@ def test_it_goes_farther_where_it_cannot_stop(silvermate, monkeypatch):
     motion = Retimer(silvermate).horizon(nodes, v, distance=0.05)
     sound(motion, limits)
     needed = 0.9**2 / 2.4
-    assert needed <= motion.chart[-1, 0] <= 1.35 * needed
+    assert needed <= motion.coordinates[-1, 0] <= 1.35 * needed
     assert len(tried) <= 2, "it begins with the way that it takes to brake"
     np.testing.assert_allclose(motion.v[0], v, atol=1e-12)
     with pytest.raises(RetimingError, match=r"stop within 0\.3 m and needs 0\.33"):
@@ -190,7 +190,7 @@ def test_a_start_faster_than_asked_is_braked(silvermate, tiago):
         state = motion.at(t)
         assert state.v[0] > 0.8
         slower = retimer.horizon(
-            nodes_ahead(robot, state.chart, nodes), state.v, a_start=state.a, speed=0.4, start_time=t
+            nodes_ahead(robot, state.coordinates, nodes), state.v, a_start=state.a, speed=0.4, start_time=t
         )
         sound(slower, limits)
         np.testing.assert_allclose(slower.v[0], state.v, atol=1e-3)
@@ -216,7 +216,7 @@ def test_a_cusp_ends_a_horizon_and_is_passed_by_the_whole(silvermate):
     assert ends_at(whole, nodes[-1])
     rest = np.flatnonzero(~whole.v.any(axis=1))
     assert len(rest) == 3, "start, cusp, end"
-    assert np.abs(silvermate.space.difference(whole.chart[rest[1]], nodes[19])).max() < 1e-3
+    assert np.abs(silvermate.space.difference(whole.coordinates[rest[1]], nodes[19])).max() < 1e-3
     assert (whole.base_speed[: rest[1]] >= 0.0).all()
     assert (whole.base_speed[rest[1] :] <= 0.0).all()
 
@@ -231,19 +231,21 @@ def test_turning_in_place_and_driving(silvermate):
     assert len(np.flatnonzero(~motion.v.any(axis=1))) == 4
     first = Retimer(silvermate).horizon(nodes)
     assert np.abs(first.v[:, 0]).max() < 1e-9, "in place"
-    assert first.chart[-1, 2] == pytest.approx(np.pi / 4, abs=1e-6)
+    assert first.coordinates[-1, 2] == pytest.approx(np.pi / 4, abs=1e-6)
     assert np.abs(first.limits.to_drive(first.v[:, :3])).max() > 0.4
 
 
 def test_joints_only(robot):
     limits = limits_of(robot)
-    nodes = np.tile(robot.space.to_chart(robot.home_q), (6, 1))
+    nodes = np.tile(robot.space.to_coordinates(robot.home_q), (6, 1))
     first = robot.space.base_nv
     nodes[:, first:] = nodes[:, first:] + np.linspace(0.0, 0.1, 6)[:, None]
     motion = Retimer(robot, limits).full(nodes)
     sound(motion, limits)
     assert ends_at(motion, nodes[-1], 1e-9)
-    np.testing.assert_array_equal(motion.chart[:, :first], np.broadcast_to(nodes[0, :first], (len(motion), first)))
+    np.testing.assert_array_equal(
+        motion.coordinates[:, :first], np.broadcast_to(nodes[0, :first], (len(motion), first))
+    )
 
 
 def test_duplicate_nodes_change_nothing(robot):
@@ -252,18 +254,18 @@ def test_duplicate_nodes_change_nothing(robot):
     nodes = arcs(robot, 2, nodes=15)
     plain = Retimer(robot, limits).full(nodes)
     doubled = Retimer(robot, limits).full(np.repeat(nodes, [3, 1, 2, 2, *[1] * 9, 2, 3], axis=0))
-    np.testing.assert_allclose(doubled.chart, plain.chart, atol=1e-9)
+    np.testing.assert_allclose(doubled.coordinates, plain.coordinates, atol=1e-9)
     assert len(np.flatnonzero(~doubled.v.any(axis=1))) == len(np.flatnonzero(~plain.v.any(axis=1)))
 
 
 def test_standing_still(robot):
     limits = limits_of(robot)
-    node = robot.space.to_chart(robot.home_q)
+    node = robot.space.to_coordinates(robot.home_q)
     for nodes in (node[None], np.stack([node] * 4)):
         for motion in (Retimer(robot, limits).horizon(nodes, start_time=5.0), Retimer(robot, limits).full(nodes)):
             assert motion.at_rest_at_end
             assert not motion.v.any()
-            np.testing.assert_array_equal(motion.chart, np.stack([node] * 2))
+            np.testing.assert_array_equal(motion.coordinates, np.stack([node] * 2))
             assert motion.duration == pytest.approx(0.01)
         moving = np.zeros(robot.nv)
         moving[-1] = 0.1
@@ -285,8 +287,8 @@ def test_dense_nodes(silvermate):
     motion = Retimer(silvermate).full(arcs(silvermate, 6))
     again = retime(motion.strip())
     sound(again, limits_of(silvermate))
-    assert ends_at(again, motion.chart[-1])
-    assert distance_from_strip(silvermate, again.chart[::7], motion.chart)[0] < 0.01
+    assert ends_at(again, motion.coordinates[-1])
+    assert distance_from_strip(silvermate, again.coordinates[::7], motion.coordinates)[0] < 0.01
 
 
 def test_yaw_may_pass_pi(silvermate):
@@ -297,16 +299,16 @@ def test_yaw_may_pass_pi(silvermate):
     wrapped[:, 2] = (wrapped[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     assert (np.abs(np.diff(wrapped[:, 2])) > 3.0).any()
     one, other = Retimer(silvermate).full(nodes), Retimer(silvermate).full(wrapped)
-    np.testing.assert_allclose(other.chart, one.chart, atol=1e-9)
-    assert np.abs(np.diff(other.chart[:, 2])).max() < 0.1
+    np.testing.assert_allclose(other.coordinates, one.coordinates, atol=1e-9)
+    assert np.abs(np.diff(other.coordinates[:, 2])).max() < 0.1
 
 
 @pytest.mark.parametrize(
     "arguments, error, match",
     [
-        ({"chart": np.zeros((3, 4))}, ConfigurationError, r"\(n, 10\)"),
-        ({"chart": np.zeros((0, 10))}, ConfigurationError, "empty"),
-        ({"chart": np.full((3, 10), np.nan)}, ConfigurationError, r"\[0, 0\] is nan"),
+        ({"coordinates": np.zeros((3, 4))}, ConfigurationError, r"\(n, 10\)"),
+        ({"coordinates": np.zeros((0, 10))}, ConfigurationError, "empty"),
+        ({"coordinates": np.full((3, 10), np.nan)}, ConfigurationError, r"\[0, 0\] is nan"),
         ({"v_start": np.zeros(3)}, ParameterError, "v_start"),
         ({"v_start": np.full(10, np.inf)}, ParameterError, "v_start"),
         ({"a_start": np.full(10, np.nan)}, ParameterError, "a_start"),
@@ -321,7 +323,7 @@ def test_yaw_may_pass_pi(silvermate):
     ],
 )
 def test_wrong_arguments(silvermate, arguments, error, match):
-    nodes = arguments.pop("chart", straight(silvermate))
+    nodes = arguments.pop("coordinates", straight(silvermate))
     with pytest.raises(error, match=match):
         Retimer(silvermate).horizon(nodes, **arguments)
 

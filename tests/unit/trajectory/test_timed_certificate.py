@@ -18,8 +18,8 @@ EXACT = ObstacleAssumptions(position_error=0.0, velocity_error=0.0, acceleration
 
 @pytest.fixture(scope="module")
 def motion(silvermate):
-    chart = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.5), spacing=0.1)
-    return Retimer(silvermate, MotionLimits.for_robot(silvermate), dt=0.02).horizon(chart, start_time=0.0)
+    coordinates = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.5), spacing=0.1)
+    return Retimer(silvermate, MotionLimits.for_robot(silvermate), dt=0.02).horizon(coordinates, start_time=0.0)
 
 
 def nearest(robot, motion, scene: Scene) -> float:
@@ -27,7 +27,7 @@ def nearest(robot, motion, scene: Scene) -> float:
     times = np.linspace(motion.start_time, motion.end_time, 160)
     d = np.inf
     for t in times:
-        d = min(d, link_distances(robot, scene.at(t), configuration(robot, motion.at(t).chart)).min())
+        d = min(d, link_distances(robot, scene.at(t), configuration(robot, motion.at(t).coordinates)).min())
     return float(d)
 
 

@@ -25,21 +25,21 @@ def test_references_lie_on_the_arcs(robot, motion, rng):
         state = motion.at(t)
         assert state.time == t
         expected = pin.interpolate(robot.model, motion.q[i], motion.q[i + 1], s)
-        np.testing.assert_allclose(configuration(robot, state.chart), expected, atol=1e-12)
+        np.testing.assert_allclose(configuration(robot, state.coordinates), expected, atol=1e-12)
         np.testing.assert_allclose(state.v, (1 - s) * motion.v[i] + s * motion.v[i + 1], atol=1e-12)
         np.testing.assert_allclose(state.a, (1 - s) * motion.a[i] + s * motion.a[i + 1], atol=1e-12)
 
 
 def test_before_the_start_and_after_the_end(motion):
     before, after = motion.at(motion.start_time - 1.0), motion.at(motion.end_time + 1.0)
-    np.testing.assert_array_equal(before.chart, motion.chart[0])
+    np.testing.assert_array_equal(before.coordinates, motion.coordinates[0])
     np.testing.assert_array_equal(before.a, motion.a[0])
     assert before.a.any()
-    np.testing.assert_array_equal(after.chart, motion.chart[-1])
+    np.testing.assert_array_equal(after.coordinates, motion.coordinates[-1])
     assert not after.v.any()
     assert not after.a.any()
     assert after.time == motion.end_time + 1.0
-    np.testing.assert_array_equal(motion.at(motion.time[7]).chart, motion.chart[7])
+    np.testing.assert_array_equal(motion.at(motion.time[7]).coordinates, motion.coordinates[7])
 
 
 def test_what_a_tail_keeps(robot, motion, rng):
@@ -49,27 +49,27 @@ def test_what_a_tail_keeps(robot, motion, rng):
     assert tail.end_time == motion.end_time
     for later in rng.uniform(t, motion.end_time, 10):
         one, other = motion.at(later), tail.at(later)
-        np.testing.assert_allclose(other.chart, one.chart, atol=1e-12)
+        np.testing.assert_allclose(other.coordinates, one.coordinates, atol=1e-12)
         np.testing.assert_allclose(other.v, one.v, atol=1e-12)
     assert motion.tail(motion.start_time - 1.0) is motion
-    np.testing.assert_array_equal(motion.tail(motion.time[9]).chart, motion.chart[9:])
+    np.testing.assert_array_equal(motion.tail(motion.time[9]).coordinates, motion.coordinates[9:])
     early = motion.tail(motion.time[9] - 1e-12)
     assert len(early) == len(motion) - 9
-    np.testing.assert_allclose(early.chart, motion.chart[9:], atol=1e-12)
+    np.testing.assert_allclose(early.coordinates, motion.coordinates[9:], atol=1e-12)
     assert len(motion.tail(motion.end_time - 1e-12)) == 2
     over = motion.tail(motion.end_time + 5.0)
     assert over.at_rest_at_end
-    np.testing.assert_array_equal(over.chart, np.stack([motion.chart[-1]] * 2))
+    np.testing.assert_array_equal(over.coordinates, np.stack([motion.coordinates[-1]] * 2))
     assert not over.v.any()
 
 
 def test_shifting_and_the_strip(robot, motion):
     shifted = motion.shifted(11.0)
     assert (shifted.start_time, shifted.duration) == (11.0, pytest.approx(motion.duration))
-    np.testing.assert_array_equal(shifted.chart, motion.chart)
+    np.testing.assert_array_equal(shifted.coordinates, motion.coordinates)
     strip = motion.strip()
     assert strip.robot is robot
-    np.testing.assert_array_equal(strip.chart, motion.chart)
+    np.testing.assert_array_equal(strip.coordinates, motion.coordinates)
     np.testing.assert_array_equal(strip.q, motion.q)
 
 
@@ -85,7 +85,7 @@ def test_speeds_of_base_and_wheels(robot, motion):
 
 def test_backwards_is_negative(silvermate):
     limits = limits_of(silvermate)
-    nodes = np.tile(silvermate.space.to_chart(silvermate.home_q), (6, 1))
+    nodes = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (6, 1))
     nodes[:, 0] = -0.2 * np.arange(6)
     motion = Retimer(silvermate, limits).full(nodes)
     assert motion.base_speed.min() < -0.5
@@ -93,13 +93,13 @@ def test_backwards_is_negative(silvermate):
 
 
 def test_it_is_a_frozen_copy(silvermate, motion):
-    for name in ("time", "chart", "v", "a", "q", "steps"):
+    for name in ("time", "coordinates", "v", "a", "q", "steps"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(motion, name)[0] = 0.0
     rows = np.zeros((3, silvermate.nv))
     own = Trajectory(silvermate, limits_of(silvermate), np.arange(3.0), rows, rows, rows)
     rows[1] = 7.0
-    assert not own.chart.any()
+    assert not own.coordinates.any()
 
 
 def test_rest_at_the_end(silvermate, motion):
@@ -115,12 +115,12 @@ def test_rest_at_the_end(silvermate, motion):
         ({"time": [0.0, 1.0, 1.0]}, "ascending"),
         ({"time": [0.0, 2.0, 1.0]}, "ascending"),
         ({"time": [0.0, 1.0, np.inf]}, "time.*finite"),
-        ({"chart": np.zeros((3, 4))}, "chart of .* shape"),
+        ({"coordinates": np.zeros((3, 4))}, "coordinates of .* shape"),
         ({"v": np.zeros((2, 10))}, "v of .* shape"),
         ({"a": np.full((3, 10), np.nan)}, "a of .* finite"),
     ],
 )
 def test_wrong_samples(silvermate, change, match):
-    fields = {"time": np.arange(3.0), "chart": np.zeros((3, 10)), "v": np.zeros((3, 10)), "a": np.zeros((3, 10))}
+    fields = {"time": np.arange(3.0), "coordinates": np.zeros((3, 10)), "v": np.zeros((3, 10)), "a": np.zeros((3, 10))}
     with pytest.raises(ParameterError, match=match):
         Trajectory(robot=silvermate, limits=limits_of(silvermate), **{**fields, **change})

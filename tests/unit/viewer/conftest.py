@@ -41,11 +41,11 @@ def scene():
 def make_report(robot):
     def make(shift: float = 0.0, nodes: int = 40, **changes: object) -> SimpleNamespace:
         s = np.linspace(0.0, 1.0, nodes)
-        chart = np.tile(robot.space.to_chart(robot.home()), (nodes, 1))
-        chart[:, 0] = -1.0 + 7.0 * s
-        chart[:, 1] = (0.5 + shift) * np.sin(np.pi * s) ** 2
-        chart[:, 2] = np.arctan2(np.gradient(chart[:, 1]), np.gradient(chart[:, 0]))
-        strip = Strip.from_chart(robot, chart)
+        coordinates = np.tile(robot.space.to_coordinates(robot.home()), (nodes, 1))
+        coordinates[:, 0] = -1.0 + 7.0 * s
+        coordinates[:, 1] = (0.5 + shift) * np.sin(np.pi * s) ** 2
+        coordinates[:, 2] = np.arctan2(np.gradient(coordinates[:, 1]), np.gradient(coordinates[:, 0]))
+        strip = Strip.from_coordinates(robot, coordinates)
         segments = np.arange(nodes - 1) != 5
         fields = {
             "strip": strip,

@@ -27,7 +27,7 @@ def rng():
 
 def test_control_points_equal_the_robots(robot, nodes):
     poses = geometry.RobotPoses(robot)
-    poses.update(robot.space.to_chart(nodes))
+    poses.update(robot.space.to_coordinates(nodes))
     expected = np.array([robot.control_points(q) for q in nodes])
     assert np.allclose(poses.points(), expected, atol=1e-9)
 
@@ -36,7 +36,7 @@ def test_bodies_are_where_pinocchio_has_the_visual_geometry(robot, nodes):
     """Compare the bounding box of every body with that of its vertices as Pinocchio places them."""
     bodies = geometry.robot_bodies(robot)
     poses = geometry.RobotPoses(robot)
-    poses.update(robot.space.to_chart(nodes))
+    poses.update(robot.space.to_coordinates(nodes))
     matrices = poses.matrices([b.joint for b in bodies])
     data = robot.model.createData()
     visual = robot.visual_model.createData()
@@ -59,11 +59,11 @@ def test_bodies_are_where_pinocchio_has_the_visual_geometry(robot, nodes):
 def test_interpolated_equals_pinocchio(robot, nodes):
     at = np.arange(len(nodes), dtype=float)
     where = np.array([0.0, 0.3, 1.0, 2.7, 5.0])
-    rows = geometry.interpolated(robot.space, robot.space.to_chart(nodes), at, where)
+    rows = geometry.interpolated(robot.space, robot.space.to_coordinates(nodes), at, where)
     for row, w in zip(rows, where, strict=True):
         i = min(int(w), len(nodes) - 2)
         expected = pin.interpolate(robot.model, nodes[i], nodes[i + 1], w - i)
-        assert np.allclose(robot.space.from_chart(row), expected, atol=1e-9)
+        assert np.allclose(robot.space.from_coordinates(row), expected, atol=1e-9)
 
 
 def test_between_maps_the_unit_axis_onto_the_segment(rng):
@@ -87,12 +87,12 @@ def test_arrows_leave_out_what_is_nothing():
 
 def test_ribbon_follows_the_arc(robot):
     q = np.array([robot.home(), robot.home(x=1.0, y=1.0, yaw=np.pi / 2)])
-    band = geometry.ribbon(robot.space, robot.space.to_chart(q), np.ones((1, 3)))
+    band = geometry.ribbon(robot.space, robot.space.to_coordinates(q), np.ones((1, 3)))
     assert band is not None
     middle = (band.vertices[0::2] + band.vertices[1::2]) / 2
     assert np.allclose(np.linalg.norm(middle[:, :2] - [0.0, 1.0], axis=1), 1.0, atol=1e-6)  # a quarter circle
-    assert geometry.ribbon(robot.space, robot.space.to_chart(q[:1]), np.ones((0, 3))) is None
-    assert geometry.ribbon(robot.space, robot.space.to_chart(q[[0, 0]]), np.ones((1, 3))) is None
+    assert geometry.ribbon(robot.space, robot.space.to_coordinates(q[:1]), np.ones((0, 3))) is None
+    assert geometry.ribbon(robot.space, robot.space.to_coordinates(q[[0, 0]]), np.ones((1, 3))) is None
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])

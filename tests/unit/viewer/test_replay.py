@@ -77,7 +77,7 @@ def test_the_robot_is_where_it_truly_was(played, record):
     assert played.last == "\0animation"  # after the objects that it moves
     for k in (0, 333, 800, len(record.control) - 1):
         x, y, z = played.at("/robot/1", "position", record.control.time[k])
-        assert [x, y] == pytest.approx(record.control.chart[k, :2], abs=2e-3)
+        assert [x, y] == pytest.approx(record.control.coordinates[k, :2], abs=2e-3)
         assert z == pytest.approx(0.0, abs=1e-6)
 
 
@@ -121,7 +121,7 @@ def test_the_state_is_told_by_ring_and_card(played, record):
         code = int(record.control.state[np.searchsorted(record.control.time, t + 1e-9) - 1])
         shown = [k for k in range(5) if ("/playback/state/" + str(k), "visible") in played.tracks]
         assert [k for k in shown if played.at(f"/playback/state/{k}", "visible", t)] == [code]
-        base = [np.interp(t, record.control.time, column) for column in record.control.chart[:, :2].T]
+        base = [np.interp(t, record.control.time, column) for column in record.control.coordinates[:, :2].T]
         np.testing.assert_allclose(played.at("/playback/state", "position", t)[:2], base, atol=2e-3)
         card = played.card(t)
         name = record.states[code]
@@ -150,7 +150,7 @@ def test_the_traces_grow_to_where_the_robot_is(played, record):
         count = int(played.at(path + "/<object>", "count", 5.0)[0])
         if name == "base":
             assert ends[count - 1, 0] == pytest.approx(
-                np.interp(5.0, record.control.time, record.control.chart[:, 0]), abs=0.03
+                np.interp(5.0, record.control.time, record.control.coordinates[:, 0]), abs=0.03
             )
     assert "/playback/trace/reference" in played.objects
 
@@ -160,7 +160,7 @@ def test_speed_begin_and_end(silvermate, record):
         played = Played(viewer.replay(silvermate, record, speed=2.0, begin=3.0, end=7.0))
     assert played.ends == {2.0}
     assert played.at("/robot/1", "position", 0.0)[0] == pytest.approx(
-        np.interp(3.0, record.control.time, record.control.chart[:, 0]), abs=2e-3
+        np.interp(3.0, record.control.time, record.control.coordinates[:, 0]), abs=2e-3
     )
     assert dict(played.card(0.0)["rows"])["time"] == "3.0 s"
     assert dict(played.card(1.0)["rows"])["time"] == "5.0 s"
@@ -173,11 +173,11 @@ def test_speed_begin_and_end(silvermate, record):
 def test_what_a_replay_hid_comes_back(silvermate, record):
     strip = record.planning.strip(0)
     with Viewer(server=False) as viewer:
-        viewer.show(silvermate, record.world.at(0.0), silvermate.space.from_chart(strip))
+        viewer.show(silvermate, record.world.at(0.0), silvermate.space.from_coordinates(strip))
         played = Played(viewer.replay(silvermate, record))
         for path in ("/ghosts", "/strip", "/forces"):
             assert played.commands[path + "\0property visible"]["value"] is False
-        viewer.show(silvermate, record.world.at(0.0), silvermate.space.from_chart(strip))
+        viewer.show(silvermate, record.world.at(0.0), silvermate.space.from_coordinates(strip))
         viewer._flush()
         items = {key: umsgpack.unpackb(payload) for key, payload in viewer._log.items()}
         assert not any(key.startswith("/playback") for key in items)
@@ -204,11 +204,11 @@ def test_a_record_from_a_file_plays(record, played, tmp_path):
 @pytest.mark.parametrize("name", ["gantry", "rover"])
 def test_other_bases_and_runs_of_which_little_is_known(name, request, tmp_path):
     robot = request.getfixturevalue(name)
-    row = robot.space.to_chart(robot.home_q)
+    row = robot.space.to_coordinates(robot.home_q)
     person = Capsule(0.2, 1.0, at=(2, 0, 1), motion=Twist((0.1, 0, 0)), name="a/b")
     recorder = Recorder(robot, World(Scene([person]), vanishes={"a/b": 0.05}))
     for k in range(12):
-        recorder.control(0.01 * k, chart=row + 0.001 * k, v=0 * row, state=RunState.FAILED)
+        recorder.control(0.01 * k, coordinates=row + 0.001 * k, v=0 * row, state=RunState.FAILED)
     with Viewer(server=False) as viewer:
         played = Played(viewer.replay(robot, recorder.finish()))
         assert viewer.save_html(tmp_path / "x.html").stat().st_size > 500_000
@@ -242,7 +242,7 @@ def test_wrong_input_is_refused(silvermate, tiago, record):
 
 def test_a_live_scene_sends_where_obstacles_are_and_nothing_else(silvermate, record):
     """At 20 pictures a second: a transform for each obstacle that moves, a mesh only for one that appears."""
-    strip = Strip(silvermate, silvermate.space.from_chart(record.planning.strip(0)))
+    strip = Strip(silvermate, silvermate.space.from_coordinates(record.planning.strip(0)))
     with Viewer(server=False) as viewer:
         viewer.show(silvermate, record.world.at(0.0), strip)
         viewer._flush()
@@ -272,7 +272,7 @@ def test_an_obstacle_of_a_scene_that_is_shown_already_can_get_an_object_of_its_o
 
 
 def test_the_robot_is_shown_where_it_is(silvermate, record):
-    strip = Strip(silvermate, silvermate.space.from_chart(record.planning.strip(0)))
+    strip = Strip(silvermate, silvermate.space.from_coordinates(record.planning.strip(0)))
     where = silvermate.home(x=1.25, y=-0.5)
     with Viewer(server=False) as viewer:
         for q, x in ((None, strip.q[0, 0]), (where, 1.25)):
@@ -310,7 +310,7 @@ def test_a_browser_plays_it(silvermate, record, tmp_path):
     assert done.returncode == 0, done.stderr
     state = json.loads(done.stdout)
     row = int(np.searchsorted(record.control.time, 6.0))
-    assert state["robot"] == pytest.approx(record.control.chart[row, 0], abs=0.02)
+    assert state["robot"] == pytest.approx(record.control.coordinates[row, 0], abs=0.02)
     assert state["person"] == pytest.approx(-2.4 + 0.55 * 6.0, abs=0.02)
     assert (state["box"], state["bin"], state["strips"]) == (False, True, 1)
     assert 10 < state["hand"] < 400

@@ -140,8 +140,10 @@ class InverseKinematics:
 
     def with_arm(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
         """Move the joints alone, the base stays where ``q`` (nq,) has it."""
-        chart = self.robot.space.to_chart(self.robot.check_q(q))
-        return self._search(scene, task, [chart, *self._postures(chart, _STARTS - 1)], chart, base=False)
+        coordinates = self.robot.space.to_coordinates(self.robot.check_q(q))
+        return self._search(
+            scene, task, [coordinates, *self._postures(coordinates, _STARTS - 1)], coordinates, base=False
+        )
 
     def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
         """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first.
@@ -149,7 +151,7 @@ class InverseKinematics:
         With the joints as ``q`` has them, the base must have room where it begins and where it ends: it drives there
         first.
         """
-        chart = self.robot.space.to_chart(self.robot.check_q(q))
+        coordinates = self.robot.space.to_coordinates(self.robot.check_q(q))
         if not self.robot.space.planar:
             return self.with_arm(scene, q, task)
         target = np.asarray(task.position[:2])
@@ -157,23 +159,23 @@ class InverseKinematics:
         begins = []
         for radius in _RING:
             for angle in np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False) + self.rng.uniform(0.0, 0.5):
-                row = chart.copy()
+                row = coordinates.copy()
                 row[:2] = target + radius * np.array([np.cos(angle), np.sin(angle)])
                 row[2] = angle + np.pi + self.rng.uniform(-0.6, 0.6)
                 if free(self._q(row)):
                     begins += [row, *(r for r in self._postures(row, _POSTURES) if free(self._q(r)))][:2]
         if not begins:
             return ReachResult(None, np.inf, 0.0, f"{task}: the base has no room about it")
-        begins.sort(key=lambda row: float(np.hypot(*(row[:2] - chart[:2]))))
-        return self._search(scene, task, begins, chart, base=True)
+        begins.sort(key=lambda row: float(np.hypot(*(row[:2] - coordinates[:2]))))
+        return self._search(scene, task, begins, coordinates, base=True)
 
-    def _postures(self, chart: Array, count: int) -> list[Array]:
+    def _postures(self, coordinates: Array, count: int) -> list[Array]:
         """Other postures at the same base pose: home, and random ones."""
         space, rows = self.robot.space, []
-        home = space.to_chart(self.robot.home_q)
+        home = space.to_coordinates(self.robot.home_q)
         low, high = np.clip(space.lower, -np.pi, None), np.clip(space.upper, None, np.pi)
         for k in range(count):
-            row = chart.copy()
+            row = coordinates.copy()
             b = space.base_nv
             row[b:] = home[b:] if k == 0 else self.rng.uniform(low[b:], high[b:])
             rows.append(row)
@@ -238,7 +240,7 @@ class InverseKinematics:
         return off if turn is None else np.concatenate((off, _LEVER * pin.log3(turn.T @ placement.rotation)))
 
     def _slopes(self, row: Array, frame: int, turn: Array | None) -> Array:
-        """Derivatives (3 or 6, nv) of :meth:`_off` by the chart."""
+        """Derivatives (3 or 6, nv) of :meth:`_off` by the coordinates."""
         model, data = self.robot.model, self._data
         q = self._q(row)
         pin.computeJointJacobians(model, data, q)
@@ -248,7 +250,9 @@ class InverseKinematics:
         if turn is not None:
             relative = turn.T @ placement.rotation
             out = np.vstack((out, _LEVER * pin.Jlog3(relative) @ placement.rotation.T @ J[3:]))
-        if self.robot.space.planar:  # the tangent's base is in its own frame, the chart's in the world's
+        if (
+            self.robot.space.planar
+        ):  # the base's part of a tangent is in the base's frame, that of the coordinates in the world's
             cos, sin = np.cos(row[2]), np.sin(row[2])
             out[:, :2] = out[:, :2] @ np.array([[cos, sin], [-sin, cos]])
         return out
@@ -258,7 +262,7 @@ class InverseKinematics:
         return float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]) / _LEVER)
 
     def _q(self, row: Array) -> Array:
-        return self.robot.space.from_chart(row[None])[0]
+        return self.robot.space.from_coordinates(row[None])[0]
 
     def _frame(self, name: str) -> int:
         index = find_frame(self.robot.model, name)
@@ -341,19 +345,19 @@ class DeliberativeLayer:
         found = self._kinematics.with_base(scene, here, task)
         if found.q is None:
             return TaskPlan(task, (), found.reason)
-        row = robot.space.to_chart(found.q)
+        row = robot.space.to_coordinates(found.q)
         b = robot.space.base_nv
-        before = robot.space.to_chart(here)
+        before = robot.space.to_coordinates(here)
         before[:b] = row[:b]
         x, y, yaw = (float(value) for value in row[:3])
         drive = DriveTo(x, y, yaw)
         steps = (
-            TaskStep(StepKind.NAVIGATION, robot.space.from_chart(before[None])[0], str(drive)),
+            TaskStep(StepKind.NAVIGATION, robot.space.from_coordinates(before[None])[0], str(drive)),
             TaskStep(StepKind.MANIPULATION, found.q, str(task)),
         )
         return TaskPlan(task, steps, f"the arm does not reach from here: {drive} first; {found.reason}")
 
     def _driven(self, q: Array, drive: DriveTo) -> Array:
-        row = self.robot.space.to_chart(q)
+        row = self.robot.space.to_coordinates(q)
         row[:3] = drive.x, drive.y, drive.yaw
-        return self.robot.space.from_chart(row[None])[0]
+        return self.robot.space.from_coordinates(row[None])[0]

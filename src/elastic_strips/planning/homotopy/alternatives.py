@@ -70,7 +70,7 @@ def strip_cost(report: DeformReport, params: DeformParams) -> float:
 
 def base_path(strip: Strip) -> Array:
     """(K, 2) path of the base [m], as it is followed between the nodes."""
-    return strip.robot.space.to_chart(strip.sample(0.1))[:, :2]
+    return strip.robot.space.to_coordinates(strip.sample(0.1))[:, :2]
 
 
 class AlternativesSearch:

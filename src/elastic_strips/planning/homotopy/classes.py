@@ -242,7 +242,7 @@ def homotopy_paths(
     """
     from scipy.sparse.csgraph import dijkstra  # late: slow to import
 
-    endpoints = robot.space.to_chart(np.stack((start, goal)))[:, :2]
+    endpoints = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
     clusters = cluster_map(robot, scene, endpoints) if clusters is None else clusters
     resolution = clusters.resolution
     shape = np.array(clusters.clear.shape)

@@ -64,7 +64,7 @@ class _Member:
     def __init__(self, robot: RobotModel, params: DeformParams, found: Alternative) -> None:
         self.deformer = Deformer(robot, params)
         self.report, self.homotopy_class, self.method = found.report, found.homotopy_class, found.method
-        self.origin = found.strip.chart[0].copy()  # where the robot was when it was planned
+        self.origin = found.strip.coordinates[0].copy()  # where the robot was when it was planned
         self.broken = self.better = 0  # ticks in a row, of those in which it was deformed
 
     def __str__(self) -> str:
@@ -78,7 +78,7 @@ class _Member:
     def travelled(self) -> float:
         """How far from there it begins now [m]; 0 for a fixed base."""
         strip = self.report.strip
-        return float(np.hypot(*(strip.chart[0] - self.origin)[:2])) if strip.robot.space.planar else 0.0
+        return float(np.hypot(*(strip.coordinates[0] - self.origin)[:2])) if strip.robot.space.planar else 0.0
 
     @property
     def cost(self) -> float:
@@ -238,9 +238,9 @@ class StripSet:
 
     def _reconnect(self, start: Array) -> None:
         """Let the strips begin where the robot is."""
-        here = self.robot.space.to_chart(start)
+        here = self.robot.space.to_coordinates(start)
         for member in self._members:
-            if np.abs(self.robot.space.difference(member.report.strip.chart[:1], here[None])).max() > 1e-9:
+            if np.abs(self.robot.space.difference(member.report.strip.coordinates[:1], here[None])).max() > 1e-9:
                 member.report = reconnect(member.deformer, member.report, here)
 
     def _decide(self, scene: Scene, others: list[_Member], fresh: list[_Member], events: list[str]) -> None:
@@ -334,7 +334,7 @@ class StripSet:
         keep = [m for m in self._members if m.report.usable]
         clusters = None
         if robot.space.planar:
-            endpoints = robot.space.to_chart(np.stack((start, self.goal)))[:, :2]
+            endpoints = robot.space.to_coordinates(np.stack((start, self.goal)))[:, :2]
             paths = [base_path(m.report.strip) for m in keep]
             clusters = cluster_map(robot, scene, np.vstack((endpoints, *paths)))
             for member, path in zip(keep, paths, strict=True):
@@ -394,7 +394,7 @@ def divergence_angle(one: Strip, other: Strip, ahead: float) -> float:
         return 0.0
     directions = []
     for strip in (one, other):
-        xy = strip.chart[:, :2]
+        xy = strip.coordinates[:, :2]
         along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))))
         at = min(ahead, float(along[-1]))
         directions.append(np.array([np.interp(at, along, xy[:, k]) for k in range(2)]) - xy[0])
@@ -410,7 +410,7 @@ def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> D
     """
     strip = report.strip
     segment = _nearest(strip, coordinates)
-    rest = strip.chart[segment + 1 :]
+    rest = strip.coordinates[segment + 1 :]
     first = coordinates.copy()
     if strip.robot.space.planar:
         first[2] += 2.0 * np.pi * np.rint((rest[0, 2] - first[2]) / (2.0 * np.pi))
@@ -420,16 +420,16 @@ def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> D
     if strip.robot.base_kind is BaseKind.DIFF_DRIVE:
         rows, slip = project_rolling(strip.robot.space, rows)
         if slip > SLIP_LIMIT:  # it cannot be driven; the next tick starts without known distances
-            endpoints = strip.robot.space.from_chart(rows[[0, -1]])
+            endpoints = strip.robot.space.from_coordinates(rows[[0, -1]])
             endpoints[-1] = strip.q[-1]
-            return replace(report, strip=Strip.from_chart(strip.robot, rows, ends=endpoints), slip=slip)
+            return replace(report, strip=Strip.from_coordinates(strip.robot, rows, ends=endpoints), slip=slip)
     known: Indices = np.concatenate(([-1], source)).astype(np.intp)
     return replace(report, strip=deformer.carry(strip, rows, known))
 
 
 def _nearest(strip: Strip, coordinates: Array) -> int:
     """The segment nearest to coordinates; chords instead of arcs."""
-    nodes = strip.chart
+    nodes = strip.coordinates
     along = _weighed(strip, nodes[:-1], nodes[1:])
     to = _weighed(strip, nodes[:-1], np.broadcast_to(coordinates, nodes[:-1].shape))
     square = np.maximum((along * along).sum(axis=1), 1e-18)

@@ -102,7 +102,7 @@ class BaseController(ControlLoop):
                 f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"
             )
         super().__init__(robot, start, params, limits)
-        self.goal = robot.space.to_chart(robot.check_q(goal, what="goal"))
+        self.goal = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
         self.steering = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
         self.patience = patience
         self.command = BaseCommand(0.0, 0.0, "moving")
@@ -210,14 +210,14 @@ class _RawReadings:
     @property
     def contact(self) -> str:
         """The obstacle that is touched."""
-        return self._contact_sensor.touched(self._world.at(self._plant.time), self._plant.chart)
+        return self._contact_sensor.touched(self._world.at(self._plant.time), self._plant.coordinates)
 
-    def observe(self, t: float, chart: Array, estimate: Array) -> None:
+    def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Nothing: what is read is handed over as soon as it comes."""
 
     def sense(self, t: float) -> Sequence[Reading]:
         """Readings that have come by the time ``t`` [s]."""
-        return self.suite.observe(t, self._plant.chart)
+        return self.suite.observe(t, self._plant.coordinates)
 
 
 def base_simulation(

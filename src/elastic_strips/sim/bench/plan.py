@@ -175,16 +175,16 @@ def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: floa
 
 def _jump(robot: RobotModel, before: Strip, after: Strip) -> float:
     """Largest displacement [m] of any control point between two strips."""
-    one, two = _points(robot, before.chart), _points(robot, after.chart)
+    one, two = _points(robot, before.coordinates), _points(robot, after.coordinates)
     if len(one) != len(two):
         count = max(len(one), len(two))
         one, two = _resampled(one, count), _resampled(two, count)
     return float(np.linalg.norm(one - two, axis=2).max())
 
 
-def _points(robot: RobotModel, chart: Array) -> Array:
-    kin = Kinematics(robot.tree, len(chart))
-    kin.update(chart, jacobians=False)
+def _points(robot: RobotModel, coordinates: Array) -> Array:
+    kin = Kinematics(robot.tree, len(coordinates))
+    kin.update(coordinates, jacobians=False)
     return BodySet.control_points(robot).capsule_ends(kin)[:, :, 0]
 
 

@@ -75,12 +75,12 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> Figures:
     plan = driven.controller.first_plan
     result = driven.run()
     rows = result.record.control
-    goal = np.array(robot.space.to_chart(goals[-1]))
-    near = np.hypot(*(rows.chart[:, :2] - goal[:2]).T) <= problem.goal_tolerance
+    goal = np.array(robot.space.to_coordinates(goals[-1]))
+    near = np.hypot(*(rows.coordinates[:, :2] - goal[:2]).T) <= problem.goal_tolerance
     arrived = int(np.argmax(near)) if near.any() else len(rows) - 1
     end = max(arrived, 1) + 1
     evaluation = evaluate(
-        (rows.time[:end], rows.chart[:end], rows.v[:end]), robot, problem.world, limits, goal=goal,
+        (rows.time[:end], rows.coordinates[:end], rows.v[:end]), robot, problem.world, limits, goal=goal,
         tolerance=Tolerance(position=problem.goal_tolerance, yaw=np.pi, joints=np.pi),
     )  # fmt: skip
     passive = bool(near.any()) and not evaluation.collisions

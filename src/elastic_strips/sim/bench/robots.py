@@ -177,15 +177,15 @@ def _small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
         ConfigurationError: home is not free, or no goal is found.
     """
     params, rng, space = DeformParams(), np.random.default_rng(seed), robot.space
-    home = space.to_chart(robot.home())
+    home = space.to_coordinates(robot.home())
     check_endpoints(robot, Scene([]), robot.home(), robot.home(), params)
     span = np.where(np.isfinite(space.upper - space.lower), space.upper - space.lower, 2.0 * np.pi)
     easy: tuple[Scene, Array] | None = None
     for _ in range(60):
-        chart = home + rng.uniform(-1.0, 1.0, space.nv) * np.minimum(TURN, 0.4 * span)
+        coordinates = home + rng.uniform(-1.0, 1.0, space.nv) * np.minimum(TURN, 0.4 * span)
         if space.planar:
-            chart[:3] = (*_DRIVEN, 0.0)
-        goal = space.from_chart(np.clip(chart, space.lower, space.upper))
+            coordinates[:3] = (*_DRIVEN, 0.0)
+        goal = space.from_coordinates(np.clip(coordinates, space.lower, space.upper))
         try:
             check_endpoints(robot, Scene([]), robot.home(), goal, params)
         except ConfigurationError:

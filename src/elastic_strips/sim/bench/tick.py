@@ -87,10 +87,10 @@ def _strip(robot: RobotModel, scene: Scene, nodes: int) -> Strip:
     at = np.linspace(0.0, along[-1], nodes)
     j = np.clip(np.searchsorted(along, at, side="right") - 1, 0, len(v) - 1)
     s = (at - along[j]) / np.maximum(along[j + 1] - along[j], 1e-12)
-    chart = space.integrate(planned.chart[j], s[:, None] * v[j])
-    chart[0], chart[-1] = planned.chart[0], planned.chart[-1]
+    coordinates = space.integrate(planned.coordinates[j], s[:, None] * v[j])
+    coordinates[0], coordinates[-1] = planned.coordinates[0], planned.coordinates[-1]
     deformer = Deformer(robot, _params(nodes))
-    strip = Strip.from_chart(robot, chart)
+    strip = Strip.from_coordinates(robot, coordinates)
     for _ in range(60):
         strip = deformer.step(strip, scene, nodes=False).strip
     return strip

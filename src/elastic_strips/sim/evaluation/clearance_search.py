@@ -75,10 +75,10 @@ class LinkMotion:
         poses: (T, G, 4, 4) world poses of their shapes.
     """
 
-    def __init__(self, robot: RobotModel, time: Array, chart: Array, more: Array) -> None:
+    def __init__(self, robot: RobotModel, time: Array, coordinates: Array, more: Array) -> None:
         """Place the links at samples (T, nv), and at ``more`` times [s] between them."""
         self._model, self._data = robot.model, robot.model.createData()
-        self.time, self.q = _with_samples(robot, time, chart, more)
+        self.time, self.q = _with_samples(robot, time, coordinates, more)
         self.links = tuple(_Link(robot, piece) for piece in robot.geometries)
         self.poses = self._poses()
         self._pace = self._travel()
@@ -149,9 +149,9 @@ def transform(T: Array) -> coal.Transform3s:
     return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3]))
 
 
-def _with_samples(robot: RobotModel, time: Array, chart: Array, more: Array) -> tuple[Array, Array]:
+def _with_samples(robot: RobotModel, time: Array, coordinates: Array, more: Array) -> tuple[Array, Array]:
     """Times (T',) and configurations (T', nq) with samples added at ``more`` times inside."""
-    q = robot.space.from_chart(chart)
+    q = robot.space.from_coordinates(coordinates)
     times = np.union1d(time, more)
     if len(times) == len(time):
         return times, q
@@ -194,8 +194,8 @@ class ClearanceSearch:
         asked: exact distances measured so far.
     """
 
-    def __init__(self, robot: RobotModel, time: Array, chart: Array, world: World) -> None:
-        """Place the robot at times (T,) [s], strictly ascending, and chart rows (T, nv), and bound all distances."""
+    def __init__(self, robot: RobotModel, time: Array, coordinates: Array, world: World) -> None:
+        """Place the robot at times (T,) [s], strictly ascending, and coordinates (T, nv); bound all distances."""
         self.asked = 0
         self._world, self._obstacles = world, tuple(world.scene)
         self._parts = [part for o in self._obstacles for part in o.parts]
@@ -205,7 +205,7 @@ class ClearanceSearch:
         self._poses: dict[tuple[int, float], Array] = {}
         self._boxes: dict[int, tuple[Array, Array]] = {}
         events = np.array([t for t in world.event_times if time[0] < t < time[-1]])
-        self.motion = LinkMotion(robot, time, chart, events)
+        self.motion = LinkMotion(robot, time, coordinates, events)
         time = self.motion.time
         last = len(time) - 1
         cuts = sorted({0, last, *range(0, last, _BLOCK), *np.searchsorted(time, events).tolist()})

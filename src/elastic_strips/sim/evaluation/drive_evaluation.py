@@ -141,11 +141,11 @@ def evaluate(
     robot is where ``pin.interpolate`` puts it, and the time between is divided until the least distance is known.
 
     Args:
-        run: a record, or the true motion alone: time (T,) [s], chart rows (T, nv), velocities (T, nv).
+        run: a record, or the true motion alone: time (T,) [s], coordinate rows (T, nv), velocities (T, nv).
         robot: who drove.
         world: the true obstacles; the record's where None.
         limits: limits to compare with; None compares nothing.
-        goal: chart row (nv,) that was to be reached; the record's where None.
+        goal: coordinate row (nv,) that was to be reached; the record's where None.
         tolerance: how near counts as reached.
         accuracy: of the least distance [m].
 
@@ -161,18 +161,18 @@ def evaluate(
     record = run if isinstance(run, Record) else None
     if record is not None:
         record.check_robot(robot)
-    time, chart, v = _motion(run, robot)
+    time, coordinates, v = _motion(run, robot)
     if record is not None:
         world = record.world if world is None else world
         goal = record.goal if goal is None else goal
     if world is None:
         raise ParameterError("there is no world; a motion without a record needs world=World(Scene([…]))")
-    speed = _speeds(robot, chart, v)
-    search = ClearanceSearch(robot, time, chart, world)
+    speed = _speeds(robot, coordinates, v)
+    search = ClearanceSearch(robot, time, coordinates, world)
     closest = search.closest(accuracy)
     contacts = () if closest is None or closest.distance > 0.0 else _episodes(search, time, speed)
-    arrived = None if goal is None else _arrival(robot, time, chart, goal, tolerance or Tolerance())
-    travel = robot.space.difference(chart[:-1], chart[1:])
+    arrived = None if goal is None else _arrival(robot, time, coordinates, goal, tolerance or Tolerance())
+    travel = robot.space.difference(coordinates[:-1], coordinates[1:])
     moved = np.hypot(travel[:, 0], travel[:, 1]) if robot.space.planar else np.linalg.norm(travel, axis=1)
     resting = speed <= REST_SPEED
     return Evaluation(
@@ -192,34 +192,36 @@ def evaluate(
 
 
 def _motion(run: Record | Sequence[ArrayLike], robot: RobotModel) -> tuple[Array, Array, Array]:
-    rows = (run.control.time, run.control.chart, run.control.v) if isinstance(run, Record) else run
+    rows = (run.control.time, run.control.coordinates, run.control.v) if isinstance(run, Record) else run
     try:
-        time, chart, v = (np.asarray(a, dtype=float) for a in rows)
+        time, coordinates, v = (np.asarray(a, dtype=float) for a in rows)
     except (TypeError, ValueError):
-        raise RecordError(f"a motion is a Record, or arrays (time, chart, v), not {shown(run)}") from None
+        raise RecordError(f"a motion is a Record, or arrays (time, coordinates, v), not {shown(run)}") from None
     if time.ndim != 1 or not len(time) or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
         raise RecordError("the times of a motion must be one finite row (T,), T >= 1, strictly ascending")
-    for name, array in (("chart", chart), ("v", v)):
+    for name, array in (("coordinates", coordinates), ("v", v)):
         if array.shape != (len(time), robot.nv):
             raise RecordError(f"{name} has shape {array.shape}; {robot.name!r} wants {(len(time), robot.nv)}")
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         if len(bad):
             raise RecordError(f"{name}[{bad[0]}] at {time[bad[0]]:g} s is not finite")
-    turns = np.flatnonzero(robot.space.half_turn(robot.space.difference(chart[:-1], chart[1:])))
+    turns = np.flatnonzero(robot.space.half_turn(robot.space.difference(coordinates[:-1], coordinates[1:])))
     if len(turns):
         raise RecordError(
-            f"chart[{turns[0]}] at {time[turns[0]]:g} s and the next are half a turn apart, so which way the robot "
+            f"coordinates[{turns[0]}] at {time[turns[0]]:g} s and the next are half a turn apart: which way the robot "
             "turned is not known; record it more often"
         )
-    return time, chart, v
+    return time, coordinates, v
 
 
-def _speeds(robot: RobotModel, chart: Array, v: Array) -> Array:
+def _speeds(robot: RobotModel, coordinates: Array, v: Array) -> Array:
     """(T,) largest speed of any control point [m/s]."""
     model, data, points = robot.model, robot.model.createData(), robot.control_point_set
     joints = sorted(set(points.joint.tolist()))
-    twists = np.empty((len(chart), len(joints), 6))  # linear and angular velocity of each joint's frame, in that frame
-    for row, q, rate in zip(twists, robot.space.from_chart(chart), v, strict=True):
+    twists = np.empty(
+        (len(coordinates), len(joints), 6)
+    )  # linear and angular velocity of each joint's frame, in that frame
+    for row, q, rate in zip(twists, robot.space.from_coordinates(coordinates), v, strict=True):
         pin.forwardKinematics(model, data, q, rate)
         for k, joint in enumerate(joints):
             row[k] = data.v[joint].vector
@@ -292,17 +294,17 @@ def _largest(values: Array) -> float:
     return float(np.asarray(np.fmax.reduce(values.ravel(), initial=0.0)))
 
 
-def _arrival(robot: RobotModel, time: Array, chart: Array, goal: ArrayLike, tolerance: Tolerance) -> float | None:
+def _arrival(robot: RobotModel, time: Array, coordinates: Array, goal: ArrayLike, tolerance: Tolerance) -> float | None:
     """When the robot came to the goal to stay [s since the first sample]; None if it is not there at the end."""
     target = np.asarray(goal, dtype=float)
     if target.shape != (robot.nv,):
-        raise ParameterError(f"the goal has shape {target.shape}; a chart row of {robot.name!r} has ({robot.nv},)")
+        raise ParameterError(f"the goal has shape {target.shape}; a coordinate row of {robot.name!r} has ({robot.nv},)")
     base = robot.space.base_nv
-    rest = robot.space.difference(chart, np.broadcast_to(target, chart.shape))
+    rest = robot.space.difference(coordinates, np.broadcast_to(target, coordinates.shape))
     off = np.abs(rest[:, base:]) > tolerance.joints
     away: npt.NDArray[np.bool_] = np.asarray(off.any(axis=1))
     if base:
-        far = np.hypot(*(chart[:, :2] - target[:2]).T) > tolerance.position
+        far = np.hypot(*(coordinates[:, :2] - target[:2]).T) > tolerance.position
         away = away | far | (np.abs(rest[:, 2]) > tolerance.yaw)
     if away[-1]:
         return None

@@ -143,11 +143,11 @@ def unseen_contacts(
         times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _STEP)
         looks = []
         for t in times.tolist():
-            chart = rows.chart[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]
+            coordinates = rows.coordinates[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]
             suite.reset(t)
-            scans = [scan for scan in suite.observe(t, chart) if isinstance(scan, LaserScan)]
+            scans = [scan for scan in suite.observe(t, coordinates) if isinstance(scan, LaserScan)]
             scene = world.at(t)
-            looks.append(name in scene and any(_in_view(scene, name, scan, chart[:3]) for scan in scans))
+            looks.append(name in scene and any(_in_view(scene, name, scan, coordinates[:3]) for scan in scans))
         if sum(looks) < 0.5 * len(looks):
             unseen.append(contact)
     return tuple(unseen)

@@ -352,12 +352,12 @@ def _inertia(mujoco: ModuleType, spec: Any, robot: RobotModel, motors: list[str]
     """Largest inertia [kg m² or kg] that each motor has to move, at home and with all joints at zero."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
-    chart = robot.space.to_chart(robot.home_q)[robot.space.base_nv :]
+    coordinates = robot.space.to_coordinates(robot.home_q)[robot.space.base_nv :]
     ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, n) for n in motors]
     dofs = model.jnt_dofadr[ids]
     unit, column = np.zeros(model.nv), np.zeros(model.nv)
     most = np.zeros(len(motors))
-    for joints in (chart, np.zeros_like(chart)):
+    for joints in (coordinates, np.zeros_like(coordinates)):
         data.qpos[model.jnt_qposadr[ids[2:]]] = joints
         mujoco.mj_forward(model, data)
         for i, dof in enumerate(dofs):

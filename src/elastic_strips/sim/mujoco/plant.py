@@ -116,14 +116,14 @@ class MujocoPlant:
             -timestep / np.maximum(filters, 1e-9)
         )  # part of the way to a command in a time step
         self._events: list[TouchEvent] = []
-        self.reset(robot.space.to_chart(robot.home_q))
+        self.reset(robot.space.to_coordinates(robot.home_q))
 
     @property
     def time(self) -> float:
         return self._time
 
     @property
-    def chart(self) -> Array:
+    def coordinates(self) -> Array:
         """(nv,) base pose projected to the floor, joints."""
         data, layout = self._data, self._layout
         R = data.xmat[layout.base].reshape(3, 3)
@@ -137,7 +137,7 @@ class MujocoPlant:
     def v(self) -> Array:
         """(nv,) body twist in the floor's plane, joint rates."""
         data, layout = self._data, self._layout
-        yaw = self.chart[2]
+        yaw = self.coordinates[2]
         cos, sin = math.cos(yaw), math.sin(yaw)
         vx, vy = float(data.qvel[0]), float(data.qvel[1])
         turn = float(data.xmat[layout.base].reshape(3, 3)[2] @ data.qvel[3:6])
@@ -154,20 +154,20 @@ class MujocoPlant:
         """All contacts since the reset, in the order of their begin."""
         return tuple(self._events)
 
-    def reset(self, chart: Array, time: float = 0.0) -> None:
-        """Put the robot at a chart row (nv,) at rest, with its weight on wheels and casters; forget all contacts."""
-        chart = np.asarray(chart, dtype=float)
+    def reset(self, coordinates: Array, time: float = 0.0) -> None:
+        """Put the robot at coordinates (nv,) at rest, with its weight on wheels and casters; forget all contacts."""
+        coordinates = np.asarray(coordinates, dtype=float)
         mujoco, model, data, layout = self._mujoco, self._model, self._data, self._layout
         mujoco.mj_resetData(model, data)
         self._time = float(time)
-        self._place(chart)
+        self._place(coordinates)
         for geoms in layout.obstacle_geoms.values():
             model.geom_conaffinity[geoms] = 0  # nothing but the floor holds a robot that settles
         for _ in range(round(_SETTLE / self.timestep)):
             mujoco.mj_step1(model, data)
             data.qfrc_applied[layout.joint_dof] = data.qfrc_bias[layout.joint_dof]
             mujoco.mj_step2(model, data)
-        self._place(chart, keep_height=True)
+        self._place(coordinates, keep_height=True)
         self._command, self._set_speed = np.zeros(len(self._motor_sign)), np.zeros(len(self._motor_sign))
         self._exist()
         self._carry(self._time)
@@ -212,9 +212,9 @@ class MujocoPlant:
         self._time = begin + dt
         mujoco.mj_kinematics(model, data)
         turned = (data.qpos[layout.wheel_qpos] - self._wheels_at) * layout.wheel_sign
-        chart = self.chart
-        pose = (float(chart[0]), float(chart[1]), float(chart[2]))
-        return self._odometry.measure(self._time, (turned * self.limits.wheel_radius).tolist(), chart[3:], pose)
+        coordinates = self.coordinates
+        pose = (float(coordinates[0]), float(coordinates[1]), float(coordinates[2]))
+        return self._odometry.measure(self._time, (turned * self.limits.wheel_radius).tolist(), coordinates[3:], pose)
 
     def contacts(self) -> tuple[Touch, ...]:
         """What the robot touches now; wheels and casters on the floor aside."""
@@ -244,22 +244,24 @@ class MujocoPlant:
         """Let go of the simulation; the plant cannot be used any more."""
         self._data = self._model = None
 
-    def _place(self, chart: Array, *, keep_height: bool = False) -> None:
+    def _place(self, coordinates: Array, *, keep_height: bool = False) -> None:
         """Set base and joints, at rest; height and tilt of a robot that has settled are kept."""
         mujoco, data, layout = self._mujoco, self._data, self._layout
         turn, quat = np.zeros(4), np.zeros(4)
         if keep_height:
             mujoco.mj_kinematics(self._model, data)
             R = data.xmat[layout.base].reshape(3, 3)
-            mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), float(chart[2]) - math.atan2(R[1, 0], R[0, 0]))
+            mujoco.mju_axisAngle2Quat(
+                turn, np.array([0.0, 0.0, 1.0]), float(coordinates[2]) - math.atan2(R[1, 0], R[0, 0])
+            )
             mujoco.mju_mulQuat(quat, turn, data.qpos[3:7].copy())
         else:
-            mujoco.mju_axisAngle2Quat(quat, np.array([0.0, 0.0, 1.0]), float(chart[2]))
+            mujoco.mju_axisAngle2Quat(quat, np.array([0.0, 0.0, 1.0]), float(coordinates[2]))
             data.qpos[2] = 0.0
-        data.qpos[:2], data.qpos[3:7] = chart[:2], quat
-        data.qpos[layout.joint_qpos] = chart[3:]
+        data.qpos[:2], data.qpos[3:7] = coordinates[:2], quat
+        data.qpos[layout.joint_qpos] = coordinates[3:]
         data.qvel[:] = data.ctrl[:] = data.qfrc_applied[:] = data.qacc_warmstart[:] = 0.0
-        self._yaw, self._turns = float(chart[2]), 0
+        self._yaw, self._turns = float(coordinates[2]), 0
 
     def _exist(self) -> None:
         """Obstacles that do not exist now touch nothing."""

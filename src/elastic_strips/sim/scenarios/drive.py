@@ -84,7 +84,7 @@ class DriveOutcome(Summary):
         """Bound on the largest distance [m] of any point of the robot from where the reference has it; None without
         one."""
         rows = self.result.record.control
-        error = float(Displacement(self.robot)(rows.chart, rows.reference).max())
+        error = float(Displacement(self.robot)(rows.coordinates, rows.reference).max())
         return error if np.isfinite(error) else None
 
     @property

@@ -195,7 +195,7 @@ def _run_paper(
     rows = straight_line(robot, start, goal, spacing=spacing)
     if robot.space.planar:
         rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
-    initial, method = Strip.from_chart(robot, rows, ends=ends), "line"
+    initial, method = Strip.from_coordinates(robot, rows, ends=ends), "line"
     first: list[float] = []
 
     def watch(report: PaperReport) -> None:
@@ -226,7 +226,7 @@ def _run_paper(
             if found.rows is None:
                 attempts.append(found.reason)
                 continue
-            initial, method = Strip.from_chart(robot, found.rows, ends=ends), "ompl"
+            initial, method = Strip.from_coordinates(robot, found.rows, ends=ends), "ompl"
             report = relax(initial)
             if report.status is DeformStatus.SETTLED:
                 break
@@ -244,7 +244,7 @@ def passing_side(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str
     if gap is None or not strip.robot.space.planar or any(name not in scene for name in gap):
         return None
     one, two = (scene.obstacle(name).pose[:2, 3] for name in gap)
-    path = strip.robot.space.to_chart(strip.sample(0.05))[:, :2]
+    path = strip.robot.space.to_coordinates(strip.sample(0.05))[:, :2]
     along = two - one
     normal = np.array([-along[1], along[0]])
     side = (path - one) @ normal

@@ -56,7 +56,7 @@ def _links(robot: RobotModel) -> list[str]:
 
 
 class Posture:
-    """Workspace: where a robot's joints are in the world, at one chart row.
+    """Workspace: where a robot's joints are in the world, at one coordinate row.
 
     Args:
         robot: the robot.
@@ -72,16 +72,18 @@ class Posture:
         self.T_world_joint = np.tile(np.eye(4), (robot.model.njoints, 1, 1))
         self.T_base_world = np.eye(4)
 
-    def place(self, chart: Array) -> None:
-        """Put the robot at a chart row (nv,).
+    def place(self, coordinates: Array) -> None:
+        """Put the robot at a coordinate row (nv,).
 
         Raises:
             ConfigurationError: the row has another size or is not finite.
         """
-        row = np.asarray(chart, dtype=float)
+        row = np.asarray(coordinates, dtype=float)
         if row.shape != (self.robot.nv,) or not np.isfinite(row).all():
-            raise ConfigurationError(f"chart={row!r} must be {self.robot.nv} finite numbers for {self.robot.name!r}")
-        pin.forwardKinematics(self.robot.model, self._data, self.robot.space.from_chart(row))
+            raise ConfigurationError(
+                f"coordinates={row!r} must be {self.robot.nv} finite numbers for {self.robot.name!r}"
+            )
+        pin.forwardKinematics(self.robot.model, self._data, self.robot.space.from_coordinates(row))
         for j in range(1, len(self.T_world_joint)):
             self.T_world_joint[j] = self._data.oMi[j].homogeneous
         if self.robot.space.planar:

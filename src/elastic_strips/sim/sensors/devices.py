@@ -256,7 +256,7 @@ class SensorSuite:
             if isinstance(sensor.device, SonarArray):
                 sensor.device.restart()
 
-    def observe(self, t: float, chart: Array) -> tuple[Reading, ...]:
+    def observe(self, t: float, coordinates: Array) -> tuple[Reading, ...]:
         """The readings that can be read at ``t`` [s] and could not before, in the order of their times.
 
         To be called at every step of the control: a sensor fires at the first call at or after each of its times, once
@@ -264,11 +264,11 @@ class SensorSuite:
 
         Args:
             t: the time, not before that of the last call.
-            chart: (nv,) the robot's true chart row then.
+            coordinates: (nv,) the robot's true coordinate row then.
 
         Raises:
             ParameterError: the time is not finite, or goes back.
-            ConfigurationError: the chart row has another size, or is not finite.
+            ConfigurationError: the coordinate row has another size, or is not finite.
         """
         now = check_number("t", t, unit="s")
         if now < self._now - _SLACK:
@@ -276,7 +276,7 @@ class SensorSuite:
         self._now = now
         due = [k for k, sensor in enumerate(self._sensors) if now >= sensor.due - _SLACK]
         if due:
-            self._posture.place(chart)
+            self._posture.place(coordinates)
         for k in due:
             sensor = self._sensors[k]
             reading = sensor.device.measure(now)

@@ -116,7 +116,7 @@ def attempt(trial: Trial) -> TrialResult:
         return TrialResult(trial.case, trial.method, trial.seed, False, (), nothing, 0.0, 0.0, 0.0, nothing, str(error))
     record, reason, evaluation = outcome.result.record, outcome.result.reason, outcome.evaluation
     rows = record.control
-    turning, roughness = _turns(rows.time, rows.chart[:, 2])
+    turning, roughness = _turns(rows.time, rows.coordinates[:, 2])
     touched = tuple(dict.fromkeys(contact.obstacle for contact in evaluation.contacts))
     return TrialResult(
         trial.case, trial.method, trial.seed, bool(evaluation.reached), touched, float(evaluation.min_clearance_m),

@@ -38,17 +38,17 @@ class Outline:
         self._of_base = np.flatnonzero(self._bodies.joint == base)
         self._robot = robot
 
-    def base(self, chart: Array) -> Array:
+    def base(self, coordinates: Array) -> Array:
         """(K, 2) corners [m] of the hull of all that is fixed to the base."""
-        return self._hull(chart, self._of_base)
+        return self._hull(coordinates, self._of_base)
 
-    def arm(self, chart: Array) -> Array:
+    def arm(self, coordinates: Array) -> Array:
         """(C, 2) the arm's control points [m], from the first joint to the hand."""
-        q = self._robot.space.from_chart(chart[None])[0]
+        q = self._robot.space.from_coordinates(coordinates[None])[0]
         return np.asarray(self._robot.control_points(q))[1:, :2]
 
-    def _hull(self, chart: Array, bodies: Indices) -> Array:
-        self._kin.update(chart[None], jacobians=False)
+    def _hull(self, coordinates: Array, bodies: Indices) -> Array:
+        self._kin.update(coordinates[None], jacobians=False)
         turn, move = self._bodies.placements(self._kin, np.zeros(len(bodies), dtype=np.intp), bodies)
         clouds = [
             _grown((self._points[g][0] @ turn[k].T + move[k])[:, :2], self._points[g][1]) for k, g in enumerate(bodies)
@@ -76,13 +76,13 @@ def draw_scene(axes: Axes, scene: Scene, safe: float | None = None) -> None:
         axes.annotate(obstacle.name or "", (x, y), fontsize=6, ha="center", va="center", zorder=6)
 
 
-def _draw_postures(axes: Axes, robot: RobotModel, chart: Array, *, arm: bool, label: str) -> None:
-    """Draw a robot at chart rows (T, nv), darker as time goes on."""
+def _draw_postures(axes: Axes, robot: RobotModel, coordinates: Array, *, arm: bool, label: str) -> None:
+    """Draw a robot at coordinate rows (T, nv), darker as time goes on."""
     from matplotlib.patches import Polygon
 
     outline = Outline(robot)
-    for k, row in enumerate(chart):
-        alpha = 0.25 + 0.75 * (k + 1) / len(chart)
+    for k, row in enumerate(coordinates):
+        alpha = 0.25 + 0.75 * (k + 1) / len(coordinates)
         axes.add_patch(Polygon(_MM * outline.base(row), fill=False, edgecolor=_BASE, alpha=alpha, lw=0.8, zorder=3))
         if arm:
             points = _MM * outline.arm(row)
@@ -95,11 +95,11 @@ def draw_paper_run(axes: Axes, run: PaperRun, *, every: int = 3) -> None:
     arm = not run.params.mobile_only
     draw_scene(axes, run.scenario.scene, run.params.influence)
     axes.plot(*(_MM * run.line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
-    axes.plot(*(_MM * run.chart[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
+    axes.plot(*(_MM * run.coordinates[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
     if len(run.ahead) > 2:
         axes.plot(*(_MM * run.ahead[:, :2].T), ".-", color=_SENSED, lw=0.8, ms=3, label="strip ahead", zorder=5)
-    rows = run.chart[:: max(1, every)]
-    _draw_postures(axes, run.robot, np.vstack((rows, run.chart[-1:])), arm=arm, label="postures")
+    rows = run.coordinates[:: max(1, every)]
+    _draw_postures(axes, run.robot, np.vstack((rows, run.coordinates[-1:])), arm=arm, label="postures")
     for k, detection in enumerate(run.detections):
         here, there = _MM * np.array(detection.robot), _MM * np.array(detection.point[:2])
         axes.plot(*np.stack((here, there)).T, "-", color=_SENSED, lw=0.6, zorder=5)
@@ -107,13 +107,13 @@ def draw_paper_run(axes: Axes, run: PaperRun, *, every: int = 3) -> None:
     _finish(axes, run.line)
 
 
-def draw_drive(axes: Axes, robot: RobotModel, scene: Scene, line: Array, chart: Array, *, arm: bool) -> None:
-    """A drive with preset ``default``: the same for chart rows (T, nv) of its true states."""
+def draw_drive(axes: Axes, robot: RobotModel, scene: Scene, line: Array, coordinates: Array, *, arm: bool) -> None:
+    """A drive with preset ``default``: the same for coordinate rows (T, nv) of its true states."""
     draw_scene(axes, scene)
     axes.plot(*(_MM * line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
-    axes.plot(*(_MM * chart[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
-    picked = np.linspace(0, len(chart) - 1, 21).round().astype(int)
-    _draw_postures(axes, robot, chart[picked], arm=arm, label="postures")
+    axes.plot(*(_MM * coordinates[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
+    picked = np.linspace(0, len(coordinates) - 1, 21).round().astype(int)
+    _draw_postures(axes, robot, coordinates[picked], arm=arm, label="postures")
     _finish(axes, line)
 
 

@@ -266,7 +266,7 @@ def _figures(
         draw_paper_run(left, run)
         left.set_title(f"{case}, preset paper: {run.outcome.value}", fontsize=9)
         record = drive.result.record
-        draw_drive(right, drive.robot, scenario.scene, run.line, record.control.chart, arm=case == "case-7")
+        draw_drive(right, drive.robot, scenario.scene, run.line, record.control.coordinates, arm=case == "case-7")
         driven = "reached" if drive.reached else "not reached"
         right.set_title(f"{case}, preset default: {driven} in {drive.evaluation.time_s:.1f} s", fontsize=9)
         name = f"fig-{_FIGURES[case]:02d}-{case}.png"
@@ -301,8 +301,8 @@ def _outcome(run: PaperRun) -> str:
     )
     return (
         f"Here: {run.outcome.value}, {run.reason}. {sensed or 'Nothing is sensed'}. The mobile leaves the original "
-        f"line by up to {_mm(_deviation(run.line, run.chart[:, :2]))} mm, and the robot comes no nearer to an obstacle "
-        f"than {_mm(run.clearance)} mm."
+        f"line by up to {_mm(_deviation(run.line, run.coordinates[:, :2]))} mm, and the robot comes no nearer to an "
+        f"obstacle than {_mm(run.clearance)} mm."
     )
 
 

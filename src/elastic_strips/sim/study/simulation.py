@@ -76,8 +76,8 @@ class PaperRun(Summary):
         scenario, params: what was run.
         robot: the robot.
         line: (N, 2) the original line of the mobile [m].
-        chart: (T, nv) where the robot was at each sampling time.
-        ahead: the strip in front of it at the end, chart rows (M, nv).
+        coordinates: (T, nv) where the robot was at each sampling time.
+        ahead: the strip in front of it at the end, coordinate rows (M, nv).
         detections: obstacles as they were sensed.
         outcome, reason: how it ended.
         clearance: least distance of any link to any obstacle, at and between the sampling times [m]; capped at 1.
@@ -87,7 +87,7 @@ class PaperRun(Summary):
     params: PaperParams
     robot: RobotModel
     line: Array
-    chart: Array
+    coordinates: Array
     ahead: Array
     detections: tuple[Detection, ...]
     outcome: Outcome
@@ -97,7 +97,7 @@ class PaperRun(Summary):
     @property
     def length(self) -> float:
         """Length of the mobile's path [m]."""
-        return float(np.hypot(*np.diff(self.chart[:, :2], axis=0).T).sum())
+        return float(np.hypot(*np.diff(self.coordinates[:, :2], axis=0).T).sum())
 
 
 def simulate_paper(
@@ -132,7 +132,7 @@ def simulate_paper(
     sensors = _NearestPoints(robot, deformer.control_points, params.influence)
     links = _NearestPoints(robot, BodySet.links(robot), _CAP)
     max_nodes = 2 * len(rows)
-    strip, known = Strip.from_chart(robot, rows), set[str]()
+    strip, known = Strip.from_coordinates(robot, rows), set[str]()
     path, moved, arrived = [rows[0].copy()], rows[:1], False
     detections, clearance, standing = list[Detection](), _CAP, 0
     outcome, reason = Outcome.UNFINISHED, f"not there after {_MAX_SAMPLES} sampling times"
@@ -146,7 +146,7 @@ def simulate_paper(
         if arrived:
             outcome, reason = Outcome.REACHED, f"at the target after {sample} sampling times"
             break
-        here = strip.chart[0]
+        here = strip.coordinates[0]
         for name, (distance, point) in sensors.nearest(scenario.scene, here[None]).items():
             if name not in known:
                 known.add(name)
@@ -156,7 +156,7 @@ def simulate_paper(
         assert report.tunnel is not None
         gaps = np.flatnonzero(~report.tunnel.connected)
         if len(gaps) and gaps[0] == 0:
-            strip, moved = _bridged(strip, gaps, max_nodes), strip.chart[:1]
+            strip, moved = _bridged(strip, gaps, max_nodes), strip.coordinates[:1]
             standing += 1
             if standing > _PATIENCE:
                 apart = max(-float(report.tunnel.overlap[0].min()), 0.0)
@@ -164,22 +164,24 @@ def simulate_paper(
                 reason = f"stands at ({here[0]:.2f}, {here[1]:.2f}) m: the next hulls are {apart:.2f} m apart"
                 break
             continue
-        standing, moved = 0, _between(robot, *strip.chart[:2])
+        standing, moved = 0, _between(robot, *strip.coordinates[:2])
         most = round(LONGEST_STEP / _BETWEEN)  # pushed postures may be far apart; the robot does not jump
         complete, moved = len(moved) <= most, moved[:most]
         path.append(moved[-1])
-        arrived = complete and len(strip.chart) == 2
+        arrived = complete and len(strip.coordinates) == 2
         if not arrived:
-            ahead = np.vstack((moved[-1:], strip.chart[2 if complete else 1 :]))
-            strip = Strip.from_chart(robot, ahead, ends=np.vstack((robot.space.from_chart(moved[-1:]), strip.q[-1:])))
-    ahead = strip.chart.copy()
+            ahead = np.vstack((moved[-1:], strip.coordinates[2 if complete else 1 :]))
+            strip = Strip.from_coordinates(
+                robot, ahead, ends=np.vstack((robot.space.from_coordinates(moved[-1:]), strip.q[-1:]))
+            )
+    ahead = strip.coordinates.copy()
     return PaperRun(
         scenario, params, robot, line, np.array(path), ahead, tuple(detections), outcome, reason, float(clearance)
     )
 
 
 def _between(robot: RobotModel, a: Array, b: Array) -> Array:
-    """(K, nv) the straight line from one chart row to the next, without the first of the two."""
+    """(K, nv) the straight line from one coordinate row to the next, without the first of the two."""
     v = robot.space.difference(a[None], b[None])[0]
     v[:2] = b[:2] - a[:2]  # not the arc of a twist
     count = max(int(np.ceil(max(np.hypot(*v[:2]), 0.5 * np.abs(v[2:]).max()) / _BETWEEN)), 1)
@@ -190,13 +192,13 @@ def _between(robot: RobotModel, a: Array, b: Array) -> Array:
 
 def _bridged(strip: Strip, gaps: Indices, max_nodes: int) -> Strip:
     """A strip with another posture in the middle of every gap that is longer than usual, up to so many of them."""
-    space, chart = strip.robot.space, strip.chart
-    v = space.difference(chart[gaps], chart[gaps + 1])
-    wide = gaps[np.hypot(v[:, 0], v[:, 1]) > 2.0 * SPACING][: max(max_nodes - len(chart), 0)]
+    space, coordinates = strip.robot.space, strip.coordinates
+    v = space.difference(coordinates[gaps], coordinates[gaps + 1])
+    wide = gaps[np.hypot(v[:, 0], v[:, 1]) > 2.0 * SPACING][: max(max_nodes - len(coordinates), 0)]
     if len(wide) == 0:
         return strip
-    middle = space.integrate(chart[wide], 0.5 * space.difference(chart[wide], chart[wide + 1]))
-    return Strip.from_chart(strip.robot, np.insert(chart, wide + 1, middle, axis=0), ends=strip.q[[0, -1]])
+    middle = space.integrate(coordinates[wide], 0.5 * space.difference(coordinates[wide], coordinates[wide + 1]))
+    return Strip.from_coordinates(strip.robot, np.insert(coordinates, wide + 1, middle, axis=0), ends=strip.q[[0, -1]])
 
 
 class _NearestPoints:
@@ -212,9 +214,9 @@ class _NearestPoints:
         self._kin = Kinematics(robot.tree, 1)
         self._obstacles = ObstacleProximity(bodies, influence=reach)
 
-    def nearest(self, scene: Scene, chart: Array) -> dict[str, tuple[float, tuple[float, float, float]]]:
-        """Obstacle → distance to the nearest body [m] and the obstacle's nearest point [m], over chart rows (K, nv)."""
-        self._kin.update(chart, jacobians=False)
+    def nearest(self, scene: Scene, coordinates: Array) -> dict[str, tuple[float, tuple[float, float, float]]]:
+        """Obstacle → distance to the nearest body [m] and its nearest point [m], over coordinates (K, nv)."""
+        self._kin.update(coordinates, jacobians=False)
         self._obstacles.update(self._kin, scene)
         contacts = self._obstacles.contacts()
         found: dict[str, tuple[float, tuple[float, float, float]]] = {}

@@ -155,22 +155,22 @@ class PaperDeformer(BaseDeformer[PaperReport]):
     def _iterate(self, scene: Scene) -> TickResult:
         """The updates of one tick; the kinematics follow all but the last."""
         work, turn = self.workspace, 0.0
-        chart, energies, forces = work.chart, dict[str, float](), StripForces.none()
+        coordinates, energies, forces = work.coordinates, dict[str, float](), StripForces.none()
         for k in range(self.params.updates):
-            chart, energies, forces = self._update(work.kin, scene)
+            coordinates, energies, forces = self._update(work.kin, scene)
             turn = max(turn, self._heading_step)
             self.clock.mark("forces")
             if not self.params.mobile_only:
-                chart = self._check_joint_angles(chart)
+                coordinates = self._check_joint_angles(coordinates)
             if k < self.params.updates - 1:
-                work.kin.update(chart)
+                work.kin.update(coordinates)
                 self.clock.mark("kinematics")
         self._heading_step = turn
-        moved = work.move(chart, scene)
+        moved = work.move(coordinates, scene)
         return TickResult(work.certify(scene), 0.0, moved, energies, forces)
 
     def _update(self, kin: Kinematics, scene: Scene) -> tuple[Array, dict[str, float], StripForces]:
-        """New chart (N, nv), energies and repulsive forces of one update from the nodes of ``kin``."""
+        """New coordinates (N, nv), energies and repulsive forces of one update from the nodes of ``kin``."""
         params, space = self.params, self.robot.space
         self._proximity.update(kin, scene)
         points = self._points(kin)
@@ -178,9 +178,9 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         repulsion = control_point_repulsion(contacts, points.shape[:2], k_r=params.k_r, influence=params.influence)
         force = repulsion + elastic_force(points, params.k_c)
         torque = map_to_joints(kin, self.control_points.joint, points, force)
-        chart = kin.chart[: kin.n]
+        coordinates = kin.coordinates[: kin.n]
         if space.planar:
-            torque[:, 2] += elastic_torque(chart[:, 2], chart[:, :2], params.k_c)
+            torque[:, 2] += elastic_torque(coordinates[:, 2], coordinates[:, :2], params.k_c)
         mobile_force = np.zeros((kin.n, 3)) if self._mobile is None else force[:, self._mobile]
         delta = explicit_step(
             torque,
@@ -188,14 +188,14 @@ class PaperDeformer(BaseDeformer[PaperReport]):
             planar=space.planar,
             alpha=self._alpha,
             transfer_tilt=params.transfer_tilt,
-            yaw=chart[:, 2] if space.planar else np.zeros(kin.n),
+            yaw=coordinates[:, 2] if space.planar else np.zeros(kin.n),
         )
         self._heading_step = float(np.abs(delta[:, 2]).max(initial=0.0)) if space.planar else 0.0
-        moved = space.integrate(chart, delta)
+        moved = space.integrate(coordinates, delta)
         if space.planar:  # Eq. 9 displaces along a straight line, not along the arc of a twist
-            cos, sin = np.cos(chart[:, 2]), np.sin(chart[:, 2])
-            moved[:, 0] = chart[:, 0] + cos * delta[:, 0] - sin * delta[:, 1]
-            moved[:, 1] = chart[:, 1] + sin * delta[:, 0] + cos * delta[:, 1]
+            cos, sin = np.cos(coordinates[:, 2]), np.sin(coordinates[:, 2])
+            moved[:, 0] = coordinates[:, 0] + cos * delta[:, 0] - sin * delta[:, 1]
+            moved[:, 1] = coordinates[:, 1] + sin * delta[:, 0] + cos * delta[:, 1]
         np.clip(moved, space.lower, space.upper, out=moved)
         nearest = np.full(points.shape[:2], params.influence)
         np.minimum.at(nearest, (contacts.node, contacts.body), contacts.distance)
@@ -203,19 +203,19 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         node, body = np.nonzero((repulsion**2).sum(axis=2) > 0.0)
         return moved, energies, StripForces(points[node, body], repulsion[node, body])
 
-    def _check_joint_angles(self, chart: Array) -> Array:
+    def _check_joint_angles(self, coordinates: Array) -> Array:
         """The paper's *check of joint angles*: nodes whose own links would come too close keep their joints."""
         work, b = self.workspace, self.robot.space.base_nv
-        previous = work.chart.copy()
-        work.kin.update(chart)
+        previous = work.coordinates.copy()
+        work.kin.update(coordinates)
         work.self_pairs.update(work.kin)
         close = (work.self_pairs.bound < self._self_floor).any(axis=1)
         if close.any():
-            chart = chart.copy()
-            chart[close, b:] = previous[close, b:]
+            coordinates = coordinates.copy()
+            coordinates[close, b:] = previous[close, b:]
         work.kin.update(previous)
         self.clock.mark("self-collision")
-        return chart
+        return coordinates
 
     def _points(self, kin: Kinematics) -> Array:
         """Control points (N, C, 3) [m]."""

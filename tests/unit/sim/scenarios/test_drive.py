@@ -78,7 +78,7 @@ def test_base_methods_are_driven_by_name(silvermate):
     document = drive_document(outcome)
     assert document["method"] == "vfh"
     assert document["protective_separation_m"] is None
-    assert np.hypot(*(outcome.result.record.control.chart[-1, :2] - (3.0, 0.0))) < 0.15
+    assert np.hypot(*(outcome.result.record.control.coordinates[-1, :2] - (3.0, 0.0))) < 0.15
 
 
 def test_wrong_names_are_refused(silvermate):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, random_chart
+from brute_force import configuration, random_coordinates
 
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.sim.sensors import sensor_frames
@@ -40,9 +40,9 @@ def test_poses_are_pinocchios(name, links, request):
     posture = Posture(robot)
     mount = SensorMount(posture, links)
     data = robot.model.createData()
-    for chart in random_chart(robot, np.random.default_rng(0), 4):
-        posture.place(chart)
-        pin.framesForwardKinematics(robot.model, data, configuration(robot, chart))
+    for coordinates in random_coordinates(robot, np.random.default_rng(0), 4):
+        posture.place(coordinates)
+        pin.framesForwardKinematics(robot.model, data, configuration(robot, coordinates))
         world, base = mount.poses()
         T_world_base = data.oMi[1].homogeneous if robot.space.planar else np.eye(4)
         for k, link in enumerate(links):
@@ -52,6 +52,6 @@ def test_poses_are_pinocchios(name, links, request):
 
 
 @pytest.mark.parametrize("bad", [np.zeros(3), np.full(10, np.nan)])
-def test_a_chart_row_that_is_none(silvermate, bad):
+def test_a_coordinate_row_that_is_none(silvermate, bad):
     with pytest.raises(ConfigurationError, match="finite numbers"):
         Posture(silvermate).place(bad)

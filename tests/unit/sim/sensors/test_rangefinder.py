@@ -19,26 +19,26 @@ HANGING = [0.4, 0.2, 0.6, 0.0, -2.2, 0.0, -0.2]
 """Joints with which the forearm hangs before the laser."""
 
 
-def laser(robot, obstacles=(), params=EXACT, chart=None, padding=0.01):
+def laser(robot, obstacles=(), params=EXACT, coordinates=None, padding=0.01):
     posture = Posture(robot)
-    posture.place(robot.space.to_chart(robot.home_q) if chart is None else chart)
+    posture.place(robot.space.to_coordinates(robot.home_q) if coordinates is None else coordinates)
     rng = np.random.default_rng(0)
     return LaserRangefinder(params, posture, ObstacleRays(World(Scene(obstacles))), rng, padding)
 
 
 def at(robot, x=0.0, y=0.0, yaw=0.0, joints=None):
-    chart = robot.space.to_chart(robot.home_q)
-    chart[:3] = x, y, yaw
+    coordinates = robot.space.to_coordinates(robot.home_q)
+    coordinates[:3] = x, y, yaw
     if joints is not None:
-        chart[3:] = joints
-    return chart
+        coordinates[3:] = joints
+    return coordinates
 
 
 def test_a_wall_and_the_poses(silvermate):
     """The laser sits 0.271 m before the base's middle; the wall's face is 3 m from the origin."""
     wall = Box([0.2, 50, 2], at=[3.1, 0, 0])
-    chart = at(silvermate, 0.5, -0.2, 0.3)
-    scan = laser(silvermate, [wall], chart=chart).measure(1.5)
+    coordinates = at(silvermate, 0.5, -0.2, 0.3)
+    scan = laser(silvermate, [wall], coordinates=coordinates).measure(1.5)
     assert scan.time == 1.5
     assert len(scan.ranges) == 361
     assert (scan.angles[0], scan.angles[180], scan.angles[-1]) == pytest.approx(
@@ -79,28 +79,28 @@ def test_too_near_is_no_answer(silvermate):
 
 def test_the_arm_before_the_laser_is_no_obstacle(silvermate):
     """Beams that meet the arm say nothing, with a wall behind it and without; beside it they see the wall."""
-    chart = at(silvermate, joints=HANGING)
+    coordinates = at(silvermate, joints=HANGING)
     wall = Box([0.2, 50, 2], at=[2.0, 0, 0])
     for obstacles in ([], [wall]):
-        scan = laser(silvermate, obstacles, chart=chart, padding=0.0).measure(0.0)
+        scan = laser(silvermate, obstacles, coordinates=coordinates, padding=0.0).measure(0.0)
         hidden = np.isnan(scan.ranges)
         assert 5 < hidden.sum() < 60
         for k in range(0, 361, 4):
             direction = np.array([math.cos(scan.angles[k]), math.sin(scan.angles[k]), 0.0])
-            way = outside_robot(along(np.array([0.271, 0, 0.25]), direction, 1.6, 800), silvermate, chart)
+            way = outside_robot(along(np.array([0.271, 0, 0.25]), direction, 1.6, 800), silvermate, coordinates)
             assert (way.min() < 0.0) == hidden[k]
         assert np.isfinite(scan.ranges).any() == bool(obstacles)
-        padded = np.isnan(laser(silvermate, obstacles, chart=chart, padding=0.03).measure(0.0).ranges)
+        padded = np.isnan(laser(silvermate, obstacles, coordinates=coordinates, padding=0.03).measure(0.0).ranges)
         assert (padded | ~hidden).all()
         assert padded.sum() > hidden.sum()
 
 
 def test_what_is_before_the_arm_is_an_obstacle(silvermate):
-    chart = at(silvermate, joints=HANGING)
-    hidden = np.flatnonzero(np.isnan(laser(silvermate, chart=chart).measure(0.0).ranges))
+    coordinates = at(silvermate, joints=HANGING)
+    hidden = np.flatnonzero(np.isnan(laser(silvermate, coordinates=coordinates).measure(0.0).ranges))
     angle = EXACT.field_of_view * (hidden[len(hidden) // 2] / 360 - 0.5)
     post = Cylinder(0.03, 1, at=[0.271 + 0.15 * math.cos(angle), 0.15 * math.sin(angle), 0.25])
-    seen = laser(silvermate, [post], chart=chart).measure(0.0)
+    seen = laser(silvermate, [post], coordinates=coordinates).measure(0.0)
     assert seen.ranges[hidden[len(hidden) // 2]] == pytest.approx(0.12, abs=1e-3)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from brute_force import random_chart
+from brute_force import random_coordinates
 from free_way import along, outside_robot
 
 from elastic_strips.sim.sensors.bodies import Posture, SelfFilter, SensorMount
@@ -30,14 +30,14 @@ def test_free_before_the_robot_is_met_and_on_it_there(name, link, request):
     rng = np.random.default_rng(3)
     posture, mount, local, own = beams_of(robot, link, 40, 0.0, rng)
     hits = 0
-    for chart in random_chart(robot, rng, 6):
-        posture.place(chart)
+    for coordinates in random_coordinates(robot, rng, 6):
+        posture.place(coordinates)
         T = mount.poses()[0][0]
-        if outside_robot(T[None, :3, 3], robot, chart)[0] < 1e-4:
+        if outside_robot(T[None, :3, 3], robot, coordinates)[0] < 1e-4:
             continue  # a body holds the sensor: its housing
         rays = local.moved(T)
         for d, direction in zip(own.distances(rays, REACH), rays.direction, strict=True):
-            way = outside_robot(along(rays.origin[0], direction, min(d, REACH)), robot, chart)
+            way = outside_robot(along(rays.origin[0], direction, min(d, REACH)), robot, coordinates)
             assert way.min() > -1e-5
             if np.isfinite(d):
                 hits += 1
@@ -50,9 +50,9 @@ def test_padding_is_seen_before_the_body_and_beside_it(silvermate):
     posture, mount, local, bare = beams_of(silvermate, "laser_frame", 400, 0.0, np.random.default_rng(1))
     thick = beams_of(silvermate, "laser_frame", 400, 0.02, np.random.default_rng(1))
     earlier = wider = 0
-    for chart in random_chart(silvermate, rng, 12):
-        posture.place(chart)
-        thick[0].place(chart)
+    for coordinates in random_coordinates(silvermate, rng, 12):
+        posture.place(coordinates)
+        thick[0].place(coordinates)
         rays = local.moved(mount.poses()[0][0])
         one, other = bare.distances(rays, REACH), thick[3].distances(rays, REACH)
         assert (other <= one).all()
@@ -60,7 +60,7 @@ def test_padding_is_seen_before_the_body_and_beside_it(silvermate):
         wider += int((np.isfinite(other) & np.isinf(one)).sum())
         for k in np.flatnonzero(np.isfinite(other)):
             at = rays.origin[0] + other[k] * rays.direction[k]
-            assert outside_robot(at[None], silvermate, chart)[0] < 0.02 + 1e-6
+            assert outside_robot(at[None], silvermate, coordinates)[0] < 0.02 + 1e-6
     assert earlier > 5
     assert wider > 5
 
@@ -70,14 +70,14 @@ def test_hulls_are_met_too(tiago):
     rng = np.random.default_rng(0)
     posture, mount, local, own = beams_of(tiago, "arm_7_link", 60, 0.01, rng)
     hits = 0
-    for chart in random_chart(tiago, rng, 3):
-        posture.place(chart)
+    for coordinates in random_coordinates(tiago, rng, 3):
+        posture.place(coordinates)
         rays = local.moved(mount.poses()[0][0])
         found = own.distances(rays, REACH)
         hit = np.flatnonzero(np.isfinite(found))
         hits += len(hit)
         at = rays.origin[0] + found[hit, None] * rays.direction[hit]
-        assert (outside_robot(at, tiago, chart) < 0.01 * np.sqrt(3) + 1e-5).all()
+        assert (outside_robot(at, tiago, coordinates) < 0.01 * np.sqrt(3) + 1e-5).all()
     assert hits > 5
 
 
@@ -87,9 +87,9 @@ def test_a_link_closer_than_the_padding_still_hides(silvermate):
     posture, mount, local, bare = beams_of(silvermate, "ir_2_frame", 100, 0.0, np.random.default_rng(1))
     thick = beams_of(silvermate, "ir_2_frame", 100, 0.5, np.random.default_rng(1))
     hits = 0
-    for chart in random_chart(silvermate, rng, 6):
-        posture.place(chart)
-        thick[0].place(chart)
+    for coordinates in random_coordinates(silvermate, rng, 6):
+        posture.place(coordinates)
+        thick[0].place(coordinates)
         rays = local.moved(mount.poses()[0][0])
         one, other = bare.distances(rays, REACH), thick[3].distances(rays, REACH)
         assert (other <= one).all()

@@ -20,10 +20,10 @@ RADIUS, HEIGHT = 0.271, 0.2105  # of the sonars' ring [m]
 
 def ring(robot, obstacles, params=SONAR, joints=None, seed=0):
     posture = Posture(robot)
-    chart = robot.space.to_chart(robot.home_q)
+    coordinates = robot.space.to_coordinates(robot.home_q)
     if joints is not None:
-        chart[3:] = joints
-    posture.place(chart)
+        coordinates[3:] = joints
+    posture.place(coordinates)
     world = ObstacleRays(World(Scene(obstacles)))
     return SonarArray(params, posture, world, np.random.default_rng(seed), 0.01)
 

@@ -18,13 +18,13 @@ LASER = LaserParams(rays=31)
 DT = 0.01
 
 
-def run(suite, chart, steps, first=0):
-    return [(k * DT, r) for k in range(first, first + steps) for r in suite.observe(k * DT, chart)]
+def run(suite, coordinates, steps, first=0):
+    return [(k * DT, r) for k in range(first, first + steps) for r in suite.observe(k * DT, coordinates)]
 
 
 @pytest.fixture(scope="module")
 def home(silvermate):
-    return silvermate.space.to_chart(silvermate.home_q)
+    return silvermate.space.to_coordinates(silvermate.home_q)
 
 
 @pytest.mark.parametrize("rate, latency", [(20.0, 0.03), (15.0, 0.0), (100.0, 0.25), (7.3, 0.055)])
@@ -95,9 +95,9 @@ def test_the_robot_moves(silvermate, home):
     exact = replace(LASER, noise=0.0, noise_ratio=0.0, dropout=0.0, latency=0.0)
     suite = SensorSuite(silvermate, WORLD, SensorConfig(sensors=(exact,)))
     for k in range(3):
-        chart = home.copy()
-        chart[0] = 0.1 * k
-        (scan,) = suite.observe(k * 0.05, chart)
+        coordinates = home.copy()
+        coordinates[0] = 0.1 * k
+        (scan,) = suite.observe(k * 0.05, coordinates)
         assert scan.ranges[15] == pytest.approx(1.9 - 0.271 - 0.1 * k, abs=1e-9)
 
 

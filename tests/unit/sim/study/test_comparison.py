@@ -45,10 +45,10 @@ def test_a_row_is_what_the_run_gave(beside: str, silvermate: RobotModel) -> None
     assert row.reached
     assert row.contacts == ()
     assert row.reason == result.reason
-    assert row.path == pytest.approx(np.hypot(*np.diff(rows.chart[:, :2], axis=0).T).sum(), rel=0.02)
+    assert row.path == pytest.approx(np.hypot(*np.diff(rows.coordinates[:, :2], axis=0).T).sum(), rel=0.02)
     assert row.time == pytest.approx(rows.time[-1], abs=0.1)
-    assert row.turning == pytest.approx(np.abs(np.diff(np.unwrap(rows.chart[:, 2]))).sum())
-    middle = np.hypot(rows.chart[:, 0] - 0.6, rows.chart[:, 1] - 1.2).min() - 0.2
+    assert row.turning == pytest.approx(np.abs(np.diff(np.unwrap(rows.coordinates[:, 2]))).sum())
+    middle = np.hypot(rows.coordinates[:, 0] - 0.6, rows.coordinates[:, 1] - 1.2).min() - 0.2
     assert middle - 0.5 < row.clearance < middle - 0.2
     assert attempt(Trial(beside, "apf", seed=4)).path != row.path
 

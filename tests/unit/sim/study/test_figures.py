@@ -101,34 +101,34 @@ def test_a_reactive_run_is_drawn_in_millimetres(short: PaperRun) -> None:
     assert axes.get_aspect() == 1.0
     np.testing.assert_allclose([*axes.get_xlim(), *axes.get_ylim()], [-1200.0, 3200.0, -1200.0, 1200.0])
     np.testing.assert_allclose(_line(axes, "original line"), 1e3 * short.line)
-    np.testing.assert_allclose(_line(axes, "way of the mobile"), 1e3 * short.chart[:, :2])
+    np.testing.assert_allclose(_line(axes, "way of the mobile"), 1e3 * short.coordinates[:, :2])
     [detection] = short.detections
     np.testing.assert_allclose(_line(axes, "sensed points"), [1e3 * np.array(detection.point[:2])])
     rays = [np.asarray(line.get_xydata()) for line in axes.lines if len(np.asarray(line.get_xydata())) == 2]
     assert any(np.allclose(ray, 1e3 * np.array([detection.robot, detection.point[:2]])) for ray in rays)
     assert _circles(axes) == [(1200.0, 1100.0, 300.0, True), (1200.0, 1100.0, 1300.0, False)]
     postures = _polygons(axes, filled=False)
-    assert len(postures) == len(short.chart[::3]) + 1
+    assert len(postures) == len(short.coordinates[::3]) + 1
     np.testing.assert_allclose(np.mean([postures[-1].min(axis=0), postures[-1].max(axis=0)], axis=0), [2000, 0], atol=1)
 
 
 def test_a_drive_is_drawn_with_its_arm(short: PaperRun) -> None:
-    """21 postures of the chart, each with the arm's control points where that is asked for."""
-    chart = np.repeat(short.chart, 5, axis=0)
+    """21 postures of the coordinates, each with the arm's control points where that is asked for."""
+    coordinates = np.repeat(short.coordinates, 5, axis=0)
     for arm in (False, True):
         axes = _axes()
-        draw_drive(axes, short.robot, short.scenario.scene, short.line, chart, arm=arm)
+        draw_drive(axes, short.robot, short.scenario.scene, short.line, coordinates, arm=arm)
         assert len(_polygons(axes, filled=False)) == 21
         points = len(short.robot.control_point_names) - 1
         arms = [line for line in axes.lines if len(np.asarray(line.get_xydata())) == points]
         assert len(arms) == (21 if arm else 0)
-        np.testing.assert_allclose(_line(axes, "way of the mobile"), 1e3 * chart[:, :2])
+        np.testing.assert_allclose(_line(axes, "way of the mobile"), 1e3 * coordinates[:, :2])
 
 
 def test_the_outline_turns_and_moves_with_the_base(silvermate: RobotModel) -> None:
     """What is fixed to the base is 0.55 m wide; the arm does not widen it."""
     outline = Outline(silvermate)
-    home = silvermate.space.to_chart(silvermate.home_q)
+    home = silvermate.space.to_coordinates(silvermate.home_q)
     there = home.copy()
     there[:3] = 1.0, 2.0, np.pi / 2
     a, b = outline.base(home), outline.base(there)

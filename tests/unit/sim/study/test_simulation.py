@@ -62,8 +62,8 @@ def test_a_case_ends_as_the_paper_says(run: Run, name: str, outcome: Outcome) ->
     result = run(name)
     assert result.outcome is outcome, result.reason
     assert result.clearance > 0.1
-    np.testing.assert_allclose(result.chart[0, :2], [-3.0, -3.0], atol=1e-9)
-    there = np.hypot(*(result.chart[-1, :2] - 6.0)) < 1e-9
+    np.testing.assert_allclose(result.coordinates[0, :2], [-3.0, -3.0], atol=1e-9)
+    there = np.hypot(*(result.coordinates[-1, :2] - 6.0)) < 1e-9
     assert there == (outcome is Outcome.REACHED)
     assert (len(result.ahead) > 2) == (outcome is Outcome.BLOCKED)
 
@@ -74,7 +74,7 @@ def test_obstacles_are_sensed_from_the_control_points(run: Run, name: str) -> No
     result = run(name)
     robot, safe = result.robot, result.params.influence
     assert result.params.mobile_only == (name != "case-7")
-    points = [np.asarray(robot.control_points(q)) for q in robot.space.from_chart(result.chart)]
+    points = [np.asarray(robot.control_points(q)) for q in robot.space.from_coordinates(result.coordinates)]
     if name != "case-7":
         points = [p[:1] for p in points]
     assert {s.name for s in result.detections} == set(result.scenario.scene.names)
@@ -82,8 +82,8 @@ def test_obstacles_are_sensed_from_the_control_points(run: Run, name: str) -> No
         if detection.name == "shelf":
             continue
         centre = result.scenario.scene.obstacle(detection.name).pose[:3, 3]
-        row = int(np.hypot(*(result.chart[:, :2] - detection.robot).T).argmin())
-        np.testing.assert_allclose(result.chart[row, :2], detection.robot, atol=1e-9)
+        row = int(np.hypot(*(result.coordinates[:, :2] - detection.robot).T).argmin())
+        np.testing.assert_allclose(result.coordinates[row, :2], detection.robot, atol=1e-9)
         assert _to_cylinder(points[row], centre) < safe
         assert all(_to_cylinder(p, centre) >= safe for p in points[:row])
         assert detection.distance == pytest.approx(_to_cylinder(points[row], centre), abs=1e-4)
@@ -104,21 +104,21 @@ def test_obstacle_2_is_sensed_where_the_text_says(run: Run, name: str) -> None:
 def test_the_clearance_is_that_of_the_whole_way(run: Run, name: str) -> None:
     """By Coal at Pinocchio's placements, on the straight way between postures too."""
     result = run(name)
-    a, b = result.chart[:-1, None], result.chart[1:, None]
-    between = (a + np.linspace(0.0, 1.0, 41)[:, None] * (b - a)).reshape(-1, result.chart.shape[1])
+    a, b = result.coordinates[:-1, None], result.coordinates[1:, None]
+    between = (a + np.linspace(0.0, 1.0, 41)[:, None] * (b - a)).reshape(-1, result.coordinates.shape[1])
     near = np.hypot(*(between[:, None, :2] - [o.pose[:2, 3] for o in result.scenario.scene]).T).min(axis=0) < 2.0
     assert result.clearance == pytest.approx(_clearance(result, between[near]), abs=0.02)
-    assert _clearance(result, result.chart) >= result.clearance - 1e-6
+    assert _clearance(result, result.coordinates) >= result.clearance - 1e-6
 
 
 def test_no_sampling_time_moves_further_than_said(run: Run) -> None:
     """Postures part where both obstacles push them; the robot does not jump over the gap without looking."""
-    steps = np.hypot(*np.diff(run("case-1").chart[:, :2], axis=0).T)
+    steps = np.hypot(*np.diff(run("case-1").coordinates[:, :2], axis=0).T)
     assert steps.max() <= LONGEST_STEP + 1e-9
     assert steps.max() > 0.9 * LONGEST_STEP, "there is such a gap in case 1"
 
 
-def _clearance(result: PaperRun, chart: Array) -> float:
+def _clearance(result: PaperRun, coordinates: Array) -> float:
     robot = result.robot
     model = robot.collision_model.clone()
     model.removeAllCollisionPairs()
@@ -132,7 +132,7 @@ def _clearance(result: PaperRun, chart: Array) -> float:
             model.addCollisionPair(pin.CollisionPair(link, index))
     data, geometry = robot.model.createData(), model.createData()
     lowest = np.inf
-    for q in robot.space.from_chart(chart):
+    for q in robot.space.from_coordinates(coordinates):
         pin.computeDistances(robot.model, data, model, geometry, q)
         lowest = min(lowest, min(r.min_distance for r in geometry.distanceResults))
     return lowest
@@ -145,8 +145,8 @@ def test_without_obstacles_the_way_is_the_line() -> None:
     assert result.detections == ()
     assert result.clearance == 1.0
     assert result.length == pytest.approx(2.0)
-    np.testing.assert_allclose(result.chart[:, 1], 0.0, atol=1e-9)
-    assert (np.diff(result.chart[:, 0]) > 0.0).all()
+    np.testing.assert_allclose(result.coordinates[:, 1], 0.0, atol=1e-9)
+    assert (np.diff(result.coordinates[:, 0]) > 0.0).all()
 
 
 def test_a_safe_distance_within_the_base_ends_in_contact() -> None:
@@ -156,14 +156,14 @@ def test_a_safe_distance_within_the_base_ends_in_contact() -> None:
     assert "pole" in result.reason
     assert result.clearance <= 0.0
     assert result.detections == ()
-    assert result.chart[-1, 0] < 1.0
+    assert result.coordinates[-1, 0] < 1.0
 
 
 def test_a_start_in_contact_is_the_end() -> None:
     """No sampling time is simulated."""
     result = simulate_paper(_problem(_pole(0.2)))
     assert result.outcome is Outcome.CONTACT
-    assert len(result.chart) == 1
+    assert len(result.coordinates) == 1
 
 
 def test_a_last_posture_that_cannot_be_reached_is_blocked() -> None:
@@ -176,7 +176,7 @@ def test_a_last_posture_that_cannot_be_reached_is_blocked() -> None:
 def test_the_same_problem_gives_the_same_run(run: Run) -> None:
     """To the last bit."""
     again = simulate_paper(get_scenario("case-1"))
-    np.testing.assert_array_equal(again.chart, run("case-1").chart)
+    np.testing.assert_array_equal(again.coordinates, run("case-1").coordinates)
     assert again.detections == run("case-1").detections
 
 
