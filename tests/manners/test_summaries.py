@@ -32,7 +32,7 @@ def values(silvermate) -> dict[str, Any]:
     return {
         "robot": silvermate, "space": silvermate.space, "tree": silvermate.tree, "scene": scene, "strip": plan.strip,
         "plan": plan, "settled": settled, "broken": blocked, "certificate": settled.certificate,
-        "forces": settled.forces, "tunnel": settled.tunnel, "world": es.World(scene), "hull": hull,
+        "forces": settled.forces, "hulls": settled.hulls, "world": es.World(scene), "hull": hull,
         "alternatives": es.plan_report(silvermate, scene, silvermate.home(x=-1.0), silvermate.home(x=4.0), count=2),
         "scenario": drive.scenario, "run": es.run_scenario(es.get_scenario("case-1")), "drive": drive,
         "result": drive.result, "record": drive.result.record, "rows": drive.result.record.control,

@@ -291,7 +291,7 @@ class _ClearanceSearch:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ProtectiveHulls(Summary):
-    """Protective hulls of a strip: spheres about its control points (Brock and Khatib's tunnel).
+    """Protective hulls of a strip: spheres about its control points (the tunnel of Brock and Khatib).
 
     Attributes:
         points: (N, C, 3) control points [m].

@@ -365,5 +365,5 @@ class BaseDeformer(ABC, Generic[R]):
             strip=strip, status=status, reason=reason, scene=scene, certificate=result.certificate,
             node_clearance=clearance, energies=result.energies, timings=self.clock.phases,
             seconds=sum(self.clock.phases.values()), iterations=result.iterations, moved=result.moved,
-            slip=result.slip, queries=queries, forces=result.forces if detail else None, tunnel=hulls,
+            slip=result.slip, queries=queries, forces=result.forces if detail else None, hulls=hulls,
         )  # fmt: skip

@@ -69,7 +69,7 @@ class DeformReport(Summary):
         slip: largest sideways travel |v_y| of a segment [m]; differential drives only.
         queries: exact distance queries made.
         forces: external forces, or None where they were not requested.
-        tunnel: protective hulls, or None where they were not requested.
+        hulls: protective hulls, or None where they were not requested.
         constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
     """
 
@@ -90,7 +90,7 @@ class DeformReport(Summary):
     slip: float = 0.0
     queries: int = 0
     forces: StripForces | None = None
-    tunnel: ProtectiveHulls | None = None
+    hulls: ProtectiveHulls | None = None
     constraint_errors: Array | None = None
     _clearance: list[float] = field(default_factory=list, init=False, repr=False)
 
@@ -124,7 +124,7 @@ class DeformReport(Summary):
     @property
     def connected(self) -> bool:
         """Whether all protective hulls overlap; True where they were not requested."""
-        return self.tunnel is None or bool(self.tunnel.connected.all())
+        return self.hulls is None or bool(self.hulls.connected.all())
 
     @property
     def usable(self) -> bool:

@@ -247,7 +247,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out += shown
     goal = coordinates[-1] if record.goal is None else record.goal
     out += drawing.markers(np.stack((record.control.coordinates[0], goal)))
-    out += [commands.visible(path, False) for path in (*STATIC, "/tunnel")]
+    out += [commands.visible(path, False) for path in (*STATIC, "/hulls")]
     drawing.playing = True
     out.append(drawing.camera(np.concatenate((coordinates, goal[None])), scene, height=_HEIGHT))
     out += _captions(drawing, play, times, points, bool(shown))

@@ -220,15 +220,15 @@ class Drawing:
     def _hulls(self, report: DeformReport | None) -> list[Command]:
         """Draw the protective hulls; they are many, so they are hidden until the viewer's controls show them."""
         matrices, out = None, []
-        if report is not None and report.tunnel is not None:
-            every = max(1, -(-report.tunnel.radius.size // _MAX_HULLS))
-            radii = report.tunnel.radius[::every].reshape(-1)
+        if report is not None and report.hulls is not None:
+            every = max(1, -(-report.hulls.radius.size // _MAX_HULLS))
+            radii = report.hulls.radius[::every].reshape(-1)
             keep = np.isfinite(radii) & (radii > 0.0)
-            matrices = geometry.spheres(report.tunnel.points[::every].reshape(-1, 3)[keep], radii[keep])
-            if "/tunnel" not in self._made:
-                out = [commands.visible("/tunnel", False)]
+            matrices = geometry.spheres(report.hulls.points[::every].reshape(-1, 3)[keep], radii[keep])
+            if "/hulls" not in self._made:
+                out = [commands.visible("/hulls", False)]
         look = commands.material(linear(_HULL), opacity=0.07, hides=False)
-        return self._many("/tunnel", geometry.sphere(16), look, matrices) + out
+        return self._many("/hulls", geometry.sphere(16), look, matrices) + out
 
     def _trouble(self, report: DeformReport | None, coordinates: Array) -> list[Command]:
         """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
@@ -276,11 +276,11 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, p
 
     None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
     """
-    tunnel, broken = report.tunnel, report.certificate.broken
+    hulls, broken = report.hulls, report.certificate.broken
     counts = report.connectivity_counts
-    if tunnel is not None and counts and not tunnel.connected.all():
-        j, c = np.unravel_index(int(np.argmin(tunnel.overlap)), tunnel.overlap.shape)
-        return 0.5 * (tunnel.points[j, c] + tunnel.points[j + 1, c])
+    if hulls is not None and counts and not hulls.connected.all():
+        j, c = np.unravel_index(int(np.argmin(hulls.overlap)), hulls.overlap.shape)
+        return 0.5 * (hulls.points[j, c] + hulls.points[j + 1, c])
     if broken is None or not 0 <= broken.segment < len(coordinates) - 1:
         return None
     poses.update(

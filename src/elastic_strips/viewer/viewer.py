@@ -111,7 +111,7 @@ class Viewer:
         return not (self._failed or self._lost or self._closed) and (self._server is None or self._server.alive)
 
     def show(self, robot: RobotModel, scene: Scene, strip_or_report: Animated) -> Viewer:
-        """Show a strip, or a report with its certificate, forces and tunnel, and turn the camera to it.
+        """Show a strip, or a report with its certificate, forces and hulls, and turn the camera to it.
 
         Args:
             robot: The robot.

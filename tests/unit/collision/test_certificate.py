@@ -37,7 +37,7 @@ def test_an_empty_scene_is_certified(robot):
 
 @pytest.mark.parametrize("radius, size", [(0.1, 0.3), (0.004, 1.5)])
 def test_an_obstacle_between_two_free_nodes_is_found(silvermate, radius, size):
-    """The straight line tunnels: both nodes are free, the segment is not."""
+    """The straight line goes through: both nodes are free, the segment is not."""
     scene = Scene([Cylinder(radius, size, at=(1.0, 0.0, size / 2), name="post")])
     strip = drive(silvermate, 0.0, 2.0, 4.0)
     assert min(link_distances(silvermate, scene, q).min() for q in strip.q) > 0.3

@@ -69,13 +69,13 @@ def test_reports_add_up(silvermate):
     assert report.ticks == 1
     assert report.queries > 0
     assert report.forces is None
-    assert report.tunnel is None
+    assert report.hulls is None
 
 
 def test_details_are_given_when_asked_for(silvermate):
     report = Deformer(silvermate).step(line(silvermate), ASIDE, detail=True)
     assert report.forces is not None
-    assert report.tunnel is not None
+    assert report.hulls is not None
     assert not report.connectivity_counts, "the viewer asks for it"
     assert report.forces.points.shape == report.forces.vectors.shape
     assert len(report.forces.points) > 5
@@ -355,7 +355,7 @@ def test_the_papers_preset_keeps_its_nodes_and_ends(silvermate):
     report = deformer.settle(strip, ASIDE)
     assert len(report.strip) == len(strip)
     np.testing.assert_array_equal(report.strip.q[[0, -1]], strip.q[[0, -1]])
-    assert report.tunnel is not None
+    assert report.hulls is not None
     assert 0.0 < report.heading_step <= np.pi / 3 + 1e-12
     silvermate.check_q(report.strip.q)
 

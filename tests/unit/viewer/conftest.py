@@ -57,7 +57,7 @@ def make_report(robot):
             "energies": {},
             "timings": {},
             "forces": SimpleNamespace(points=np.ones((5, 3)), vectors=np.eye(5, 3)),
-            "tunnel": SimpleNamespace(
+            "hulls": SimpleNamespace(
                 points=np.array([robot.control_points(q) for q in strip.q]),
                 radius=np.full((nodes, len(robot.control_point_names)), 0.2),
             ),

@@ -20,7 +20,7 @@ STATE = """new Promise((done) => setTimeout(() => done({
   calls: viewer.renderer.info.render.calls,
   card: document.getElementById("es-card").innerText,
   injected: document.querySelectorAll("#es-card b b, b:not(#es-card b)").length,
-  tunnel: viewer.scene_tree.find(["tunnel"]).object.visible,
+  hulls: viewer.scene_tree.find(["hulls"]).object.visible,
   ghosts: Math.max(...Object.values(viewer.scene_tree.children.ghosts.children).map((c) => c.object.children[0].count)),
   playing: animator.playing, duration: animator.duration,
 }), 1500))"""
@@ -51,7 +51,7 @@ def check(state, picture):
     assert 20 < state["calls"] < 150
     assert "0.123 m" in state["card"]
     assert state["injected"] == 0
-    assert state["tunnel"] is False
+    assert state["hulls"] is False
     assert state["ghosts"] == 7
     below = picture[160:]  # below the card
     assert np.ptp(below) > 150

@@ -187,7 +187,7 @@ def test_what_a_replay_hid_comes_back(silvermate, record):
         assert items["\0captions"]["cards"] == []  # or a browser that comes late would show the first of them
         assert items["\0hud"]["rows"] == [["nodes", str(len(strip))]]
         hidden = [key for key, command in items.items() if key.endswith("property visible") and not command["value"]]
-        assert hidden in ([], ["/tunnel\0property visible"])
+        assert hidden in ([], ["/hulls\0property visible"])
         Played(viewer.replay(silvermate, record))  # and once more
 
 

@@ -100,7 +100,7 @@ def test_a_late_browser_gets_the_whole_picture(viewer, robot, scene, make_report
     assert eventually(lambda: len(received(viewer.url)[0]) == len(viewer._log))
     (batch,) = received(viewer.url)
     paths = {command.get("path") for command in batch if command["type"] == "set_object"}
-    assert {"/forces", "/tunnel", "/strip/threads", "/strip/base", "/markers/start"} <= paths
+    assert {"/forces", "/hulls", "/strip/threads", "/strip/base", "/markers/start"} <= paths
     assert len(paths) < 150
     card = next(command for command in batch if command["type"] == "hud")
     assert ["clearance", "0.123 m"] in card["rows"]
@@ -174,16 +174,16 @@ def test_a_report_that_proves_nothing_is_shown_as_its_strip(robot, scene, make_r
         assert umsgpack.unpackb(dict(viewer._log.items())["\0hud"])["chip"] is None
 
 
-def test_the_tunnel_is_drawn_where_the_report_has_one(robot, scene, make_report):
+def test_the_hulls_are_drawn_where_the_report_has_one(robot, scene, make_report):
     points, radius = np.ones((4, 2, 3)), np.array([[0.1, 0.2], [0.0, 0.3], [0.1, np.nan], [0.2, 0.2]])
-    report = make_report(tunnel=SimpleNamespace(points=points, radius=radius))
+    report = make_report(hulls=SimpleNamespace(points=points, radius=radius))
     with Viewer(server=False) as viewer:
         viewer.show(robot, scene, report)
         viewer._flush()
-        first = dict(viewer._log.items())["/tunnel\0instances"]
-        viewer.update(make_report(tunnel=None))
+        first = dict(viewer._log.items())["/hulls\0instances"]
+        viewer.update(make_report(hulls=None))
         viewer._flush()
-        second = dict(viewer._log.items())["/tunnel\0instances"]
+        second = dict(viewer._log.items())["/hulls\0instances"]
         assert viewer.alive
     assert len(umsgpack.unpackb(first)["matrices"].data) == 6 * 64
     assert umsgpack.unpackb(second)["matrices"].data == b""
@@ -233,7 +233,7 @@ def test_a_stopped_server_does_not_block(viewer, robot, scene, make_report):
 def test_an_error_in_drawing_is_logged_once(robot, scene, make_report, caplog):
     with Viewer(server=False) as viewer, caplog.at_level(logging.WARNING):
         for _ in range(3):
-            viewer.update(make_report(tunnel="nonsense"))
+            viewer.update(make_report(hulls="nonsense"))
             viewer._flush()
         assert not viewer.alive
         assert len(caplog.records) == 1
@@ -368,7 +368,7 @@ def test_a_report_with_hulls_is_drawn_where_the_strip_is_in_collision(robot):
     strip = es.Strip(robot, [robot.home(x=x) for x in np.linspace(0.0, 2.0, 6)])
     scene = es.Scene([es.Box((0.4, 0.4, 1.0), at=(1.0, 0.0, 0.5))])
     report = es.Deformer(robot).step(strip, scene, detail=True)
-    assert report.tunnel is not None
+    assert report.hulls is not None
     with Viewer(server=False) as viewer:
         viewer.show(robot, scene, report).html()
         assert viewer.alive

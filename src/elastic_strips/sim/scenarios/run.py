@@ -74,7 +74,7 @@ class RunResult(Summary):
 
     @property
     def certified(self) -> bool:
-        """Whether the strip is certified and its tunnel connected."""
+        """Whether the strip is certified and its hulls connected."""
         return self.report.certified and self.report.status is DeformStatus.SETTLED
 
 

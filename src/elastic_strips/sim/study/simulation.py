@@ -153,13 +153,13 @@ def simulate_paper(
                 detections.append(Detection(sample, name, (float(here[0]), float(here[1])), point, distance))
         report = deformer.step(strip, Scene([o for o in scenario.scene if o.name in known]))
         strip = report.strip
-        assert report.tunnel is not None
-        gaps = np.flatnonzero(~report.tunnel.connected)
+        assert report.hulls is not None
+        gaps = np.flatnonzero(~report.hulls.connected)
         if len(gaps) and gaps[0] == 0:
             strip, moved = _bridged(strip, gaps, max_nodes), strip.coordinates[:1]
             standing += 1
             if standing > _PATIENCE:
-                apart = max(-float(report.tunnel.overlap[0].min()), 0.0)
+                apart = max(-float(report.hulls.overlap[0].min()), 0.0)
                 outcome = Outcome.BLOCKED
                 reason = f"stands at ({here[0]:.2f}, {here[1]:.2f}) m: the next hulls are {apart:.2f} m apart"
                 break
