@@ -116,3 +116,18 @@ def test_the_installed_library_is_the_one_that_is_imported(environment: Path, tm
     ended = subprocess.run(call, capture_output=True, text=True, timeout=120, cwd=tmp_path, env=_clean(), check=False)
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.strip() == "11"
+
+
+def test_the_types_of_the_public_surface_are_known(environment: Path, tmp_path: Path) -> None:
+    """Checkers of users' programs see the types of nearly all names; nothing is left to be guessed but lazy loading."""
+    path = os.pathsep.join([str(environment / "bin"), str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    call = [sys.executable, "-m", "pyright", "--verifytypes", "elastic_strips", "--ignoreexternal", "--outputjson"]
+    call += ["--pythonpath", str(environment / "bin" / "python")]
+    ended = subprocess.run(
+        call, capture_output=True, text=True, timeout=300, cwd=tmp_path, env={**_clean(), "PATH": path}, check=False
+    )
+    completeness = json.loads(ended.stdout)["typeCompleteness"]
+    counts = completeness["exportedSymbolCounts"]
+    unknown = [s["name"] for s in completeness["symbols"] if s["isExported"] and not s["isTypeKnown"]]
+    assert counts["withKnownType"] > 1000, completeness
+    assert completeness["completenessScore"] > 0.985, unknown

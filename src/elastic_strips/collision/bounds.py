@@ -120,9 +120,9 @@ class MotionBounds:
     def __init__(self, bodies: BodySet) -> None:
         tree = bodies.tree
         self.bodies = bodies
-        self.planar = tree.space.planar
+        self.planar: bool = tree.space.planar
         nv = tree.space.nv
-        self.radius = np.zeros((nv, len(bodies)))
+        self.radius: Array = np.zeros((nv, len(bodies)))
         for g in range(len(bodies)):
             self._chain(g)
 

@@ -261,7 +261,7 @@ class Bisection:
     """
 
     def __init__(self, bodies: BodySet) -> None:
-        self.checks = 0
+        self.checks: int = 0
         self._space = bodies.tree.space
         self._kin = self._between = Kinematics(bodies.tree, 64)
         self._v = np.zeros((0, self._space.nv))

@@ -45,7 +45,8 @@ class MotionCertifier:
     """
 
     def __init__(self, bodies: BodySet, bounds: MotionBounds, pairs: Indices) -> None:
-        self.bodies, self.bounds = bodies, bounds
+        self.bodies: BodySet = bodies
+        self.bounds: MotionBounds = bounds
         self.candidates: CandidateParts | None = None
         self._narrow = Narrowphase(bodies)
         self._self = SelfProximity(bodies, pairs, bounds, influence=0.0)

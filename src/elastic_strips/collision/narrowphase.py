@@ -65,7 +65,7 @@ class PairSolver:
     """Workspace: requests and one result object."""
 
     def __init__(self) -> None:
-        self.result = coal.DistanceResult()
+        self.result: coal.DistanceResult = coal.DistanceResult()
         self._apart = _distance_request(gjk=_TOLERANCE)
         self._deep = _distance_request()
         self._fine = _distance_request(gjk=_TOLERANCE, epa=_TOLERANCE)
@@ -125,7 +125,7 @@ class Narrowphase:
 
     def __init__(self, bodies: BodySet) -> None:
         self.bodies = bodies
-        self.queries = 0
+        self.queries: int = 0
         self._solver = PairSolver()
         self._normal = self._solver.result.normal  # a live view of the result's memory
         self._parts: dict[int, Part] = {}  # keeps alive what the caches below know by id()

@@ -40,15 +40,20 @@ class ObstacleProximity:
         margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
     """
 
+    bound: Array
+    exact: Array
+    direction: Array
+    witness: Array
+
     def __init__(self, bodies: BodySet, *, influence: float, tolerance: float = 3e-4, slack: float = 0.4) -> None:
         self.bodies = bodies
         self.influence = influence
         self.tolerance = tolerance
         self.slack = slack
-        self.narrow = Narrowphase(bodies)
+        self.narrow: Narrowphase = Narrowphase(bodies)
         self.candidates: CandidateParts | None = None
-        self.margin = np.zeros(0)
-        self.moving = MovingParts()
+        self.margin: Array = np.zeros(0)
+        self.moving: MovingParts = MovingParts()
         self._cover = np.zeros(0, dtype=np.intp)
         self._coordinates = np.zeros((0, 0))
         self._limit = np.zeros(0)

@@ -68,6 +68,12 @@ class SelfProximity:
         tolerance: an exact distance is measured again after this much relative motion [m].
     """
 
+    bound: Array
+    exact: Array
+    direction: Array
+    first: Array
+    second: Array
+
     def __init__(
         self,
         bodies: BodySet,
@@ -78,10 +84,15 @@ class SelfProximity:
         repulsion: Array | None = None,
         tolerance: float = 3e-4,
     ) -> None:
-        self.repulsion = np.full(len(pairs), influence) if repulsion is None else np.minimum(repulsion, influence)
-        self.bodies, self.pairs, self.influence, self.tolerance = bodies, pairs, influence, tolerance
-        self.radius = bounds.pair_radius(pairs)
-        self.queries = 0
+        self.repulsion: Array = (
+            np.full(len(pairs), influence) if repulsion is None else np.minimum(repulsion, influence)
+        )
+        self.bodies: BodySet = bodies
+        self.pairs: Indices = pairs
+        self.influence: float = influence
+        self.tolerance: float = tolerance
+        self.radius: Array = bounds.pair_radius(pairs)
+        self.queries: int = 0
         self._coordinates = np.zeros((0, 0))
         self._base = np.zeros((0, 3, 4))
         self._allocate(0)

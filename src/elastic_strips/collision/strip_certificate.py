@@ -55,7 +55,10 @@ class Certifier:
         *,
         max_depth: int = 12,
     ) -> None:
-        self.bodies, self.bounds, self.obstacles, self.self_pairs = bodies, bounds, obstacles, self_pairs
+        self.bodies: BodySet = bodies
+        self.bounds: MotionBounds = bounds
+        self.obstacles: ObstacleProximity = obstacles
+        self.self_pairs: SelfProximity = self_pairs
         self.max_depth = max_depth
         self._bisection = Bisection(bodies)
         self._between = Kinematics(bodies.tree, 64)

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, ParameterError, RobotError, SceneError
 from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
@@ -93,14 +93,15 @@ class ControlLoop:
         check_type("robot", robot, RobotModel, RobotError)
         check_type("params", params, DriveParams, none=True)
         check_type("limits", limits, MotionLimits, none=True)
-        self.robot, self.params = robot, params or DriveParams()
-        self.limits = limits or MotionLimits.for_robot(robot)
-        self.time = 0.0
-        self.estimate = robot.space.to_coordinates(robot.check_q(start, what="start"))
-        self.estimator = StateEstimator(robot, self.limits)
+        self.robot: RobotModel = robot
+        self.params: DriveParams = params or DriveParams()
+        self.limits: MotionLimits = limits or MotionLimits.for_robot(robot)
+        self.time: float = 0.0
+        self.estimate: Array = robot.space.to_coordinates(robot.check_q(start, what="start"))
+        self.estimator: StateEstimator = StateEstimator(robot, self.limits)
         self.estimator.reset(self.estimate, 0.0)
         self.tick: Tick | None = None
-        self.statistics = TickStatistics()
+        self.statistics: TickStatistics = TickStatistics()
         self._contact = self._stopping = ""
         self._steps = 0
 
@@ -182,20 +183,20 @@ class Controller(ControlLoop):
         check_able("executor", executor, "submit")
         check_count("seed", seed)
         goals = np.atleast_2d(robot.check_q(goal, what="goal"))
-        self.goals = list(goals[1:])
-        self.goal_q = goals[0]
-        self.goal = robot.space.to_coordinates(self.goal_q)
-        self.scene = Scene([]) if scene is None else scene
+        self.goals: list[ArrayLike] = list(goals[1:])
+        self.goal_q: Array = goals[0]
+        self.goal: Array = robot.space.to_coordinates(self.goal_q)
+        self.scene: Scene = Scene([]) if scene is None else scene
         self.first_plan: PlanReport | None = None
-        self.replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
+        self.replanner: Replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
         if strip is None:
             self.first_plan = self.replanner.plan(self.scene, start, self.goal_q, path=path)
             strip = self.first_plan.strip
-        self.planner = LocalPlanner(robot, self.limits, self.params, strip)
+        self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip)
         self.plan_tick: PlanTick = self.planner.tick
-        self.tracker = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
+        self.tracker: TrackingController = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
         resting = stationary(robot, self.limits, self.estimate, 0.0, self.params.control_dt)
-        self.supervisor = Supervisor(resting, keep=events)
+        self.supervisor: Supervisor = Supervisor(resting, keep=events)
         self._passed = 0
         self._executor = executor
         self._own: ThreadPoolExecutor | None = None

@@ -100,8 +100,9 @@ class StateEstimator:
     """
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: EstimatorParams | None = None) -> None:
-        self.robot, self.limits = robot, limits
-        self.params = EstimatorParams() if params is None else params
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: EstimatorParams = EstimatorParams() if params is None else params
         self._k, self._first = len(limits.drive_speed), robot.space.base_nv
         self._to_twist = limits.to_twist(np.eye(self._k)).T if self._k else np.zeros((3, 0))  # (3, k)
         self.reset(robot.space.to_coordinates(robot.home_q))

@@ -235,8 +235,11 @@ class EvasivePlanner:
         self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float,
         clearance: float,
     ) -> None:  # fmt: skip
-        self.robot, self.limits, self.params = robot, limits, params
-        self.dt, self.clearance = dt, clearance
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: EvasionParams = params
+        self.dt: float = dt
+        self.clearance: float = clearance
         self._footprint = PlanarFootprint(robot)
         self._holds = hold + np.array(_LONGER)
         self._lattice: _Targets | None = lattice(limits) if limits.drive_dim else None

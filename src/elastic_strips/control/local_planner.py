@@ -38,17 +38,19 @@ class LocalPlanner:
     """
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
-        self.robot, self.limits, self.params = robot, limits, params
-        self.deformer = Deformer(robot, params.strip, constraint=params.constraint)
-        self.timer = StripTimer(robot, limits, params, self.deformer.spacing_weight)
-        self.arrival = ArrivalTimes(robot, limits)
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: DriveParams = params
+        self.deformer: Deformer = Deformer(robot, params.strip, constraint=params.constraint)
+        self.timer: StripTimer = StripTimer(robot, limits, params, self.deformer.spacing_weight)
+        self.arrival: ArrivalTimes = ArrivalTimes(robot, limits)
         self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
             hold = 2 * params.plan_every * params.control_dt
             self.evasion = EvasivePlanner(
                 robot, limits, params.evasion, dt=params.sample_dt, hold=hold, clearance=params.clearance
             )
-        self.strip = strip
+        self.strip: Strip = strip
         self.report: DeformReport | None = None
         self._last: PlanResult | None = None
         self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # a certified motion, and what against

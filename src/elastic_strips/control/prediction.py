@@ -7,7 +7,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Forecast
 from elastic_strips.collision.candidates import NodePrediction
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import ConfigurationSpace, RobotModel
 from elastic_strips.scene import Scene, UnknownMotion
 from elastic_strips.trajectory import MotionLimits
 
@@ -85,6 +85,8 @@ class ArrivalTimes:
         limits: of its motors; the usual pace is three quarters of what they can do.
     """
 
+    space: ConfigurationSpace
+
     def __init__(self, robot: RobotModel, limits: MotionLimits) -> None:
         self.space = space = robot.space
         pace = np.empty(space.nv)
@@ -94,7 +96,7 @@ class ArrivalTimes:
             pace[:3] = top, top, 2.0 * top / limits.track
         elif limits.drive_dim == 3:
             pace[:3] = limits.drive_speed
-        self.pace = 0.75 * pace  # (nv,) [m/s, rad/s]
+        self.pace: Array = 0.75 * pace  # (nv,) [m/s, rad/s]
 
     def __call__(self, coordinates: Array) -> Array:
         """(N,) times [s] from the first node of ``coordinates`` (N, nv) on."""

@@ -21,7 +21,7 @@ from .interfaces import Event, RunState
 
 _Array = TypeVar("_Array", bound=np.ndarray)
 
-DRIVE_NAMES = {
+DRIVE_NAMES: dict[BaseKind, tuple[str, ...]] = {
     BaseKind.DIFF_DRIVE: ("left", "right"),
     BaseKind.OMNI: ("x", "y", "yaw"),
     BaseKind.FIXED: (),

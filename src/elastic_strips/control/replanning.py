@@ -13,7 +13,7 @@ from elastic_strips.errors import ConfigurationError, ElasticStripsError
 from elastic_strips.planning import PlanReport, StripSet, StripSetParams, plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Obstacle, Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import DeformParams, Strip
 
 from .params import DriveParams
 from .strip_timer import PlanResult
@@ -41,12 +41,18 @@ class Replanner:
         count: how often it was done.
     """
 
+    pending: bool
+    halted: bool
+
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
-        self.robot, self.params, self.seed, self.grid = robot, params, seed, grid
-        self.deform = params.strip
+        self.robot: RobotModel = robot
+        self.params: DriveParams = params
+        self.seed: int = seed
+        self.grid: bool = grid
+        self.deform: DeformParams = params.strip
         self.halted = self.pending = False
-        self.due = 0.0
-        self.count = 0
+        self.due: float = 0.0
+        self.count: int = 0
         self._since: float | None = None
 
     def plan(

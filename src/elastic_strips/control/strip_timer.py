@@ -102,12 +102,18 @@ class StripTimer:
         spacing_weight: (nv,) metric of the strip's node spacing.
     """
 
+    easy: Retimer
+    hard: Retimer
+
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array) -> None:
-        self.robot, self.limits, self.params, self.spacing_weight = robot, limits, params, spacing_weight
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: DriveParams = params
+        self.spacing_weight: Array = spacing_weight
         # planned with less than the motors can do, so that there is something left when the path changes
         easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
         self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
-        self.certifier = TrajectoryCertifier(
+        self.certifier: TrajectoryCertifier = TrajectoryCertifier(
             robot,
             clearance=params.clearance,
             self_clearance=params.deform.self_clearance,

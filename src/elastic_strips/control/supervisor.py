@@ -37,14 +37,17 @@ class Supervisor:
         at_goal: whether the active trajectory ends at the goal.
     """
 
+    active: Trajectory
+
     def __init__(self, resting: Trajectory, *, keep: int | None = None) -> None:
         self.reset(resting)
-        self.state, self.reason = RunState.STOPPED, "not started"
+        self.state: RunState = RunState.STOPPED
+        self.reason: str = "not started"
         self.events: list[Event] = []
         self.stops: list[tuple[float, str]] = []
         self._keep = keep
         self._rejection = self._holding = ""
-        self.at_goal = False
+        self.at_goal: bool = False
 
     def reset(self, resting: Trajectory) -> None:
         """At rest, the active trajectory may be moved to where the robot believes to stand."""

@@ -76,8 +76,11 @@ class TrackingController:
         gains: gains and lags.
     """
 
+    gains: TrackingGains
+
     def __init__(self, robot: RobotModel, limits: MotionLimits, gains: TrackingGains | None = None) -> None:
-        self.robot, self.limits = robot, limits
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
         self.gains = gains = TrackingGains() if gains is None else gains
         self._k, self._first = len(limits.drive_speed), robot.space.base_nv
         self._circular = robot.space.circular.copy() if robot.space.circular.any() else None

@@ -62,11 +62,11 @@ class SceneEstimator:
 
     def __init__(self, params: SceneEstimatorParams | None = None) -> None:
         check_type("params", params, SceneEstimatorParams, none=True)
-        self.params = params or SceneEstimatorParams()
-        self.map = OccupancyGrid(self.params)
-        self.near = OccupancyGrid(replace(self.params, unseen="free"), "near")
-        self.tracker = Tracker(self.params)
-        self.report = EstimatorReport()
+        self.params: SceneEstimatorParams = params or SceneEstimatorParams()
+        self.map: OccupancyGrid = OccupancyGrid(self.params)
+        self.near: OccupancyGrid = OccupancyGrid(replace(self.params, unseen="free"), "near")
+        self.tracker: Tracker = Tracker(self.params)
+        self.report: EstimatorReport = EstimatorReport()
         self._newest: dict[str, float] = {}
         self._scan_time = self._time = -math.inf
         self.movers: tuple[TrackedObstacle, ...] = ()

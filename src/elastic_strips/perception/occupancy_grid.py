@@ -44,18 +44,19 @@ class OccupancyGrid:
     """
 
     def __init__(self, params: SceneEstimatorParams, name: str = "map") -> None:
-        self.params, self.name = params, name
-        self.log_odds = np.zeros((0, 0), dtype=np.float32)
-        self.seen = np.zeros((0, 0), dtype=bool)
-        self.corner = np.zeros(2, dtype=np.int64)
-        self.filled = np.zeros((0, 0), dtype=bool)
+        self.params: SceneEstimatorParams = params
+        self.name: str = name
+        self.log_odds: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
+        self.seen: Mask = np.zeros((0, 0), dtype=bool)
+        self.corner: NDArray[np.int64] = np.zeros(2, dtype=np.int64)
+        self.filled: Mask = np.zeros((0, 0), dtype=bool)
         self._shown = np.zeros((0, 0), dtype=bool)  # cells that the obstacles are made of
         self._blocked = np.zeros((0, 0), dtype=bool)  # unseen cells that are obstacles
         self._center: Array | None = None  # of the disc that they lie in
         self._stale: dict[str, dict[_Tile, float]] = {name: {}, "unseen": {}}  # tile → when it is due
         self._made: dict[str, dict[_Tile, Obstacle]] = {name: {}, "unseen": {}}
         self._time = -math.inf
-        self.rebuilt = 0
+        self.rebuilt: int = 0
 
     def add_scan(self, rays: ScanRays, ignored: Mask | None = None) -> None:
         """Take a scan in.

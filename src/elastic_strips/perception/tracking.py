@@ -56,18 +56,32 @@ class Track:
     needed.
     """
 
+    fitted: float
+    radius: float
+    confirmed: bool
+    moved: float
+    displaced_at: float
+    rested: float
+
     def __init__(self, number: int, time: float, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams):
-        self.number, self.time, self.seen = number, time, time
-        self.p, self.v = np.array(shape.center), np.zeros(2)
-        self.pp, self.pv, self.vv = _noise(cluster, shape, params, shape.radius), 0.0, (0.5 * params.max_speed) ** 2
+        self.number: int = number
+        self.time: float = time
+        self.seen: float = time
+        self.p: Array = np.array(shape.center)
+        self.v: Array = np.zeros(2)
+        self.pp: float = _noise(cluster, shape, params, shape.radius)
+        self.pv: float = 0.0
+        self.vv: float = (0.5 * params.max_speed) ** 2
         self.fitted = self.radius = shape.radius
-        self.hits, self.misses, self.votes = 1, 0, 0
+        self.hits: int = 1
+        self.misses: int = 0
+        self.votes: int = 0
         self.confirmed = self.lost = self.moving = False
         # when it last moved, when it came to rest, and when scans last contradicted that it stands
         self.moved = self.rested = self.displaced_at = -math.inf
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
         self.solid: Cylinder | None = None
-        self.solid_radius = 0.0
+        self.solid_radius: float = 0.0
 
     @property
     def name(self) -> str:

@@ -44,7 +44,8 @@ class Validity:
         self, robot: RobotModel, scene: Scene, *, margin: float,
         low: Array | None = None, high: Array | None = None, reach: float = 2.0,
     ) -> None:  # fmt: skip
-        self.robot, self.checks = robot, 0
+        self.robot: RobotModel = robot
+        self.checks: int = 0
         table = scene.table
         rows = np.arange(len(table.parts))
         if low is not None and high is not None and len(rows):

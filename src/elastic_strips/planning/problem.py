@@ -87,28 +87,32 @@ class PlanningProblem:
         ParameterError: a seed, timeout or bounds outside its range, or something that is no deformer.
     """
 
+    start: Array
+    goal: Array
+
     def __init__(
         self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *,
         params: DeformParams | None = None, deformer: Deformer | None = None, bounds: npt.ArrayLike | None = None,
         seed: int = 0, timeout: float = 10.0,
     ) -> None:  # fmt: skip
-        self.seed = check_count("seed", seed)
+        self.seed: int = check_count("seed", seed)
         number = isinstance(timeout, (int, float, np.integer, np.floating)) and not isinstance(timeout, bool)
         if not number or not timeout > 0:
             raise ParameterError(f"timeout={timeout!r} must be a number > 0 of seconds")
-        self.deadline = Deadline(float(timeout))
+        self.deadline: Deadline = Deadline(float(timeout))
         _check_kinds(robot, scene)
         if deformer is not None and not isinstance(deformer, Deformer):
             raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
-        self.robot, self.scene = robot, scene
-        self.deformer = deformer or Deformer(robot, DeformParams() if params is None else params)
-        self.params = self.deformer.params
+        self.robot: RobotModel = robot
+        self.scene: Scene = scene
+        self.deformer: Deformer = deformer or Deformer(robot, DeformParams() if params is None else params)
+        self.params: DeformParams = self.deformer.params
         self.start, self.goal = check_endpoints(robot, scene, start, goal, self.params)
-        self.endpoints = np.stack((self.start, self.goal))
-        self.region = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
+        self.endpoints: Array = np.stack((self.start, self.goal))
+        self.region: Region | None = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
         if self.region is None and bounds is not None:
             raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
-        self.spacing = min(_SPACING, self.params.max_spacing)
+        self.spacing: float = min(_SPACING, self.params.max_spacing)
 
     def failure(self, report: DeformReport) -> str:
         """Why a relaxed strip is of no use; empty where it is certified and its base keeps to the bounds."""
@@ -232,9 +236,9 @@ class Region:
     def __init__(
         self, robot: RobotModel, scene: Scene, start: Array, goal: Array, bounds: npt.ArrayLike | None = None
     ) -> None:
-        self.endpoints = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
-        self.given = None if bounds is None else _checked_bounds(bounds, self.endpoints)
-        self.cover = self._cover(robot, scene, start, goal) if self.given is None else self.given
+        self.endpoints: Array = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
+        self.given: _Box | None = None if bounds is None else _checked_bounds(bounds, self.endpoints)
+        self.cover: _Box = self._cover(robot, scene, start, goal) if self.given is None else self.given
 
     def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> _Box:
         footprints = [PlanarFootprint.of(robot, q) for q in (start, goal, robot.home_q)]

@@ -29,6 +29,11 @@ class PlanarFootprint:
         low, high: (K,) lowest and highest points of the boxes [m].
     """
 
+    middle: Array
+    half: Array
+    low: Array
+    high: Array
+
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot
         self._data, self._placed = robot.model.createData(), robot.collision_model.createData()

@@ -132,9 +132,11 @@ class Kinematics:
         coordinates: (capacity, nv) the configurations.
     """
 
+    coordinates: Array
+
     def __init__(self, tree: KinematicTree, capacity: int = 64) -> None:
         self.tree = tree
-        self.n = 0
+        self.n: int = 0
         self._allocate(capacity)
 
     def _allocate(self, capacity: int) -> None:

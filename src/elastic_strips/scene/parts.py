@@ -76,11 +76,11 @@ class Solid:
     """
 
     def __init__(self, parts: Sequence[Part]) -> None:
-        self.parts = tuple(parts)
-        self.translation = np.array([p.T_obstacle_part[:3, 3] for p in self.parts])
-        self.center = np.array([p.center for p in self.parts])
-        self.half_extents = np.array([p.half_extents for p in self.parts])
-        self.radius = np.array([p.radius for p in self.parts])
+        self.parts: tuple[Part, ...] = tuple(parts)
+        self.translation: Array = np.array([p.T_obstacle_part[:3, 3] for p in self.parts])
+        self.center: Array = np.array([p.center for p in self.parts])
+        self.half_extents: Array = np.array([p.half_extents for p in self.parts])
+        self.radius: Array = np.array([p.radius for p in self.parts])
 
     @cached_property
     def reach(self) -> float:

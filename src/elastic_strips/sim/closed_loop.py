@@ -154,14 +154,22 @@ class Simulation(Generic[_Driver]):
         check_able("plant", plant, "reset", "step")
         check_able("perception", perception, "observe", "sense")
         check_able("watch", watch)
-        self.controller, self.world, self.plant, self.perception = controller, world, plant, perception
-        self.robot, self.limits, self.params = controller.robot, controller.limits, controller.params
-        self.pedestrians = Pedestrians(self.robot, world)
-        self.watch, self.realtime = watch, realtime
-        self.time = 0.0
+        self.controller = controller
+        self.world: World = world
+        self.plant: Plant = plant
+        self.perception: _Senses = perception
+        self.robot: RobotModel = controller.robot
+        self.limits: MotionLimits = controller.limits
+        self.params: DriveParams = controller.params
+        self.pedestrians: Pedestrians = Pedestrians(self.robot, world)
+        self.watch = watch
+        self.realtime: bool = realtime
+        self.time: float = 0.0
         last = controller.goal if goal is None else goal
         self._new_recorder = lambda: Recorder(self.robot, world, goal=last, metadata=metadata or {})
-        self.recorder, self._recording, self._step = self._new_recorder(), record, 0
+        self.recorder: Recorder = self._new_recorder()
+        self._recording = record
+        self._step = 0
         self._measurement: Measurement | None = None
 
     def stop(self) -> None:

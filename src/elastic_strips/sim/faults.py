@@ -80,7 +80,7 @@ class FaultPlan:
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         if not isinstance(faults, Iterable) or isinstance(faults, (str, bytes)):
             raise ParameterError(f"faults={shown(faults)} must be a list of Faults")
-        self.faults = tuple(faults)
+        self.faults: tuple[Fault, ...] = tuple(faults)
         for fault in self.faults:
             check_type("a fault", fault, Fault)
 

@@ -90,7 +90,8 @@ class NoisyGroundTruth:
         params: PerceptionParams,
         rng: np.random.Generator,
     ) -> None:
-        self.world, self.params = world, params
+        self.world: World = world
+        self.params: PerceptionParams = params
         self._position: dict[str, np.ndarray] = {}
         self._velocity: dict[str, np.ndarray] = {}
         for name in world.names_moving:

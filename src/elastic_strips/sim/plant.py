@@ -279,7 +279,9 @@ class KinematicPlant:
     ) -> None:
         params = PlantParams() if params is None else params
         check_limits(robot, limits)
-        self.robot, self.limits, self.params = robot, limits, params
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: PlantParams = params
         self._rng = np.random.default_rng(seed)
         self._normal = _standard_normals(self._rng)
         self._k, self._n = len(limits.drive_speed), len(limits.joint_speed)

@@ -89,12 +89,12 @@ class SensorPerception:
     ) -> None:
         self._world, self._contact_sensor = world, ContactSensor(robot) if bumper else None
         self._looked, self._touched = -np.inf, ""
-        self.suite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
+        self.suite: SensorSuite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
         if params is None:
             params = SceneEstimatorParams(body_radius=body_radius(robot))
-        self.estimator = SceneEstimator(params)
+        self.estimator: SceneEstimator = SceneEstimator(params)
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
-        self.params = PerceptionParams(delay=latency)
+        self.params: PerceptionParams = PerceptionParams(delay=latency)
         coordinates = robot.space.to_coordinates(robot.check_q(start, what="start"))
         self._past = PoseBuffer()
         for k in range(round(look / _STEP)):

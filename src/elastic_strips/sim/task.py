@@ -97,7 +97,7 @@ class TaskSimulation:
                 make=partial(HybridControl, robot, start, self.deliberation, keep=keep, look=look), **options,
             )  # fmt: skip
         except ConfigurationError as error:
-            self.deliberation = replace(self.deliberation, steps=(), reason=str(error))
+            self.deliberation: TaskPlan = replace(self.deliberation, steps=(), reason=str(error))
             return
         self.control = self.simulation.controller
 

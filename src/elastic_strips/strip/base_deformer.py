@@ -96,22 +96,26 @@ class Workspace:
         self_reach: float,
         self_influence: float,
     ) -> None:
-        self.robot, self.params, self.clock = robot, params, clock
-        self.bodies = BodySet.links(robot)
-        self.bounds = MotionBounds(self.bodies)
-        self.kin = Kinematics(robot.tree, 64)
-        self.obstacles = ObstacleProximity(self.bodies, influence=reach)
+        self.robot: RobotModel = robot
+        self.params: StripParams = params
+        self.clock: PhaseClock = clock
+        self.bodies: BodySet = BodySet.links(robot)
+        self.bounds: MotionBounds = MotionBounds(self.bodies)
+        self.kin: Kinematics = Kinematics(robot.tree, 64)
+        self.obstacles: ObstacleProximity = ObstacleProximity(self.bodies, influence=reach)
         home = SelfProximity(self.bodies, robot.self_pairs, self.bounds, influence=self_reach)
         kin = Kinematics(robot.tree, 1)
         kin.update(robot.space.to_coordinates(robot.home_q)[None])
         home.update(kin)
-        self.self_home = home.bound[0].copy()
+        self.self_home: Array = home.bound[0].copy()
         repulsion = np.clip(0.8 * np.minimum(home.exact[0], self_reach), 0.0, self_influence)
-        self.self_pairs = SelfProximity(
+        self.self_pairs: SelfProximity = SelfProximity(
             self.bodies, robot.self_pairs, self.bounds, influence=self_reach, repulsion=repulsion
         )
         depth = params.certificate_depth
-        self.certifier = Certifier(self.bodies, self.bounds, self.obstacles, self.self_pairs, max_depth=depth)
+        self.certifier: Certifier = Certifier(
+            self.bodies, self.bounds, self.obstacles, self.self_pairs, max_depth=depth
+        )
         self.prediction: NodePredictor | None = None
         self._strip: Strip | None = None
         self._ends: Array | None = None  # configurations that stay fixed
@@ -216,8 +220,8 @@ class BaseDeformer(ABC, Generic[R]):
     def __init__(self, robot: RobotModel, params: StripParams, **reaches: float) -> None:
         check_type("robot", robot, RobotModel, RobotError)
         self.robot = robot
-        self.clock = PhaseClock()
-        self.workspace = Workspace(robot, params, self.clock, **reaches)
+        self.clock: PhaseClock = PhaseClock()
+        self.workspace: Workspace = Workspace(robot, params, self.clock, **reaches)
         self._rest_step, self._max_ticks = params.rest_step, params.max_ticks
         self._rolling = False  # whether wheels have to follow the strip
 

@@ -89,7 +89,8 @@ class ConstraintForce:
 
     def __init__(self, robot: RobotModel, constraint: OrientationConstraint) -> None:
         frame = robot.model.frames[_frame(robot, constraint.frame)]
-        self.constraint, self.active = constraint, True
+        self.constraint: OrientationConstraint = constraint
+        self.active: bool = True
         self._joint = int(frame.parentJoint)
         if self._joint == 0:
             raise RobotError(f"constraint: no joint of {robot.name!r} moves frame {constraint.frame!r}")

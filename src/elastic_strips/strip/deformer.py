@@ -58,7 +58,7 @@ class Deformer(BaseDeformer[DeformReport]):
             robot, params, reach=params.influence, self_reach=self_reach, self_influence=params.self_influence
         )
         self.params = params
-        self.constraint = None if constraint is None else ConstraintForce(robot, constraint)
+        self.constraint: ConstraintForce | None = None if constraint is None else ConstraintForce(robot, constraint)
         space = robot.space
         b = space.base_nv
         lever = np.ones(space.nv)
@@ -67,7 +67,7 @@ class Deformer(BaseDeformer[DeformReport]):
         lever[b:][sliding] = 1.0
         if b:
             lever[2] = params.yaw_lever
-        self.spacing_weight = lever**2
+        self.spacing_weight: Array = lever**2
         self._step_lever = np.maximum(lever, _STEP_LEVER)
         self._stiffness = params.k_c * self.spacing_weight
         self._damping = params.damping * self.spacing_weight

@@ -32,9 +32,9 @@ class System:
     """
 
     def __init__(self, n: int, nv: int) -> None:
-        self.force = np.zeros((n, nv))
-        self.diagonal = np.zeros((n, nv, nv))
-        self.upper = np.zeros((max(n - 1, 0), nv, nv))
+        self.force: Array = np.zeros((n, nv))
+        self.diagonal: Array = np.zeros((n, nv, nv))
+        self.upper: Array = np.zeros((max(n - 1, 0), nv, nv))
         self.energies: dict[str, float] = {}
 
     def clear(self) -> None:

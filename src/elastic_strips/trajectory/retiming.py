@@ -63,15 +63,15 @@ class Retimer:
         check_type("robot", robot, RobotModel, RobotError)
         check_type("limits", limits, MotionLimits, none=True)
         self.robot = robot
-        self.limits = MotionLimits.for_robot(robot) if limits is None else limits
+        self.limits: MotionLimits = MotionLimits.for_robot(robot) if limits is None else limits
         k = {BaseKind.DIFF_DRIVE: 2, BaseKind.OMNI: 3, BaseKind.FIXED: 0}[robot.base_kind]
         if self.limits.drive_dim != k or len(self.limits.joint_speed) != robot.nv - robot.space.base_nv:
             raise ParameterError(
                 f"the limits are for {self.limits.drive_dim} drive coordinates and {len(self.limits.joint_speed)} "
                 f"joints; {robot.name!r} has {k} and {robot.nv - robot.space.base_nv}"
             )
-        self.dt = check_number("dt", dt, low=1e-4, high=0.1, unit="s")
-        self.weight = metric(robot, self.limits)
+        self.dt: float = check_number("dt", dt, low=1e-4, high=0.1, unit="s")
+        self.weight: Array = metric(robot, self.limits)
         self._speed, self._acceleration = self.limits.speed, self.limits.acceleration
         load_solver()
 

@@ -196,7 +196,9 @@ class TrajectoryCertifier:
     def __init__(
         self, robot: RobotModel, *, clearance: float, self_clearance: float = 1e-3, settle_time: float = 0.0
     ) -> None:
-        self.robot, self.clearance, self.self_clearance = robot, clearance, self_clearance
+        self.robot: RobotModel = robot
+        self.clearance: float = clearance
+        self.self_clearance: float = self_clearance
         self.settle_time = settle_time
         bodies = BodySet.links(robot)
         self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)

@@ -164,7 +164,7 @@ class Track:
     property: str
     type: str
     times: ArrayLike
-    values: NDArray
+    values: NDArray[np.generic]
 
 
 def motion_tracks(path: str, matrices: Floats) -> list[Track]:

@@ -64,8 +64,8 @@ class Drawing:
         self.robot: RobotModel | None = None
         self.bodies: tuple[Body, ...] = ()
         self.poses: RobotPoses | None = None
-        self.obstacles = ObstacleDrawing()
-        self.playing = False
+        self.obstacles: ObstacleDrawing = ObstacleDrawing()
+        self.playing: bool = False
         self._made: set[str] = set()
         self._pinned = False
 

@@ -300,7 +300,7 @@ class RobotPoses:
 
     def __init__(self, robot: RobotModel) -> None:
         """Allocate for a robot."""
-        self.space = robot.space
+        self.space: ConfigurationSpace = robot.space
         self._kinematics = Kinematics(robot.tree)
         points = robot.control_point_set
         self._joint = points.joint

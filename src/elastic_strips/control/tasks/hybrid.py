@@ -70,8 +70,11 @@ class ConstraintMonitor:
             raise ParameterError(
                 f"ConstraintMonitor: patience={patience!r} and retry={retry!r} must be at least 1 tick"
             )
-        self.force, self.patience, self.retry = force, patience, retry
-        self.state, self.reason = ConstraintState.TRYING, "the task begins"
+        self.force: ConstraintForce = force
+        self.patience: int = patience
+        self.retry: int = retry
+        self.state: ConstraintState = ConstraintState.TRYING
+        self.reason: str = "the task begins"
         self.events: list[ConstraintEvent] = []
         self._missed = self._waited = 0
         self._wait = retry
@@ -127,9 +130,13 @@ class PathService(Replanner):
         attempts: paths requested since the last goal.
     """
 
+    pending: bool
+    due: float
+
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
         super().__init__(robot, params, seed=seed, grid=grid)
-        self.trouble, self.attempts = "", 0
+        self.trouble: str = ""
+        self.attempts: int = 0
         self._requested = False
 
     def plan(
@@ -248,15 +255,17 @@ class HybridControl(Controller):
             raise ConfigurationError(f"the task has no steps: {plan.reason}")
         params = replace(params or DriveParams(), constraint=keep)
         self.look = look
-        self.sequencing = SequencingLayer([str(s) for s in plan.steps], max_scene_age=params.max_scene_age)
-        self.paths = PathService(robot, params, seed=seed, grid=robot.space.planar)
+        self.sequencing: SequencingLayer = SequencingLayer(
+            [str(s) for s in plan.steps], max_scene_age=params.max_scene_age
+        )
+        self.paths: PathService = PathService(robot, params, seed=seed, grid=robot.space.planar)
         goals = [s.q for s in plan.steps]
         super().__init__(
             robot, start, goals, scene, params=params, limits=limits, strip=strip, path=path, replanner=self.paths,
             executor=executor, seed=seed, events=events,
         )  # fmt: skip
         force = self.planner.deformer.constraint
-        self.monitor = None if force is None else ConstraintMonitor(force)
+        self.monitor: ConstraintMonitor | None = None if force is None else ConstraintMonitor(force)
         self.orders: list[tuple[float, Order, str]] = []
         self._report: object = None
 

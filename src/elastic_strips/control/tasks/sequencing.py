@@ -72,7 +72,8 @@ class SequencingLayer:
             raise ParameterError("SequencingLayer: steps is empty; a task without steps cannot be done")
         if max_attempts < 1:
             raise ParameterError(f"SequencingLayer: max_attempts={max_attempts!r} must be at least 1")
-        self.order, self.reason = Order.WAIT, "not started"
+        self.order: Order = Order.WAIT
+        self.reason: str = "not started"
         self._age, self._attempts = max_scene_age, max_attempts
         self._board = Blackboard()
         self._tree = self._build(steps)

@@ -135,7 +135,9 @@ class InverseKinematics:
     """
 
     def __init__(self, robot: RobotModel, rng: np.random.Generator, *, margin: float = 0.03) -> None:
-        self.robot, self.rng, self.margin = robot, rng, margin
+        self.robot: RobotModel = robot
+        self.rng: np.random.Generator = rng
+        self.margin: float = margin
         self._data = robot.model.createData()
 
     def with_arm(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:

@@ -24,7 +24,7 @@ from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.summary import Summary
 
-from .classes import ClusterMap, HomotopyClass, cluster_map, homotopy_class, homotopy_paths
+from .classes import ClusterMap, HomotopyClass, ObstacleCluster, cluster_map, homotopy_class, homotopy_paths
 
 _log = logging.getLogger(__name__)
 _NO_CLEARANCE_COST = 1.0  # [m] of a strip without any clearance
@@ -110,8 +110,10 @@ class AlternativesSearch:
         self.found: dict[HomotopyClass, Alternative] = {}
         self.initial: dict[HomotopyClass, Strip] = {}
         self.best: tuple[DeformReport, Strip] | None = None
-        self.reason, self.attempts, self.ticks = "", 0, 0
-        self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+        self.reason: str = ""
+        self.attempts: int = 0
+        self.ticks: int = 0
+        self.timings: dict[str, float] = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
         self._notes: list[str] = []
         self._classes = 1  # that the grid knows
         began = perf_counter()
@@ -121,7 +123,7 @@ class AlternativesSearch:
                 problem.robot, problem.scene, region.endpoints, box=region.given, over=problem.deadline.over
             )
         self._map = clusters
-        self.clusters = clusters.clusters if clusters is not None else ()
+        self.clusters: tuple[ObstacleCluster, ...] = clusters.clusters if clusters is not None else ()
         self.timings["planner"] += perf_counter() - began
 
     @property

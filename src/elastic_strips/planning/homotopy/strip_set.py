@@ -141,9 +141,11 @@ class StripSet:
         self, robot: RobotModel, goal: npt.ArrayLike, *, params: StripSetParams | None = None,
         deform: DeformParams | None = None, seed: int = 0,
     ) -> None:  # fmt: skip
-        self.robot, self.params, self.deform = robot, params or StripSetParams(), deform or DeformParams()
-        self.goal = robot.check_q(goal, what="goal")
-        self.seed = check_count("seed", seed)
+        self.robot: RobotModel = robot
+        self.params: StripSetParams = params or StripSetParams()
+        self.deform: DeformParams = deform or DeformParams()
+        self.goal: Array = robot.check_q(goal, what="goal")
+        self.seed: int = check_count("seed", seed)
         self._planner = Deformer(robot, self.deform)
         self._members: list[_Member] = []
         self._current: _Member | None = None

@@ -77,7 +77,7 @@ class BaseController(ControlLoop):
         ParameterError: an unknown method.
     """
 
-    tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
+    tolerance: Tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
     """How near counts as reached; of the base alone."""
     plans_next = True
     """Readings are wanted in every step."""
@@ -102,11 +102,12 @@ class BaseController(ControlLoop):
                 f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"
             )
         super().__init__(robot, start, params, limits)
-        self.goal = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
-        self.steering = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
+        self.goal: Array = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
+        self.steering: BaseMethod = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
         self.patience = patience
-        self.command = BaseCommand(0.0, 0.0, "moving")
-        self.state, self.reason = RunState.STOPPED, "not started"
+        self.command: BaseCommand = BaseCommand(0.0, 0.0, "moving")
+        self.state: RunState = RunState.STOPPED
+        self.reason: str = "not started"
         self.stops: list[tuple[float, str]] = []
         self.events: list[Event] = []
         self._past = PoseBuffer()

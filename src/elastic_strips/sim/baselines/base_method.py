@@ -149,7 +149,8 @@ class CommandLimiter:
     """
 
     def __init__(self, limits: BaseLimits, goal: GoalParams | None = None) -> None:
-        self.limits, self.params = limits, GoalParams() if goal is None else goal
+        self.limits: BaseLimits = limits
+        self.params: GoalParams = GoalParams() if goal is None else goal
         self._time: float | None = None
         self._last = (0.0, 0.0)
         self._goal: tuple[float, ...] | None = None

@@ -157,9 +157,11 @@ class CertaintyGrid:
         params: sizes.
     """
 
+    first: npt.NDArray[np.int64]
+
     def __init__(self, params: GridParams | None = None) -> None:
-        self.params = GridParams() if params is None else params
-        self.values = np.zeros((int(self.params.size), int(self.params.size)))
+        self.params: GridParams = GridParams() if params is None else params
+        self.values: Array = np.zeros((int(self.params.size), int(self.params.size)))
         self.first = np.zeros(2, dtype=int)  # number of the window's first cell, along x and y
         self._placed = False
 
@@ -254,6 +256,8 @@ class HistogramGrid(CertaintyGrid):
     Nothing within a sensor's reach empties the axis up to its reach. A laser scan, of which many rays meet the same
     cell, changes a cell once: +3 where any ray ends, else −1 where one goes through.
     """
+
+    values: Array
 
     def certainty(self) -> Array:
         """(N, N) certainty values from 0 to ``CV_MAX``: the counts."""

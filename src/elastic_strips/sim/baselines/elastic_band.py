@@ -35,7 +35,8 @@ class FreeDistance:
         from scipy.spatial import cKDTree  # late: slow to import
 
         self._tree = cKDTree(points) if len(points) else None
-        self._radius, self.most = radius, most
+        self._radius = radius
+        self.most: float = most
 
     def __call__(self, at: Array) -> Array:
         """(…,) ρ [m] at points (…, 2); negative where the base would overlap a point."""
@@ -248,8 +249,10 @@ class ElasticBand:
         planner: _Planner | None = None,
         goal: GoalParams | None = None,
     ) -> None:
-        self.params = ElasticBandParams() if params is None else params
-        self.limits, self._planner, self._limiter = limits, planner, CommandLimiter(limits, goal)
+        self.params: ElasticBandParams = ElasticBandParams() if params is None else params
+        self.limits: BaseLimits = limits
+        self._planner = planner
+        self._limiter = CommandLimiter(limits, goal)
         self._sensed = SensedPoints()
         self.chain: Array | None = None
         self._goal: Array | None = None

@@ -21,7 +21,7 @@ from elastic_strips.perception import Reading
 from elastic_strips.validation import check_numbers
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
-from .certainty_grid import GridParams, SensedPoints, make_grid
+from .certainty_grid import CertaintyGrid, GridParams, SensedPoints, make_grid
 
 _BINS = 72  # sectors of 5 degrees in which only the nearest point counts
 _APART = 9  # sectors (45 degrees) within which a point must be the nearest to count as an obstacle's nearest
@@ -109,8 +109,10 @@ class PotentialField:
     def __init__(
         self, limits: BaseLimits, params: PotentialFieldParams | None = None, *, goal: GoalParams | None = None
     ) -> None:
-        self.params = PotentialFieldParams() if params is None else params
-        self.limits, self._limiter, self._sensed = limits, CommandLimiter(limits, goal), SensedPoints()
+        self.params: PotentialFieldParams = PotentialFieldParams() if params is None else params
+        self.limits: BaseLimits = limits
+        self._limiter = CommandLimiter(limits, goal)
+        self._sensed = SensedPoints()
         self._damping = self.params.attraction * self.params.conic / limits.max_speed
 
     def update(self, reading: Reading, pose: Array) -> None:
@@ -230,8 +232,10 @@ class VirtualForceField:
         grid: GridParams | None = None,
         goal: GoalParams | None = None,
     ) -> None:
-        self.params = VirtualForceFieldParams() if params is None else params
-        self.limits, self.grid, self._limiter = limits, make_grid(grid), CommandLimiter(limits, goal)
+        self.params: VirtualForceFieldParams = VirtualForceFieldParams() if params is None else params
+        self.limits: BaseLimits = limits
+        self.grid: CertaintyGrid = make_grid(grid)
+        self._limiter = CommandLimiter(limits, goal)
         self._turn = 0.0
 
     def update(self, reading: Reading, pose: Array) -> None:

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.perception import Reading
 from elastic_strips.validation import check_numbers
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
-from .certainty_grid import Flags, GridParams, make_grid
+from .certainty_grid import CertaintyGrid, Flags, GridParams, make_grid
 
 
 def primary_histogram(
@@ -259,9 +259,11 @@ class VectorFieldHistogram:
         grid: GridParams | None = None,
         goal: GoalParams | None = None,
     ) -> None:
-        self.params = HistogramParams() if params is None else params
-        self.limits, self.grid, self._limiter = limits, make_grid(grid), CommandLimiter(limits, goal)
-        self.blocked = np.zeros(self.params.sectors, dtype=bool)
+        self.params: HistogramParams = HistogramParams() if params is None else params
+        self.limits: BaseLimits = limits
+        self.grid: CertaintyGrid = make_grid(grid)
+        self._limiter = CommandLimiter(limits, goal)
+        self.blocked: Mask = np.zeros(self.params.sectors, dtype=bool)
         self.direction: float | None = None
 
     def update(self, reading: Reading, pose: Array) -> None:

@@ -75,12 +75,15 @@ class LinkMotion:
         poses: (T, G, 4, 4) world poses of their shapes.
     """
 
+    time: Array
+    q: Array
+
     def __init__(self, robot: RobotModel, time: Array, coordinates: Array, more: Array) -> None:
         """Place the links at samples (T, nv), and at ``more`` times [s] between them."""
         self._model, self._data = robot.model, robot.model.createData()
         self.time, self.q = _with_samples(robot, time, coordinates, more)
-        self.links = tuple(_Link(robot, piece) for piece in robot.geometries)
-        self.poses = self._poses()
+        self.links: tuple[_Link, ...] = tuple(_Link(robot, piece) for piece in robot.geometries)
+        self.poses: Array = self._poses()
         self._pace = self._travel()
         self._way = np.vstack((np.zeros((1, len(self.links))), np.cumsum(self._pace, axis=0)))
         self._placed: dict[tuple[int, float], coal.Transform3s] = {}
@@ -196,7 +199,7 @@ class ClearanceSearch:
 
     def __init__(self, robot: RobotModel, time: Array, coordinates: Array, world: World) -> None:
         """Place the robot at times (T,) [s], strictly ascending, and coordinates (T, nv); bound all distances."""
-        self.asked = 0
+        self.asked: int = 0
         self._world, self._obstacles = world, tuple(world.scene)
         self._parts = [part for o in self._obstacles for part in o.parts]
         self._owner = np.repeat(np.arange(len(self._obstacles)), [len(o.parts) for o in self._obstacles]).astype(int)
@@ -205,7 +208,7 @@ class ClearanceSearch:
         self._poses: dict[tuple[int, float], Array] = {}
         self._boxes: dict[int, tuple[Array, Array]] = {}
         events = np.array([t for t in world.event_times if time[0] < t < time[-1]])
-        self.motion = LinkMotion(robot, time, coordinates, events)
+        self.motion: LinkMotion = LinkMotion(robot, time, coordinates, events)
         time = self.motion.time
         last = len(time) - 1
         cuts = sorted({0, last, *range(0, last, _BLOCK), *np.searchsorted(time, events).tolist()})

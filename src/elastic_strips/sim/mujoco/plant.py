@@ -98,7 +98,10 @@ class MujocoPlant:
         check_limits(robot, limits)
         if not 1e-4 <= timestep <= 0.005:
             raise ParameterError(f"timestep={timestep!r} must be within [0.0001, 0.005] s")
-        self.robot, self.limits, self.params, self.timestep = robot, limits, params, timestep
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: PlantParams = params
+        self.timestep: float = timestep
         self._mujoco = import_mujoco()
         self._world = scene if isinstance(scene, World) else None
         self._scene = scene.scene if isinstance(scene, World) else (Scene() if scene is None else scene)

@@ -28,7 +28,7 @@ _WAY = np.array([1.0, 1.0]) / np.sqrt(2.0)
 _LEFT = np.array([-1.0, 1.0]) / np.sqrt(2.0)
 
 TABLE_1 = {"k_r": 0.3, "k_c": 0.5}
-TABLE_2 = {
+TABLE_2: dict[str, tuple[float, float, float | None]] = {
     "case-1": (np.pi / 6, 1.5, 2.1),
     "case-2": (np.pi / 3, 1.5, 2.1),
     "case-3": (np.pi / 3, 1.5, 1.0),

@@ -69,8 +69,8 @@ class Posture:
     def __init__(self, robot: RobotModel) -> None:
         self.robot = robot
         self._data = robot.model.createData()
-        self.T_world_joint = np.tile(np.eye(4), (robot.model.njoints, 1, 1))
-        self.T_base_world = np.eye(4)
+        self.T_world_joint: Array = np.tile(np.eye(4), (robot.model.njoints, 1, 1))
+        self.T_base_world: Array = np.eye(4)
 
     def place(self, coordinates: Array) -> None:
         """Put the robot at a coordinate row (nv,).
@@ -120,7 +120,7 @@ class SensorMount:
             joint.append(frame.parentJoint)
             local.append(frame.placement.homogeneous)
         self.joint: npt.NDArray[np.intp] = np.array(joint, dtype=np.intp)
-        self.T_joint_sensor = np.array(local)
+        self.T_joint_sensor: Array = np.array(local)
 
     def poses(self) -> tuple[Array, Array]:
         """Poses (S, 4, 4) of the sensors in the world and in the base's frame."""

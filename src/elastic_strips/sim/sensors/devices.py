@@ -70,10 +70,14 @@ class LaserRangefinder:
         rng: np.random.Generator,
         self_padding: float,
     ) -> None:
-        self.params, self._obstacles, self._rng = params, obstacles, rng
+        self.params: LaserParams = params
+        self._obstacles = obstacles
+        self._rng = rng
         self._mount = SensorMount(posture, (params.frame,))
         half, full = 0.5 * params.field_of_view, params.field_of_view >= 2.0 * math.pi - 1e-9
-        self.angles = np.linspace(-half, half, params.rays, endpoint=not full) if params.rays > 1 else np.zeros(1)
+        self.angles: Array = (
+            np.linspace(-half, half, params.rays, endpoint=not full) if params.rays > 1 else np.zeros(1)
+        )
         fan = np.stack((np.cos(self.angles), np.sin(self.angles), np.zeros(params.rays)), axis=1)
         self._local = Rays(np.zeros((1, 3)), fan)
         joint = np.full(params.rays, self._mount.joint[0])
@@ -131,7 +135,9 @@ class SonarArray:
         rng: np.random.Generator,
         self_padding: float,
     ) -> None:
-        self.params, self._obstacles, self._rng = params, obstacles, rng
+        self.params: RingParams = params
+        self._obstacles = obstacles
+        self._rng = rng
         self._mount = SensorMount(posture, params.frames)
         self._cone = cone_rays(params.half_angle, params.rays)
         self._groups: list[tuple[npt.NDArray[np.intp], SelfFilter]] = []
@@ -232,7 +238,7 @@ class SensorSuite:
         check_type("config", config, SensorConfig, none=True)
         if not isinstance(seed, np.random.Generator):
             check_count("seed", seed)
-        self.config = SensorConfig() if config is None else config
+        self.config: SensorConfig = SensorConfig() if config is None else config
         self._posture = Posture(robot)
         obstacles = ObstacleRays(world)
         streams = np.random.default_rng(seed).spawn(len(self.config.sensors))

@@ -88,8 +88,8 @@ class Nearest:
     """
 
     def __init__(self, count: int, *, normals: bool = False) -> None:
-        self.distance = np.full(count, np.inf)
-        self.normal = np.zeros((count, 3)) if normals else None
+        self.distance: Array = np.full(count, np.inf)
+        self.normal: Array | None = np.zeros((count, 3)) if normals else None
 
     def closer(self, ray: Indices, distance: Array) -> Indices:
         """Take what is closer than everything so far, and say which of these it is.

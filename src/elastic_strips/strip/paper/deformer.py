@@ -120,7 +120,7 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         if params.mobile_only:
             if self._mobile is None:
                 raise ParameterError("mobile_only=True, but no control point lies on the axis of the base; add one")
-            self.control_points = self.control_points.only(self._mobile)
+            self.control_points: BodySet = self.control_points.only(self._mobile)
             self._mobile = 0
         self._proximity = ObstacleProximity(self.control_points, influence=params.influence, slack=1.0)
         self._alpha = np.full(space.nv, 0.0 if params.mobile_only else params.alpha)
