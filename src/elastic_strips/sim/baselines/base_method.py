@@ -15,7 +15,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.trajectory.limits import MotionLimits
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Positive, check_fields
 
 Status = Literal["moving", "arrived", "blocked"]
 
@@ -32,14 +32,14 @@ class BaseLimits:
         turn_acceleration: largest change of the yaw rate [rad/s²].
     """
 
-    radius: float = 0.27
-    max_speed: float = 0.6
-    max_turn: float = 1.5
-    acceleration: float = 0.8
-    turn_acceleration: float = 3.0
+    radius: Positive = 0.27
+    max_speed: Positive = 0.6
+    max_turn: Positive = 1.5
+    acceleration: Positive = 0.8
+    turn_acceleration: Positive = 3.0
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_fields(self)
 
     @staticmethod
     def of(motion: MotionLimits, *, radius: float = 0.27, max_speed: float = 0.6, max_turn: float = 1.5) -> BaseLimits:
@@ -131,13 +131,13 @@ class GoalParams:
         patience: … within this time [s]; else the base counts as blocked.
     """
 
-    position_tolerance: float = 0.1
-    yaw_tolerance: float = 0.08
-    progress: float = 0.1
-    patience: float = 6.0
+    position_tolerance: Positive = 0.1
+    yaw_tolerance: Positive = 0.08
+    progress: Positive = 0.1
+    patience: Positive = 6.0
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_fields(self)
 
 
 class CommandLimiter:
