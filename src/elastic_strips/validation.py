@@ -208,7 +208,7 @@ def check_fields(owner: object, what: str = "") -> None:
 
     Every number says its `Bound`: a plain ``float`` or ``int`` is a `TypeError` of whoever wrote the class. An ``int``
     is whole, a ``Literal`` one of its names, a ``str`` not blank; values of ``bool`` and of dataclasses are of that
-    type; ``X | None`` may be None. Fields of other types are not checked.
+    type; ``X | None`` may be None; ``tuple[X, ...]`` has one entry at least. Fields of other types are not checked.
 
     Args:
         owner: the dataclass' instance.
@@ -220,6 +220,15 @@ def check_fields(owner: object, what: str = "") -> None:
     what = what or type(owner).__name__
     for name, rule in _rules(type(owner)):
         rule(f"{what}.{name}", getattr(owner, name))
+
+
+class Checked:
+    """Base of parameters: a dataclass whose fields are checked when it is made, see :func:`check_fields`."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @cache
@@ -246,6 +255,9 @@ def _rule(hint: object, none: bool = False) -> _Rule | None:
             rule = partial(check_count, low=int(max(0.0, bound.low)), high=None if top == math.inf else int(top))
     elif origin is Literal:
         rule = partial(check_choice, valid=args)
+    elif origin is tuple and args[1:] == (...,):
+        entry = _rule(args[0])
+        rule = None if entry is None else partial(_check_entries, entry)
     elif hint is str:
         rule = _check_text
     elif hint is bool:
@@ -263,6 +275,13 @@ def _check_bool(what: str, value: object) -> None:
 def _check_text(what: str, value: object) -> None:
     if not isinstance(value, str) or not value.strip():
         raise ParameterError(f"{what}={shown(value)} must be a text that is not blank")
+
+
+def _check_entries(rule: _Rule, what: str, value: object) -> None:
+    if not isinstance(value, tuple) or not value:
+        raise ParameterError(f"{what}={shown(value)} must be a tuple of one entry at least")
+    for k, entry in enumerate(value):
+        rule(f"{what}[{k}]", entry)
 
 
 def _unless_none(rule: _Rule, what: str, value: object) -> None:

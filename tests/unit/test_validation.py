@@ -49,7 +49,8 @@ class Sample(Inner):
     other: Inner | None = None
     limit: Positive | None = None
     side: Literal["up", "down"] | None = None
-    free: tuple[float, ...] = ()
+    speeds: tuple[Fraction, ...] = (1.0, 0.5)
+    free: tuple[float, float] = (0.0, -1.0)
 
 
 @pytest.mark.parametrize(
@@ -72,6 +73,9 @@ class Sample(Inner):
         ("period", math.nan, r"Sample\.period=nan must be a finite number > 0 or inf"),
         ("kind", "lef", r"Sample\.kind='lef' is unknown; did you mean 'left'\? Valid: left, right"),
         ("kind", None, r"Sample\.kind=None is unknown"),
+        ("speeds", (), r"Sample\.speeds=\(\) must be a tuple of one entry at least"),
+        ("speeds", [1.0], r"Sample\.speeds=\[1\.0\] must be a tuple of one entry at least"),
+        ("speeds", (1.0, math.nan), r"Sample\.speeds\[1\]=nan must be a finite number ≥ 0 and ≤ 1"),
         ("name", 3, r"Sample\.name=3 must be a text that is not blank"),
         ("name", " ", r"Sample\.name=' ' must be a text that is not blank"),
         ("on", 1, r"Sample\.on=1 must be True or False"),
@@ -92,7 +96,7 @@ def test_every_kind_of_rule_can_fail(name, wrong, message):
 def test_what_is_taken():
     good = Sample(
         size=np.float64(2.0), zero=np.array(1.0), part=1, count=np.int64(3), few=4, period=3.0, kind="right",
-        other=Sample(), limit=1e-9, side="up", free=(-1.0,),
+        other=Sample(), limit=1e-9, side="up", free=(-1.0, 2.0),
     )  # fmt: skip
     assert pickle.loads(pickle.dumps(good)) == dataclasses.replace(good) == good
 
@@ -128,7 +132,8 @@ def parameter_classes() -> list[type]:
     package = Path(elastic_strips.__file__).parent
     found = []
     for path in sorted(package.rglob("*.py")):
-        if re.search("check_fields|Positive", path.read_text(encoding="utf-8")) and path.name != "validation.py":
+        text = path.read_text(encoding="utf-8")
+        if re.search("Checked|check_fields|Positive", text) and path.name != "validation.py":
             module = importlib.import_module(".".join(path.relative_to(package.parent).with_suffix("").parts))
             found += [c for c in vars(module).values() if isinstance(c, type) and c.__module__ == module.__name__]
     bases = ("StripParams", "RangeParams", "RingParams")

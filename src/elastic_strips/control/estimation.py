@@ -11,7 +11,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import NonNegative, Positive, check_fields
+from elastic_strips.validation import Checked, NonNegative, Positive
 
 from .interfaces import Measurement
 
@@ -55,7 +55,7 @@ _SLACK = 1e-9  # [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EstimatorParams:
+class EstimatorParams(Checked):
     """What the estimator believes about the sensors.
 
     Attributes:
@@ -72,9 +72,6 @@ class EstimatorParams:
     fix_angle_noise: Positive = 0.003
     drift: NonNegative = 0.001
     coast: NonNegative = 0.05
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class StateEstimator:

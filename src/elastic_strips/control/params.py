@@ -7,7 +7,7 @@ from typing import Annotated
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.strip import DeformParams, OrientationConstraint
-from elastic_strips.validation import Bound, Count, NonNegative, Positive, Whole, check_fields, check_number, check_type
+from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive, Whole, check_fields
 
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
 """Parameters of strips that are driven: nodes may be further apart and the certificate coarser, for motions have a
@@ -17,7 +17,7 @@ _Part = Annotated[float, Bound(above=0.0, high=1.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ObstacleAssumptions:
+class ObstacleAssumptions(Checked):
     """What the safety of the motion rests on: how wrong the sensed scene and its prediction can be.
 
     An obstacle that is sensed at a pose with a velocity is within ``position_error + velocity_error·t +
@@ -35,9 +35,6 @@ class ObstacleAssumptions:
     velocity_error: NonNegative = 0.02
     acceleration: NonNegative = 0.5
     max_speed: Positive = 2.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,19 +73,16 @@ class EvasionParams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerance:
+class Tolerance(Checked):
     """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m]; inf: any."""
 
     position: _OrAny = 0.05
     yaw: _OrAny = 0.05
     joints: _OrAny = 0.05
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DriveParams:
+class DriveParams(Checked):
     """How a strip is driven; times [s], lengths [m], angles [rad].
 
     Attributes:
@@ -137,20 +131,12 @@ class DriveParams:
     max_scene_age: Positive = 0.25
     replan_after: Positive = 0.8
     replan_time: Positive = 0.3
-    speeds: tuple[float, ...] = (1.0, 0.5, 0.25)
+    speeds: tuple[_Part, ...] = (1.0, 0.5, 0.25)
     speed_scale: Positive = 0.95
     acceleration_scale: Positive = 0.75
     goal_position: Positive = 0.05
     goal_angle: Positive = 0.05
     time_limit: Positive = 120.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        check_type("DriveParams.speeds", self.speeds, tuple)
-        if not self.speeds:
-            raise ParameterError("DriveParams.speeds=() must be fractions in (0, 1]; there is none")
-        for speed in self.speeds:
-            check_number("each of DriveParams.speeds, which must be fractions,", speed, above=0.0, high=1.0)
 
     @property
     def clearance(self) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState
-from elastic_strips.validation import Bound, NonNegative, check_fields
+from elastic_strips.validation import Bound, Checked, NonNegative
 
 from .interfaces import Command
 
@@ -19,7 +19,7 @@ _REST = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrackingGains:
+class TrackingGains(Checked):
     """Gains of the tracking law and what it knows about the motors.
 
     Attributes:
@@ -47,9 +47,6 @@ class TrackingGains:
     most_base: NonNegative = 0.25
     most_turn: NonNegative = 1.0
     most_joint: NonNegative = 0.5
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class TrackingController:

@@ -228,11 +228,11 @@ def _count(word: str, what: str, low: int = 1) -> int:
 
 def _float(value: object, what: str, *, finite: bool = True) -> float:
     try:
-        if isinstance(value, bool):
-            raise TypeError
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise ValueError(f"{what}: must be a number, not {str(value)[:40]!r}") from None
+        number = float(value) if isinstance(value, (str, int, float)) and not isinstance(value, bool) else None
+    except ValueError:
+        number = None
+    if number is None:
+        raise ValueError(f"{what}: must be a number, not {str(value)[:40]!r}")
     if finite and not math.isfinite(number):
         raise ValueError(f"{what}: must be finite, not {number:g}")
     return number

@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.control import ObstacleAssumptions
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import Scene, Twist, UnknownMotion, World
-from elastic_strips.validation import Bound, Fraction, check_fields
+from elastic_strips.validation import Bound, Checked, Fraction
 
 
 class PerceptionError(ElasticStripsError):
@@ -19,7 +19,7 @@ class PerceptionError(ElasticStripsError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PerceptionParams:
+class PerceptionParams(Checked):
     """Noise of the sensed scene: within the assumptions by construction.
 
     Attributes:
@@ -29,9 +29,6 @@ class PerceptionParams:
 
     delay: Annotated[float, Bound(low=0.0, unit="s")] = 0.05
     noise: Fraction = 1.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class Perception(Protocol):

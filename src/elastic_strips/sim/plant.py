@@ -17,7 +17,7 @@ from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import Bound, NonNegative, check_fields
+from elastic_strips.validation import Bound, Checked, NonNegative, check_fields
 
 _SLACK = 1e-9  # [s] times that differ by less are the same
 _Margin = Annotated[float, Bound(low=1.0, infinite=True)]
@@ -25,7 +25,7 @@ _Slip = Annotated[float, Bound(low=0.0, high=0.2)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OdometryParams:
+class OdometryParams(Checked):
     """Errors of encoders and localization. All noise is Gaussian, cut off at three standard deviations.
 
     Attributes:
@@ -43,9 +43,6 @@ class OdometryParams:
     fix_noise: NonNegative = 0.003
     fix_angle_noise: NonNegative = 0.003
     fix_latency: NonNegative = 0.02
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @staticmethod
     def ideal() -> OdometryParams:

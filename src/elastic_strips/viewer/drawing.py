@@ -277,8 +277,7 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, p
     None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
     """
     hulls, broken = report.hulls, report.certificate.broken
-    counts = report.connectivity_counts
-    if hulls is not None and counts and not hulls.connected.all():
+    if hulls is not None and report.connectivity_counts and not hulls.connected.all():
         j, c = np.unravel_index(int(np.argmin(hulls.overlap)), hulls.overlap.shape)
         return 0.5 * (hulls.points[j, c] + hulls.points[j + 1, c])
     if broken is None or not 0 <= broken.segment < len(coordinates) - 1:

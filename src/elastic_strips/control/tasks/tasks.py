@@ -20,11 +20,11 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
-from elastic_strips.validation import Finite, check_array, check_fields
+from elastic_strips.validation import Checked, Finite, check_array, check_fields
 
 
 @dataclass(frozen=True, slots=True)
-class DriveTo:
+class DriveTo(Checked):
     """Drive the base to a pose, the arm as it is.
 
     Attributes:
@@ -34,9 +34,6 @@ class DriveTo:
     x: Finite
     y: Finite
     yaw: Finite
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def __str__(self) -> str:
         return f"drive to ({self.x:g}, {self.y:g}) m, {self.yaw:g} rad"
@@ -70,14 +67,11 @@ class ReachHand:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveAndReach:
+class DriveAndReach(Checked):
     """Both at once: the base at a pose, the hand at another; one goal for the whole body."""
 
     drive: DriveTo
     reach: ReachHand
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def __str__(self) -> str:
         return f"{self.drive} and {self.reach}"

@@ -18,7 +18,7 @@ from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.strip.report import SLIP_LIMIT
 from elastic_strips.strip.solver import project_rolling
 from elastic_strips.summary import Summary
-from elastic_strips.validation import Bound, Count, NonNegative, Positive, Whole, check_count, check_fields
+from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive, Whole, check_count
 
 from .alternatives import Alternative, AlternativesSearch, base_path, strip_cost
 from .classes import cluster_map, homotopy_class, separating_obstacles, single_obstacles
@@ -29,7 +29,7 @@ _NEAR = 0.03  # [m] a node that is so near the robot is left out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StripSetParams:
+class StripSetParams(Checked):
     """How many strips a set keeps, and when it changes over.
 
     Attributes:
@@ -52,9 +52,6 @@ class StripSetParams:
     divergence_angle: NonNegative = 1.8
     plan_every: Whole = 50
     timeout: Positive = 0.5
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class _Member:

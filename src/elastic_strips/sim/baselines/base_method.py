@@ -15,13 +15,13 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.trajectory.limits import MotionLimits
-from elastic_strips.validation import Positive, check_fields
+from elastic_strips.validation import Checked, Positive
 
 Status = Literal["moving", "arrived", "blocked"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BaseLimits:
+class BaseLimits(Checked):
     """The base that a method steers.
 
     Attributes:
@@ -37,9 +37,6 @@ class BaseLimits:
     max_turn: Positive = 1.5
     acceleration: Positive = 0.8
     turn_acceleration: Positive = 3.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @staticmethod
     def of(motion: MotionLimits, *, radius: float = 0.27, max_speed: float = 0.6, max_turn: float = 1.5) -> BaseLimits:
@@ -121,7 +118,7 @@ def angle_between(target: float, heading: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GoalParams:
+class GoalParams(Checked):
     """When a goal is reached, and when there is no progress. All values are ours; no publication states any.
 
     Attributes:
@@ -135,9 +132,6 @@ class GoalParams:
     yaw_tolerance: Positive = 0.08
     progress: Positive = 0.1
     patience: Positive = 6.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class CommandLimiter:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.perception import LaserScan, RangeRing, Reading
-from elastic_strips.validation import Bound, Positive, check_fields
+from elastic_strips.validation import Bound, Checked, Positive
 
 Flags = npt.NDArray[np.bool_]
 _Whole = npt.NDArray[np.int_]
@@ -123,7 +123,7 @@ _BelowOne = Annotated[float, Bound(above=0.0, below=1.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GridParams:
+class GridParams(Checked):
     """Parameters of a grid.
 
     Attributes:
@@ -140,9 +140,6 @@ class GridParams:
     hit: _BelowOne = 0.6
     free: _BelowOne = 0.4
     depth: Positive = 0.1
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class CertaintyGrid:

@@ -18,7 +18,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
-from elastic_strips.validation import Count, Fraction, NonNegative, Positive, check_fields
+from elastic_strips.validation import Checked, Count, Fraction, NonNegative, Positive, check_fields
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import GridParams, SensedPoints, make_grid
@@ -29,7 +29,7 @@ _MIN_DISTANCE = 0.01  # [m] a smaller distance to an obstacle counts as this one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PotentialFieldParams:
+class PotentialFieldParams(Checked):
     """Parameters; Khatib gives none for a mobile base, so that all values are ours.
 
     Attributes:
@@ -45,9 +45,6 @@ class PotentialFieldParams:
     repulsion: Positive = 0.03
     influence: Positive = 1.0
     turn_gain: Positive = 2.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 def attractive_force(position: Array, goal: Array, params: PotentialFieldParams) -> Array:

@@ -109,10 +109,9 @@ class RingParams(RangeParams):
     groups: Count
 
     def __post_init__(self) -> None:
+        if isinstance(self.frames, list):
+            object.__setattr__(self, "frames", tuple(self.frames))
         RangeParams.__post_init__(self)
-        if isinstance(self.frames, str) or not all(isinstance(f, str) and f for f in self.frames) or not self.frames:
-            raise ParameterError(f"{_where(self)}.frames={self.frames!r} must be one or more names of links")
-        object.__setattr__(self, "frames", tuple(self.frames))
         if len(set(self.frames)) < len(self.frames):
             raise ParameterError(f"{_where(self)}.frames={self.frames!r} names a link twice")
         check_count(f"{_where(self)}.rays", self.rays, low=1, high=_MOST_RAYS // len(self.frames))
