@@ -88,10 +88,16 @@ def check_number(
 ) -> float:
     """A finite number in [low, high], larger than ``above`` and smaller than ``below``; True and False are none.
 
-    ``infinite``: inf passes, too.
+    Args:
+        what: its name, for the message; may be empty.
+        value: what to check.
+        low, high, above, below: bounds.
+        unit: for the message.
+        infinite: inf passes, too.
+        error: type of the error.
 
     Raises:
-        error: it is not; the message has the value, after its name ``what`` if it has one.
+        error: it is not; the message has name, value and bounds.
     """
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
@@ -198,7 +204,7 @@ Positive = Annotated[float, Bound(above=0.0)]
 NonNegative = Annotated[float, Bound(low=0.0)]
 Fraction = Annotated[float, Bound(low=0.0, high=1.0)]
 Count = Annotated[int, Bound(low=1)]
-Whole = Annotated[int, Bound(low=0)]
+Whole = Annotated[int, Bound(low=0)]  # a count that may be 0
 
 _Rule = Callable[[str, object], object]
 

@@ -51,6 +51,9 @@ def read_laser_log(
         carmen_range_max: range from which on nothing was hit [m]; for FLASER lines, which do not state it.
         height: of a laser over the floor [m], where the log does not state it.
 
+    Returns:
+        Each scan with the base's pose, see `LoggedScan`.
+
     Raises:
         LaserLogError: no such file, an unknown format, a line that does not fit, a log without scans.
     """

@@ -134,6 +134,9 @@ def check_record_file(path: str | os.PathLike[str]) -> Path:
 def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
     """Write a record, whole or not at all: everything into a ``.npz`` file, the control rows into a ``.csv`` file.
 
+    Returns:
+        The file's path.
+
     Raises:
         InputError: another suffix, a file that cannot be written, or metadata that is not plain JSON values.
     """
@@ -144,9 +147,9 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
 
 
 def read_record(path: str | os.PathLike[str]) -> Record:
-    """Read a ``.npz`` record.
+    """Read a ``.npz`` record; its world holds convex obstacles that follow the recorded poses.
 
-    Its world holds convex obstacles that follow the recorded poses, ``name#k`` where one had several pieces.
+    An obstacle of several pieces is several obstacles, ``name#0``, ``name#1``, ….
 
     Raises:
         RecordError: no such file, no record, another version, an array that is missing or does not fit, a file that

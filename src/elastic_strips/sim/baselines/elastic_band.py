@@ -194,11 +194,9 @@ class ElasticBandParams:
     def __post_init__(self) -> None:
         check_fields(self)
         for small, large in (("least", "largest"), ("look_least", "look_ahead")):
-            if getattr(self, small) > getattr(self, large):
-                raise ParameterError(
-                    f"ElasticBandParams.{small}={getattr(self, small)!r} must not exceed {large}="
-                    f"{getattr(self, large)!r}"
-                )
+            low, high = getattr(self, small), getattr(self, large)
+            if low > high:
+                raise ParameterError(f"ElasticBandParams.{small}={low!r} must not exceed {large}={high!r}")
 
 
 class SensedPath:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, get_origin, get_type_hints
 
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io.nodes import Node, load_yaml
-from elastic_strips.validation import Bound, Count, Fraction, check_count, check_fields
+from elastic_strips.validation import Bound, Count, Fraction, check_choice, check_count, check_fields
 
 _RingKind = Literal["sonar", "infrared"]
 _MOST_RAYS = 100_000
@@ -201,8 +201,7 @@ class SensorConfig:
             ParameterError: there is no sensor of such a name.
         """
         for name in names:
-            if name not in self.names:
-                raise ParameterError(f"sensor {name!r} is unknown{nearest_name(name, self.names)}")
+            check_choice("sensor", name, self.names)
         return replace(self, sensors=tuple(s for s in self.sensors if s.name in names))
 
 
