@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import numbers
 import reprlib
-from collections.abc import Iterable
-from dataclasses import fields
-from typing import TypeGuard
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, is_dataclass
+from functools import cache, partial
+from types import NoneType, UnionType
+from typing import Annotated, Literal, TypeGuard, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -79,22 +81,33 @@ def check_number(
     low: float = -math.inf,
     high: float = math.inf,
     above: float = -math.inf,
+    below: float = math.inf,
     unit: str = "",
+    infinite: bool = False,
     error: type[InputError] = ParameterError,
 ) -> float:
-    """A finite number in [low, high], and larger than ``above``; True and False are none.
+    """A finite number in [low, high], larger than ``above`` and smaller than ``below``; True and False are none.
+
+    Args:
+        what: its name, for the message; may be empty.
+        value: what to check.
+        low, high, above, below: bounds.
+        unit: for the message.
+        infinite: inf passes, too.
+        error: type of the error.
 
     Raises:
-        error: it is not; the message has the value, after its name ``what`` if it has one.
+        error: it is not; the message has name, value and bounds.
     """
-    if getattr(value, "shape", None) == ():  # an array of no dimensions
-        value = value[()]  # type: ignore[index]
-    if not _is_finite(value) or not low <= value <= high or not value > above:
-        bounds = [
-            f"{sign} {bound:g}" for sign, bound in ((">", above), ("≥", low), ("≤", high)) if math.isfinite(bound)
-        ]
-        wanted = " ".join(["a finite number", unit and f"of {unit}", " and ".join(bounds)]).split()
-        raise error(f"{what}{what and '='}{shown(value)} must be {' '.join(wanted)}")
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if infinite and isinstance(value, numbers.Real) and value == math.inf:
+        return math.inf
+    if not _is_finite(value) or not low <= value <= high or not above < value < below:
+        signs = ((">", above), ("≥", low), ("<", below), ("≤", high))
+        bounds = " and ".join(f"{sign} {bound:g}" for sign, bound in signs if math.isfinite(bound))
+        wanted = " ".join(f"a finite number {unit and f'of {unit}'} {bounds} {'or inf' if infinite else ''}".split())
+        raise error(f"{what}{what and '='}{shown(value)} must be {wanted}")
     return float(value)
 
 
@@ -148,7 +161,8 @@ def _holds_bool(value: object) -> bool:
 
 def _is_finite(value: object) -> TypeGuard[float]:
     try:
-        return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+        # float by itself: an instance of it is told much faster than one of an abstract class
+        return isinstance(value, (float, numbers.Real)) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # a whole number that no float can hold
         return False
 
@@ -159,22 +173,123 @@ def check_count(what: str, value: object, *, low: int = 0, high: int | None = No
     Raises:
         ParameterError: it is not.
     """
-    number = int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
+    number = int(value) if isinstance(value, (int, numbers.Integral)) and not isinstance(value, bool) else None
     if number is None or number < low or (high is not None and number > high):
         upto = "" if high is None else f" and ≤ {high}"
         raise ParameterError(f"{what}={shown(value)} must be a whole number ≥ {low}{upto}")
     return number
 
 
-def check_numbers(owner: object, *, zero: tuple[str, ...] = ()) -> None:
-    """Every number of a dataclass is finite and > 0, or ≥ 0 where it is named in ``zero``; an ``int`` is whole.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bound:
+    """What a number of a dataclass may be, said in its annotation: ``Annotated[float, Bound(low=1.0, unit="m")]``.
+
+    Attributes:
+        low, high: least and largest value.
+        above, below: smaller and larger than any value.
+        unit: for the message.
+        infinite: whether inf is a value, too.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: float = -math.inf
+    below: float = math.inf
+    unit: str = ""
+    infinite: bool = False
+
+
+Finite = Annotated[float, Bound()]
+Positive = Annotated[float, Bound(above=0.0)]
+NonNegative = Annotated[float, Bound(low=0.0)]
+Fraction = Annotated[float, Bound(low=0.0, high=1.0)]
+Count = Annotated[int, Bound(low=1)]
+Whole = Annotated[int, Bound(low=0)]  # a count that may be 0
+
+_Rule = Callable[[str, object], object]
+
+
+def check_fields(owner: object, what: str = "") -> None:
+    """Every field of a dataclass is what its annotation says; called by ``__post_init__``.
+
+    Every number says its `Bound`: a plain ``float`` or ``int`` is a `TypeError` of whoever wrote the class. An ``int``
+    is whole, a ``Literal`` one of its names, a ``str`` not blank; values of ``bool`` and of dataclasses are of that
+    type; ``X | None`` may be None; ``tuple[X, ...]`` has one entry at least. Fields of other types are not checked.
+
+    Args:
+        owner: the dataclass' instance.
+        what: its name in messages; that of its class if there is none.
 
     Raises:
-        ParameterError: a value that is not; the message has the value and its bound.
+        ParameterError: a value that is not; the message names class, field, value and bound.
     """
-    for f in fields(owner):  # type: ignore[arg-type]
-        value, what = getattr(owner, f.name), f"{type(owner).__name__}.{f.name}"
-        if f.type in ("int", int):
-            check_count(what, value, low=0 if f.name in zero else 1)
-        elif f.type in ("float", float):
-            check_number(what, value, low=0.0, above=-math.inf if f.name in zero else 0.0)
+    what = what or type(owner).__name__
+    for name, rule in _rules(type(owner)):
+        rule(f"{what}.{name}", getattr(owner, name))
+
+
+class Checked:
+    """Base of parameters: a dataclass whose fields are checked when it is made, see :func:`check_fields`."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@cache
+def _rules(kind: type) -> tuple[tuple[str, _Rule], ...]:
+    """Names of a dataclass' fields that are checked, and how."""
+    rules = ((name, _rule(hint)) for name, hint in get_type_hints(kind, include_extras=True).items())
+    return tuple((name, rule) for name, rule in rules if rule is not None)
+
+
+def _rule(hint: object, none: bool = False) -> _Rule | None:
+    """How a value of an annotated type is checked; ``none``: it may be None. None where nothing is said about it."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        given = [arg for arg in args if arg is not NoneType]
+        return _rule(given[0], none=True) if len(given) == 1 else None
+    if hint in (float, int):
+        raise TypeError(f"a number that check_fields checks has to say its Bound; {hint} says none")
+    rule: _Rule | None = None
+    if origin is Annotated and isinstance(args[1], Bound):
+        bound, top = args[1], args[1].high
+        if args[0] is float:
+            rule = partial(check_number, **asdict(bound))
+        else:
+            rule = partial(check_count, low=int(max(0.0, bound.low)), high=None if top == math.inf else int(top))
+    elif origin is Literal:
+        rule = partial(check_choice, valid=args)
+    elif origin is tuple and args[1:] == (...,):
+        entry = _rule(args[0])
+        rule = None if entry is None else partial(_check_entries, entry)
+    elif hint is str:
+        rule = _check_text
+    elif hint is bool:
+        rule = _check_bool
+    elif isinstance(hint, type) and is_dataclass(hint):
+        return partial(check_type, kind=hint, none=none)
+    return partial(_unless_none, rule) if none and rule is not None else rule
+
+
+def _check_bool(what: str, value: object) -> None:
+    if not isinstance(value, bool):
+        raise ParameterError(f"{what}={shown(value)} must be True or False")
+
+
+def _check_text(what: str, value: object) -> None:
+    if not isinstance(value, str) or not value.strip():
+        raise ParameterError(f"{what}={shown(value)} must be a text that is not blank")
+
+
+def _check_entries(rule: _Rule, what: str, value: object) -> None:
+    if not isinstance(value, tuple) or not value:
+        raise ParameterError(f"{what}={shown(value)} must be a tuple of one entry at least")
+    for k, entry in enumerate(value):
+        rule(f"{what}[{k}]", entry)
+
+
+def _unless_none(rule: _Rule, what: str, value: object) -> None:
+    if value is not None:
+        rule(what, value)

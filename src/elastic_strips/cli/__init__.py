@@ -13,6 +13,9 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line; ends the process with the exit codes of its help text.
 
     What it needs is imported here: Ctrl-C ends it quietly from the first moment on.
+
+    Args:
+        arguments: without the program's name; None takes those of the process.
     """
     try:
         with interruptible_imports():

@@ -85,7 +85,7 @@ browser_option = click.option(
 
 
 def sensors_of(text: str | None) -> SensorConfig | None:
-    """What the option's value stands for; None where it was not given.
+    """The sensors that the option names; None where it was not given.
 
     Raises:
         ParameterError: no such sensor, or a file that is none of sensors.
@@ -101,7 +101,11 @@ def sensors_of(text: str | None) -> SensorConfig | None:
 
 
 def check_outputs(scenario: str, *files: str | None) -> None:
-    """Every output can be written, and none would overwrite the scenario or another output."""
+    """Check that every output can be written, and none would overwrite the scenario or another output.
+
+    Raises:
+        InputError: a file that cannot be written, or that is named twice.
+    """
     taken = {Path(scenario).absolute()}
     for name in files:
         if name is None:

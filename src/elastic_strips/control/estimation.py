@@ -11,7 +11,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Checked, NonNegative, Positive
 
 from .interfaces import Measurement
 
@@ -55,7 +55,7 @@ _SLACK = 1e-9  # [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EstimatorParams:
+class EstimatorParams(Checked):
     """What the estimator believes about the sensors.
 
     Attributes:
@@ -66,20 +66,12 @@ class EstimatorParams:
         coast: after the loss of odometry the last velocity is kept this long [s]; then the estimate stands.
     """
 
-    slip: float = 0.01
-    slip_time: float = 1.0
-    fix_noise: float = 0.003
-    fix_angle_noise: float = 0.003
-    drift: float = 0.001
-    coast: float = 0.05
-
-    def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: a negative value or one that is not finite, or a time or noise of fixes that is 0.
-        """
-        check_numbers(self, zero=("slip", "drift", "coast"))
+    slip: NonNegative = 0.01
+    slip_time: Positive = 1.0
+    fix_noise: Positive = 0.003
+    fix_angle_noise: Positive = 0.003
+    drift: NonNegative = 0.001
+    coast: NonNegative = 0.05
 
 
 class StateEstimator:

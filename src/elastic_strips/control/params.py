@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.strip import DeformParams, OrientationConstraint
-from elastic_strips.validation import check_number, check_numbers, check_type
+from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive, Whole, check_fields
 
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
 """Parameters of strips that are driven: nodes may be further apart and the certificate coarser, for motions have a
 certificate of their own."""
+_OrAny = Annotated[float, Bound(low=0.0, infinite=True)]
+_Part = Annotated[float, Bound(above=0.0, high=1.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ObstacleAssumptions:
+class ObstacleAssumptions(Checked):
     """What the safety of the motion rests on: how wrong the sensed scene and its prediction can be.
 
     An obstacle that is sensed at a pose with a velocity is within ``position_error + velocity_error·t +
@@ -28,13 +31,10 @@ class ObstacleAssumptions:
         max_speed: largest speed of an obstacle [m/s]: no prediction is wrong by more than twice that times t.
     """
 
-    position_error: float = 0.005
-    velocity_error: float = 0.02
-    acceleration: float = 0.5
-    max_speed: float = 2.0
-
-    def __post_init__(self) -> None:
-        check_numbers(self, zero=("position_error", "velocity_error", "acceleration"))
+    position_error: NonNegative = 0.005
+    velocity_error: NonNegative = 0.02
+    acceleration: NonNegative = 0.5
+    max_speed: Positive = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,44 +53,36 @@ class EvasionParams:
         shortlist: so many of the best are compared with what stands; tries: so many are certified at most.
     """
 
-    horizon: float = 3.0
-    step: float = 0.15
-    acceleration: float = 0.9
-    radius: float = 0.25
-    radius_growth: float = 0.2
-    lookahead: float = 0.8
-    proximity_weight: float = 4.0
-    discount_time: float = 2.0
-    risk_threshold: float = 0.2
-    min_gain: float = 0.6
-    shortlist: int = 60
-    tries: int = 4
+    horizon: Positive = 3.0
+    step: Positive = 0.15
+    acceleration: _Part = 0.9
+    radius: Positive = 0.25
+    radius_growth: NonNegative = 0.2
+    lookahead: NonNegative = 0.8
+    proximity_weight: Positive = 4.0
+    discount_time: Positive = 2.0
+    risk_threshold: NonNegative = 0.2
+    min_gain: NonNegative = 0.6
+    shortlist: Count = 60
+    tries: Count = 4
 
     def __post_init__(self) -> None:
-        check_numbers(self, zero=("radius_growth", "lookahead", "risk_threshold", "min_gain"))
-        if not self.acceleration <= 1.0:
-            raise ParameterError(f"EvasionParams.acceleration={self.acceleration!r} must be at most 1")
+        check_fields(self)
         if not self.step <= 0.5 * self.horizon:
             raise ParameterError(f"EvasionParams.step={self.step!r} must be at most half the horizon")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerance:
+class Tolerance(Checked):
     """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m]; inf: any."""
 
-    position: float = 0.05
-    yaw: float = 0.05
-    joints: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name in ("position", "yaw", "joints"):
-            value = getattr(self, name)
-            if not value >= 0.0:
-                raise ParameterError(f"{name} = {value!r} must be at least 0 (inf: any)")
+    position: _OrAny = 0.05
+    yaw: _OrAny = 0.05
+    joints: _OrAny = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DriveParams:
+class DriveParams(Checked):
     """How a strip is driven; times [s], lengths [m], angles [rad].
 
     Attributes:
@@ -125,38 +117,26 @@ class DriveParams:
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
     evasion: EvasionParams | None = None
     constraint: OrientationConstraint | None = None
-    control_dt: float = 0.01
-    plan_every: int = 5
-    latency: int = 2
-    sample_dt: float = 0.02
-    tracking_error: float = 0.02
-    margin: float = 0.005
-    settle_time: float = 0.15
-    recover_iterations: int = 4
-    motion_every: int = 2
-    maintain_every: int = 3
-    horizon: float = 3.0
-    max_scene_age: float = 0.25
-    replan_after: float = 0.8
-    replan_time: float = 0.3
-    speeds: tuple[float, ...] = (1.0, 0.5, 0.25)
-    speed_scale: float = 0.95
-    acceleration_scale: float = 0.75
-    goal_position: float = 0.05
-    goal_angle: float = 0.05
-    time_limit: float = 120.0
-
-    def __post_init__(self) -> None:
-        check_numbers(self, zero=("latency", "settle_time", "recover_iterations"))
-        for what, kind, none in (
-            ("deform", DeformParams, False), ("assumptions", ObstacleAssumptions, False),
-            ("evasion", EvasionParams, True), ("constraint", OrientationConstraint, True), ("speeds", tuple, False),
-        ):  # fmt: skip
-            check_type(f"DriveParams.{what}", getattr(self, what), kind, none=none)
-        if not self.speeds:
-            raise ParameterError("DriveParams.speeds=() must be fractions in (0, 1]; there is none")
-        for speed in self.speeds:
-            check_number("each of DriveParams.speeds, which must be fractions,", speed, above=0.0, high=1.0)
+    control_dt: Positive = 0.01
+    plan_every: Count = 5
+    latency: Whole = 2
+    sample_dt: Positive = 0.02
+    tracking_error: Positive = 0.02
+    margin: Positive = 0.005
+    settle_time: NonNegative = 0.15
+    recover_iterations: Whole = 4
+    motion_every: Count = 2
+    maintain_every: Count = 3
+    horizon: Positive = 3.0
+    max_scene_age: Positive = 0.25
+    replan_after: Positive = 0.8
+    replan_time: Positive = 0.3
+    speeds: tuple[_Part, ...] = (1.0, 0.5, 0.25)
+    speed_scale: Positive = 0.95
+    acceleration_scale: Positive = 0.75
+    goal_position: Positive = 0.05
+    goal_angle: Positive = 0.05
+    time_limit: Positive = 120.0
 
     @property
     def clearance(self) -> float:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState
-from elastic_strips.validation import check_number, check_numbers
+from elastic_strips.validation import Bound, Checked, NonNegative
 
 from .interfaces import Command
 
@@ -18,7 +19,7 @@ _REST = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrackingGains:
+class TrackingGains(Checked):
     """Gains of the tracking law and what it knows about the motors.
 
     Attributes:
@@ -35,26 +36,17 @@ class TrackingGains:
             estimate is no jerk of the robot.
     """
 
-    along: float = 4.0
-    across: float = 24.0
-    heading: float = 9.0
-    joint: float = 10.0
-    wheel_lag: float = 0.04
-    joint_lag: float = 0.03
-    hold: float = 0.006
-    headroom: float = 1.1
-    most_base: float = 0.25
-    most_turn: float = 1.0
-    most_joint: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            ParameterError: a value that is negative or not finite, or a headroom below 1.
-        """
-        check_numbers(self, zero=tuple(f.name for f in fields(self)))
-        check_number("TrackingGains.headroom", self.headroom, low=1.0)
+    along: NonNegative = 4.0
+    across: NonNegative = 24.0
+    heading: NonNegative = 9.0
+    joint: NonNegative = 10.0
+    wheel_lag: NonNegative = 0.04
+    joint_lag: NonNegative = 0.03
+    hold: NonNegative = 0.006
+    headroom: Annotated[float, Bound(low=1.0)] = 1.1
+    most_base: NonNegative = 0.25
+    most_turn: NonNegative = 1.0
+    most_joint: NonNegative = 0.5
 
 
 class TrackingController:

@@ -51,6 +51,9 @@ def read_laser_log(
         carmen_range_max: range from which on nothing was hit [m]; for FLASER lines, which do not state it.
         height: of a laser over the floor [m], where the log does not state it.
 
+    Returns:
+        Each scan with the base's pose, see `LoggedScan`.
+
     Raises:
         LaserLogError: no such file, an unknown format, a line that does not fit, a log without scans.
     """
@@ -228,11 +231,11 @@ def _count(word: str, what: str, low: int = 1) -> int:
 
 def _float(value: object, what: str, *, finite: bool = True) -> float:
     try:
-        if isinstance(value, bool):
-            raise TypeError
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise ValueError(f"{what}: must be a number, not {str(value)[:40]!r}") from None
+        number = float(value) if isinstance(value, (str, int, float)) and not isinstance(value, bool) else None
+    except ValueError:
+        number = None
+    if number is None:
+        raise ValueError(f"{what}: must be a number, not {str(value)[:40]!r}")
     if finite and not math.isfinite(number):
         raise ValueError(f"{what}: must be finite, not {number:g}")
     return number

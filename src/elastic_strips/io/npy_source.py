@@ -37,9 +37,7 @@ def read_npy(stream: IO[bytes], size: int, limit: int) -> NDArray[np.generic]:
             raise NpyError(f"is of version {version} of numpy's format; 1.0 and 2.0 are read")
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read(stream)
-    except NpyError:
-        raise
-    except (OSError, zipfile.BadZipFile, zlib.error):
+    except (NpyError, OSError, zipfile.BadZipFile, zlib.error):
         raise
     except Exception as error:  # numpy evaluates the header as a Python literal: many kinds, and all of them damage
         raise NpyError(f"has no sound header: {' '.join(str(error).split())[:200]}") from None

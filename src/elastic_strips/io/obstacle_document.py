@@ -349,8 +349,6 @@ def world_from_documents(documents: Sequence[TrackedPiece], time: Array, positio
     from scipy.spatial.transform import Rotation
 
     obstacles: list[Obstacle] = []
-    appears: dict[str, float] = {}
-    vanishes: dict[str, float] = {}
     try:
         rows = len(time) * sum(document["track"] is not None for document in documents)
         if rows > MAX_ROWS:
@@ -367,10 +365,8 @@ def world_from_documents(documents: Sequence[TrackedPiece], time: Array, positio
             elif track is not None:
                 raise InputError(f"obstacle {name!r} follows track {track!r}; there are {position.shape[1]}")
             obstacles.append(obstacle_from_piece(document, motion))
-            if document["appears"] is not None:
-                appears[name] = document["appears"]
-            if document["vanishes"] is not None:
-                vanishes[name] = document["vanishes"]
+        appears = {piece["name"]: piece["appears"] for piece in documents if piece["appears"] is not None}
+        vanishes = {piece["name"]: piece["vanishes"] for piece in documents if piece["vanishes"] is not None}
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
         if type(error) is InputError:
             raise

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import chain
 from pathlib import Path
-from typing import TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -67,16 +67,7 @@ def _control_columns(record: Record) -> tuple[str, ...]:
 def record_columns(record: Record) -> dict[str, npt.NDArray[np.generic]]:
     """The control rows by column name: arrays (T,); ``state`` holds names."""
     rows = record.control
-    arrays = (
-        rows.coordinates,
-        rows.v,
-        rows.reference,
-        rows.reference_v,
-        rows.estimate,
-        rows.drive,
-        rows.joints,
-        rows.motors,
-    )
+    arrays: list[Array] = [getattr(rows, name) for name in _CONTROL if name not in ("time", "state")]
     columns = [rows.time, np.array(record.states)[rows.state], *chain.from_iterable(array.T for array in arrays)]
     return dict(zip(_control_columns(record), columns, strict=True))
 
@@ -143,6 +134,9 @@ def check_record_file(path: str | os.PathLike[str]) -> Path:
 def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
     """Write a record, whole or not at all: everything into a ``.npz`` file, the control rows into a ``.csv`` file.
 
+    Returns:
+        The file's path.
+
     Raises:
         InputError: another suffix, a file that cannot be written, or metadata that is not plain JSON values.
     """
@@ -153,9 +147,9 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
 
 
 def read_record(path: str | os.PathLike[str]) -> Record:
-    """Read a ``.npz`` record.
+    """Read a ``.npz`` record; its world holds convex obstacles that follow the recorded poses.
 
-    Its world holds convex obstacles that follow the recorded poses, ``name#k`` where one had several pieces.
+    An obstacle of several pieces is several obstacles, ``name#0``, ``name#1``, ….
 
     Raises:
         RecordError: no such file, no record, another version, an array that is missing or does not fit, a file that
@@ -268,21 +262,21 @@ def _unpacked(document: Document, loaded: _Arrays) -> Record:
     base = BaseKind(root["base"].text(valid=[kind.value for kind in BaseKind]))
     joints, states = _names(root["joint_names"]), _names(root["states"])
     nv = len(joints) + (3 if base.planar else 0)
-    tables = {name: _names(root[name]) for name in _TABLES}
+    phases, statuses, reasons = (_names(root[name]) for name in _TABLES)
     goal = None if root["goal"].value is None else root["goal"].vector(nv, limit=math.inf)
     locked = {name: entry.finite() for name, entry in root["locked"].mapping().items()}
     urdf, tracks = root["urdf"].value, len(root["tracks"].items())
     T = _array(loaded, "control_time", (None,)).shape[0]
     widths = {"drive": len(DRIVE_NAMES[base]), "joints": len(joints), "motors": len(DRIVE_NAMES[base])}
     shapes = {name: (T,) if name in ("time", "state") else (T, widths.get(name, nv)) for name in _CONTROL}
-    control = ControlRows(**{name: _array(loaded, f"control_{_key(name)}", shape) for name, shape in shapes.items()})  # type: ignore[arg-type]
+    control = ControlRows(**{name: _array(loaded, f"control_{_key(name)}", shape) for name, shape in shapes.items()})
     P = _array(loaded, "planning_time", (None,)).shape[0]
-    special = {"phase_ms": (P, len(tables["phases"])), "node_offset": (P + 1,), "nodes": (None, nv)}
+    special = {"phase_ms": (P, len(phases)), "node_offset": (P + 1,), "nodes": (None, nv)}
     rows = {name: _array(loaded, f"planning_{name}", special.get(name, (P,))) for name in _PLANNING}
-    planning = PlanningRows(**rows, **tables)  # type: ignore[arg-type]
+    planning = PlanningRows(**rows, phases=phases, statuses=statuses, reasons=reasons)
     _check_rows(control, planning, states)
-    position = cast("Array", _array(loaded, "track_position", (T, tracks, 3)))
-    quaternion = cast("Array", _array(loaded, "track_quaternion", (T, tracks, 4)))
+    position = _array(loaded, "track_position", (T, tracks, 3))
+    quaternion = _array(loaded, "track_quaternion", (T, tracks, 4))
     pieces = cast("Sequence[TrackedPiece]", root["obstacles"].value)
     return Record(
         robot=str(root["robot"].value),
@@ -321,7 +315,7 @@ _MAY_BE_NAN = {
 _KIND_NAMES = {"u": "unsigned integers", "b": "truth values", "i": "integers", "f": "floating point numbers"}
 
 
-def _array(loaded: _Arrays, key: str, shape: tuple[int | None, ...]) -> npt.NDArray[np.generic]:
+def _array(loaded: _Arrays, key: str, shape: tuple[int | None, ...]) -> npt.NDArray[Any]:
     if key not in loaded:
         raise RecordError(f"the array {key!r} is missing")
     array = loaded[key]

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from elastic_strips.errors import ParameterError, nearest_name
-from elastic_strips.validation import check_numbers
-
-_UNSEEN = ("free", "blocked")
-_MAY_BE_ZERO = (
-    "recent_motion_time", "motion_onset_time", "padding", "pose_noise", "robot_radius", "body_radius", "sonar_range",
-    "settle_delay",
-)  # fmt: skip
+from elastic_strips.errors import ParameterError
+from elastic_strips.validation import Bound, Count, NonNegative, Positive, check_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,60 +60,53 @@ class SceneEstimatorParams:
         sonar_range: sonars are believed up to there; beyond, their arcs are too wide.
     """
 
-    height: float = 1.5
-    range_noise: float = 0.01
-    pose_noise: float = 0.01
-    padding: float = 0.02
-    break_angle: float = 0.2
-    min_points: int = 3
-    max_round_radius: float = 0.5
-    max_mover_size: float = 1.2
-    unseen_depth: float = 0.3
-    wall_thickness: float = 0.1
-    gate: float = 13.8
-    mover_acceleration: float = 0.4
-    max_speed: float = 3.0
-    min_speed: float = 0.12
-    significance: float = 3.0
-    history: float = 0.8
-    confirm_hits: int = 3
-    lost_misses: int = 4
-    coast_time: float = 2.0
-    rest_time: float = 2.0
-    recent_motion_time: float = 10.0
-    recent_motion_speed: float = 0.2
-    motion_onset_time: float = 0.2
-    motion_onset_speed: float = 1.0
-    shape_change: float = 0.04
-    cell: float = 0.05
-    tile: float = 1.0
-    hit: float = 0.85
-    miss: float = 0.4
-    floor: float = 0.8
-    top: float = 3.4
-    occupied: float = 0.5
-    settle_delay: float = 0.5
-    carve_range: float = 8.0
-    unseen: str = "free"
-    unseen_radius: float = 3.0
-    robot_radius: float = 0.4
-    body_radius: float = 0.0
-    sonar_range: float = 1.0
+    height: Positive = 1.5
+    range_noise: Positive = 0.01
+    pose_noise: NonNegative = 0.01
+    padding: NonNegative = 0.02
+    break_angle: Annotated[float, Bound(above=0.0, below=0.5 * math.pi, unit="rad")] = 0.2
+    min_points: Count = 3
+    max_round_radius: Positive = 0.5
+    max_mover_size: Positive = 1.2
+    unseen_depth: Positive = 0.3
+    wall_thickness: Positive = 0.1
+    gate: Positive = 13.8
+    mover_acceleration: Positive = 0.4
+    max_speed: Positive = 3.0
+    min_speed: Positive = 0.12
+    significance: Positive = 3.0
+    history: Positive = 0.8
+    confirm_hits: Count = 3
+    lost_misses: Count = 4
+    coast_time: Positive = 2.0
+    rest_time: Positive = 2.0
+    recent_motion_time: NonNegative = 10.0
+    recent_motion_speed: Positive = 0.2
+    motion_onset_time: NonNegative = 0.2
+    motion_onset_speed: Positive = 1.0
+    shape_change: Positive = 0.04
+    cell: Positive = 0.05
+    tile: Positive = 1.0
+    hit: Positive = 0.85
+    miss: Positive = 0.4
+    floor: Positive = 0.8
+    top: Positive = 3.4
+    occupied: Positive = 0.5
+    settle_delay: NonNegative = 0.5
+    carve_range: Positive = 8.0
+    unseen: Literal["free", "blocked"] = "free"
+    unseen_radius: Positive = 3.0
+    robot_radius: NonNegative = 0.4
+    body_radius: NonNegative = 0.0
+    sonar_range: NonNegative = 1.0
 
     def __post_init__(self) -> None:
-        if self.unseen not in _UNSEEN:
-            raise ParameterError(f"SceneEstimatorParams.unseen={self.unseen!r}{nearest_name(self.unseen, _UNSEEN)}")
-        check_numbers(self, zero=_MAY_BE_ZERO)
-        self._check_pairs()
-
-    def _check_pairs(self) -> None:
+        check_fields(self)
         cells = self.tile / self.cell
         if not (abs(cells - round(cells)) < 1e-6 and 1 <= round(cells) <= 1000):
             raise ParameterError(f"SceneEstimatorParams.tile={self.tile!r} must be 1 to 1000 times cell={self.cell!r}")
         if self.padding > self.cell:
             raise ParameterError(f"SceneEstimatorParams.padding={self.padding!r} must be at most cell={self.cell!r}")
-        if not self.break_angle < 0.5 * math.pi:
-            raise ParameterError(f"SceneEstimatorParams.break_angle={self.break_angle!r} must be below π/2 rad")
         if not self.occupied < min(self.hit, self.top):
             raise ParameterError(
                 f"SceneEstimatorParams.occupied={self.occupied!r} must be below hit={self.hit!r} and top={self.top!r}: "

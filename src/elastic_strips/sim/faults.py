@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.strip_timer import PlanResult
-from elastic_strips.errors import ParameterError, nearest_name
+from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Scene
 from elastic_strips.trajectory import Trajectory
-from elastic_strips.validation import check_number, check_type, shown
+from elastic_strips.validation import Bound, check_choice, check_fields, check_type, shown
 
 from .perception import Perception, PerceptionError
 from .plant import Plant
@@ -30,6 +31,7 @@ FAULTS = {
 }
 _SCENE_DELAY = 0.3
 """Lateness [s] of the fault ``scene_late``."""
+_Seconds = Annotated[float, Bound(low=0.0, unit="s")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +45,12 @@ class Fault:
     """
 
     kind: str
-    start: float
-    duration: float = 1.0
+    start: _Seconds
+    duration: _Seconds = 1.0
 
     def __post_init__(self) -> None:
-        if self.kind not in FAULTS:
-            raise ParameterError(f"fault {self.kind!r} is unknown{nearest_name(self.kind, FAULTS)}")
-        for name in ("start", "duration"):
-            check_number(f"fault {self.kind}: {name}", getattr(self, name), low=0.0, unit="s")
+        check_choice("Fault.kind", self.kind, FAULTS)
+        check_fields(self, f"Fault({self.kind!r})")
 
     def active(self, t: float) -> bool:
         """Whether it is there at time ``t`` [s]."""

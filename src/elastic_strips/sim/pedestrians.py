@@ -16,7 +16,7 @@ from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of
 from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Obstacle, PedestrianMotion, World
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Fraction, NonNegative, Positive, check_fields
 
 _OVERLAP = 0.05
 """What passes above or below by less than this [m] counts as being at the same height."""
@@ -100,20 +100,20 @@ class YieldingPolicy:
         wait: how long it waits before that [s]; pace: at which part of its own pace it steps back.
     """
 
-    distance: float = 0.25
-    standing: float = 0.02
-    patience: float = 0.2
-    look: float = 0.05
-    onward: float = 1.0
-    aside: float = 0.005
-    room: float = 0.8
-    wait: float = 1.0
-    pace: float = 0.5
+    distance: NonNegative = 0.25
+    standing: NonNegative = 0.02
+    patience: NonNegative = 0.2
+    look: Positive = 0.05
+    onward: NonNegative = 1.0
+    aside: NonNegative = 0.005
+    room: NonNegative = 0.8
+    wait: NonNegative = 1.0
+    pace: Fraction = 0.5
 
     def __post_init__(self) -> None:
-        check_numbers(self, zero=("distance", "standing", "patience", "onward", "aside", "room", "wait", "pace"))
-        if not self.room < self.distance + self.onward or not self.pace <= 1.0:
-            raise ParameterError(f"{self}: room must be less than distance + onward, and pace at most 1")
+        check_fields(self)
+        if not self.room < self.distance + self.onward:
+            raise ParameterError(f"{self}: room must be less than distance + onward")
 
 
 class Pedestrians:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.control import ObstacleAssumptions
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import Scene, Twist, UnknownMotion, World
-from elastic_strips.validation import check_number
+from elastic_strips.validation import Bound, Checked, Fraction
 
 
 class PerceptionError(ElasticStripsError):
@@ -19,7 +19,7 @@ class PerceptionError(ElasticStripsError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PerceptionParams:
+class PerceptionParams(Checked):
     """Noise of the sensed scene: within the assumptions by construction.
 
     Attributes:
@@ -27,12 +27,8 @@ class PerceptionParams:
         noise: fraction of the assumed errors of position and velocity that the noise may reach, 0 to 1.
     """
 
-    delay: float = 0.05
-    noise: float = 1.0
-
-    def __post_init__(self) -> None:
-        check_number("PerceptionParams.noise", self.noise, low=0.0, high=1.0)
-        check_number("PerceptionParams.delay", self.delay, low=0.0, unit="s")
+    delay: Annotated[float, Bound(low=0.0, unit="s")] = 0.05
+    noise: Fraction = 1.0
 
 
 class Perception(Protocol):

@@ -6,8 +6,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Annotated, Protocol
 
 import numpy as np
 
@@ -17,13 +17,15 @@ from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import check_number
+from elastic_strips.validation import Bound, Checked, NonNegative, check_fields
 
 _SLACK = 1e-9  # [s] times that differ by less are the same
+_Margin = Annotated[float, Bound(low=1.0, infinite=True)]
+_Slip = Annotated[float, Bound(low=0.0, high=0.2)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OdometryParams:
+class OdometryParams(Checked):
     """Errors of encoders and localization. All noise is Gaussian, cut off at three standard deviations.
 
     Attributes:
@@ -35,19 +37,12 @@ class OdometryParams:
         fix_latency: from the time that a fix tells of to its arrival [s].
     """
 
-    encoder_noise: float = 5e-5
-    joint_noise: float = 2e-4
-    fix_period: float = 0.05
-    fix_noise: float = 0.003
-    fix_angle_noise: float = 0.003
-    fix_latency: float = 0.02
-
-    def __post_init__(self) -> None:
-        if not self.fix_period > 0.0:
-            raise ParameterError(f"fix_period={self.fix_period!r} must be positive; math.inf for no fixes")
-        for f in fields(self):
-            if f.name != "fix_period":
-                check_number(f.name, getattr(self, f.name), low=0.0)
+    encoder_noise: NonNegative = 5e-5
+    joint_noise: NonNegative = 2e-4
+    fix_period: Annotated[float, Bound(above=0.0, infinite=True)] = 0.05
+    fix_noise: NonNegative = 0.003
+    fix_angle_noise: NonNegative = 0.003
+    fix_latency: NonNegative = 0.02
 
     @staticmethod
     def ideal() -> OdometryParams:
@@ -183,24 +178,18 @@ class PlantParams:
         odometry: errors of what is measured.
     """
 
-    wheel_lag: float = 0.04
-    joint_lag: float = 0.03
-    speed_margin: float = 1.1
-    acceleration_margin: float = 1.5
-    slip: float = 0.02
-    slip_time: float = 1.0
-    slip_noise: float = 0.002
-    jitter: float = 0.002
+    wheel_lag: NonNegative = 0.04
+    joint_lag: NonNegative = 0.03
+    speed_margin: _Margin = 1.1
+    acceleration_margin: _Margin = 1.5
+    slip: _Slip = 0.02
+    slip_time: NonNegative = 1.0
+    slip_noise: _Slip = 0.002
+    jitter: NonNegative = 0.002
     odometry: OdometryParams = field(default_factory=OdometryParams)
 
     def __post_init__(self) -> None:
-        for name in ("speed_margin", "acceleration_margin"):
-            if not getattr(self, name) >= 1.0:
-                raise ParameterError(f"{name}={getattr(self, name)!r} must be a number ≥ 1")
-        for name in ("wheel_lag", "joint_lag", "slip", "slip_time", "slip_noise", "jitter"):
-            check_number(name, getattr(self, name), low=0.0)
-        if self.slip > 0.2 or self.slip_noise > 0.2:
-            raise ParameterError(f"slip={self.slip!r} and slip_noise={self.slip_noise!r} must be at most 0.2")
+        check_fields(self)
         if self.slip > 0.0 and self.slip_time == 0.0:
             raise ParameterError("slip_time=0 must be positive; slip_noise is what changes from step to step")
 

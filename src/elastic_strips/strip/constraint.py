@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +12,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.kinematics import find_frame
-from elastic_strips.validation import check_number
+from elastic_strips.validation import Bound, Positive, check_array, check_fields
 
 from .solver import System
 
@@ -31,17 +32,14 @@ class OrientationConstraint:
     frame: str
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    tolerance: float = 0.1
-    gain: float = 3.0
+    tolerance: Annotated[float, Bound(above=0.0, high=np.pi, unit="rad")] = 0.1
+    gain: Positive = 3.0
 
     def __post_init__(self) -> None:
-        name = type(self).__name__
-        for what in ("axis", "direction"):
-            value = np.asarray(getattr(self, what), dtype=float)
-            if value.shape != (3,) or not np.isfinite(value).all() or np.linalg.norm(value) < 1e-9:
-                raise ParameterError(f"{name}.{what}={getattr(self, what)!r} must be three finite numbers, not all 0")
-        check_number(f"{name}.tolerance", self.tolerance, above=0.0, high=np.pi, unit="rad")
-        check_number(f"{name}.gain", self.gain, above=0.0)
+        check_fields(self)
+        for what, value in (("axis", self.axis), ("direction", self.direction)):
+            if np.linalg.norm(check_array(f"OrientationConstraint.{what}", value, (3,))) < 1e-9:
+                raise ParameterError(f"OrientationConstraint.{what}={value!r} must be three numbers, not all 0")
 
     @staticmethod
     def at(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
-from typing import ClassVar, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 from elastic_strips.arrays import Document
 from elastic_strips.errors import ParameterError, nearest_name
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Bound, Count, NonNegative, Positive, check_fields
 
 P = TypeVar("P", bound="StripParams")
 
@@ -30,19 +30,17 @@ class StripParams:
     """
 
     preset: ClassVar[str]
-    influence: float
-    clearance: float = 0.005
-    self_clearance: float = 0.001
-    k_r: float
-    k_c: float
-    rest_step: float
-    max_ticks: int
-    certificate_depth: int = 12
+    influence: Positive
+    clearance: NonNegative = 0.005
+    self_clearance: NonNegative = 0.001
+    k_r: NonNegative
+    k_c: Positive
+    rest_step: NonNegative
+    max_ticks: Count
+    certificate_depth: Count = 12
 
-    def _check(self, *positive: str) -> None:
-        """Check all numbers: those named, and these of every preset, are > 0, the others ≥ 0."""
-        positive = ("influence", "k_c", "max_ticks", "certificate_depth", *positive)
-        check_numbers(self, zero=tuple(f.name for f in fields(self) if f.name not in positive))
+    def __post_init__(self) -> None:
+        check_fields(self)
         if self.clearance >= self.influence:
             raise ParameterError(
                 f"clearance={self.clearance} must be below influence={self.influence}: "
@@ -84,30 +82,28 @@ class DeformParams(StripParams):
     """
 
     preset: ClassVar[str] = "default"
-    influence: float = 0.3
-    k_r: float = 1.0
-    k_c: float = 1.0
-    near: float = 0.06
-    k_near: float = 20.0
-    k_self: float = 5.0
-    self_influence: float = 0.03
-    k_limit: float = 1.0
-    limit_margin: float = 0.05
-    k_posture: float = 0.005
-    yaw_lever: float = 0.25
-    joint_lever: float = 0.25
-    rolling_stiffness: float = 200.0
-    damping: float = 0.3
-    max_step: float = 0.12
-    rest_step: float = 1e-3
-    max_spacing: float = 0.2
-    min_spacing: float = 0.06
-    max_nodes: int = 512
-    max_ticks: int = 200
+    influence: Positive = 0.3
+    k_r: NonNegative = 1.0
+    k_c: Positive = 1.0
+    near: NonNegative = 0.06
+    k_near: NonNegative = 20.0
+    k_self: NonNegative = 5.0
+    self_influence: NonNegative = 0.03
+    k_limit: NonNegative = 1.0
+    limit_margin: NonNegative = 0.05
+    k_posture: NonNegative = 0.005
+    yaw_lever: NonNegative = 0.25
+    joint_lever: NonNegative = 0.25
+    rolling_stiffness: NonNegative = 200.0
+    damping: Positive = 0.3
+    max_step: Positive = 0.12
+    rest_step: NonNegative = 1e-3
+    max_spacing: Positive = 0.2
+    min_spacing: NonNegative = 0.06
+    max_nodes: Annotated[int, Bound(low=4)] = 512  # turn, drive, turn
+    max_ticks: Count = 200
 
     def __post_init__(self) -> None:
-        self._check("damping", "max_step", "max_spacing", "max_nodes")
+        StripParams.__post_init__(self)
         if self.min_spacing > self.max_spacing:
             raise ParameterError(f"min_spacing={self.min_spacing} must not exceed max_spacing={self.max_spacing}")
-        if self.max_nodes < 4:  # turn, drive, turn
-            raise ParameterError(f"max_nodes={self.max_nodes} must be at least 4")

@@ -23,7 +23,7 @@ from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.robot.urdf import floats, read_xml, resolve_mesh, search_folders
 from elastic_strips.scene.decompose import load_mesh
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_number, check_type
+from elastic_strips.validation import NonNegative, check_fields, check_number, check_type
 
 _ASK = "give wheel_speed=…, track=… and wheel_radius=…"
 _SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
@@ -159,8 +159,8 @@ class MotionLimits(Summary):
         joint_acceleration: (n,) [rad/s² or m/s²].
     """
 
-    track: float
-    wheel_radius: float
+    track: NonNegative
+    wheel_radius: NonNegative
     drive_speed: Array
     drive_acceleration: Array
     joint_speed: Array
@@ -191,10 +191,10 @@ class MotionLimits(Summary):
             )
         if len(self.joint_acceleration) != joints:
             raise ParameterError(f"{joints} joint speeds and {len(self.joint_acceleration)} joint accelerations")
-        for name in ("track", "wheel_radius"):
-            value = getattr(self, name)
-            if not np.isfinite(value) or value < 0.0 or (drive == 2 and value == 0.0):
-                raise ParameterError(f"{name}={value!r} [m] must be positive for a differential drive, else 0")
+        check_fields(self)
+        for name, length in (("track", self.track), ("wheel_radius", self.wheel_radius)):
+            if drive == 2 and length == 0.0:
+                raise ParameterError(f"MotionLimits.{name}={length!r} [m] must be positive for a differential drive")
 
     @staticmethod
     def for_robot(

@@ -1,4 +1,4 @@
-"""Animation: what plays: a robot that drives along a strip which gives way, and a recorded run."""
+"""Animation: a robot that drives along a strip while the strip is deformed, and a recorded run."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _HEIGHT = 1.0  # of the camera; higher than for a strip, as obstacles hide what 
 
 @dataclass(frozen=True, slots=True)
 class StripAnimation:
-    """A robot that drives along a strip, or along a sequence of them while the strip gives way.
+    """A robot that drives along a strip, or along a sequence of them while the strip is deformed.
 
     The strips, nodes (N, nq) with a report or None for each, are evenly spread over the duration [s]. Obstacles of the
     scene that have a motion move.
@@ -82,7 +82,7 @@ Animated = Strip | DeformReport | ArrayLike
 
 
 def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: float) -> StripAnimation:
-    """Check what the caller wants to see, an ``Animated`` or some of them, and put it in order.
+    """The checked animation of an ``Animated``, or of several.
 
     Raises:
         InputError: Nothing to play, a duration that is not positive, or nodes of the wrong size.
@@ -207,7 +207,7 @@ def _sequence(
 
 
 def run_replay(robot: RobotModel, record: Record, *, speed: float, begin: float | None, end: float | None) -> RunReplay:
-    """Check what the caller wants to see.
+    """The checked replay of a record.
 
     Raises:
         InputError: another robot than the recorded one, a speed that is not positive, or nothing between begin and end.

@@ -21,8 +21,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import umsgpack
 from numpy.typing import NDArray
+from umsgpack import Ext, packb
 
 from elastic_strips.arrays import ArrayLike, Document, Mask
 
@@ -39,9 +39,9 @@ def key(path: str, kind: str) -> str:
     return f"{path}\0{kind}"
 
 
-def _floats(array: ArrayLike) -> umsgpack.Ext:
+def _floats(array: ArrayLike) -> Ext:
     """Pack numbers as a Float32Array."""
-    return umsgpack.Ext(_FLOAT32, np.ascontiguousarray(array, dtype="<f4").tobytes())
+    return Ext(_FLOAT32, np.ascontiguousarray(array, dtype="<f4").tobytes())
 
 
 def material(
@@ -90,7 +90,7 @@ def mesh(
     if data.colors is not None:
         attributes["color"] = _attribute(data.colors)
     identity = f"es-{next(_serial)}"
-    faces = umsgpack.Ext(_UINT32, np.ascontiguousarray(data.faces, dtype="<u4").tobytes())
+    faces = Ext(_UINT32, np.ascontiguousarray(data.faces, dtype="<u4").tobytes())
     index = {"itemSize": 1, "type": "Uint32Array", "array": faces, "normalized": False}
     buffers = {"attributes": attributes, "index": index}
     geometry = {"uuid": identity + "-g", "type": "BufferGeometry", "data": buffers}
@@ -112,7 +112,7 @@ def mesh(
         "materials": [look],
         "object": body,
     }
-    return key(path, "object"), _pack({"type": "set_object", "path": path, "object": content})
+    return key(path, "object"), packb({"type": "set_object", "path": path, "object": content})
 
 
 def instances(path: str, matrices: ArrayLike, colors: ArrayLike | None = None) -> Command:
@@ -120,40 +120,40 @@ def instances(path: str, matrices: ArrayLike, colors: ArrayLike | None = None) -
     data: Document = {"type": "instances", "path": path, "matrices": _floats(matrices)}
     if colors is not None:
         data["colors"] = _floats(colors)
-    return key(path, "instances"), _pack(data)
+    return key(path, "instances"), packb(data)
 
 
 def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command:
     """Move many objects at once: (K, 16) column-major matrices."""
-    return key(group, "transforms"), _pack({"type": "transforms", "paths": list(paths), "matrices": _floats(matrices)})
+    return key(group, "transforms"), packb({"type": "transforms", "paths": list(paths), "matrices": _floats(matrices)})
 
 
 def visible(path: str, value: bool) -> Command:
     """Show or hide everything at and below a path."""
-    return key(path, "property visible"), _pack(
+    return key(path, "property visible"), packb(
         {"type": "set_property", "path": path, "property": "visible", "value": bool(value)}
     )
 
 
 def delete(path: str) -> Command:
     """Remove everything at and below a path."""
-    return key(path, "delete"), _pack({"type": "delete", "path": path})
+    return key(path, "delete"), packb({"type": "delete", "path": path})
 
 
 def hud(content: Mapping[str, object]) -> Command:
     """Fill the card in the corner: title, chip, rows, a note (optional), legend."""
-    return key("", "hud"), _pack({"type": "hud", **content})
+    return key("", "hud"), packb({"type": "hud", **content})
 
 
 def captions(times: ArrayLike, cards: Sequence[Document], common: Document) -> Command:
     """Fill the card with what is ``common`` to all of ``cards`` (K) and each of them from its time (K,) [s] on."""
     data = {"type": "captions", "times": _floats(times), "cards": list(cards), "common": common}
-    return key("", "captions"), _pack(data)
+    return key("", "captions"), packb(data)
 
 
 def camera(points: ArrayLike, direction: ArrayLike) -> Command:
     """Look against ``direction`` so that all ``points`` (K, 3) [m] are in the picture."""
-    return key("", "camera"), _pack({"type": "camera", "points": _floats(points), "direction": _floats(direction)})
+    return key("", "camera"), packb({"type": "camera", "points": _floats(points), "direction": _floats(direction)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,12 +204,12 @@ def animation(tracks: Sequence[Track], fps: float) -> Command:
         clip = {"fps": fps, "name": track.path + track.property, "tracks": [one]}
         clips.append({"path": track.path, "clip": clip})
     options = {"play": True, "repetitions": 1_000_000}
-    return key("", "animation"), _pack({"type": "set_animation", "animations": clips, "options": options, "path": ""})
+    return key("", "animation"), packb({"type": "set_animation", "animations": clips, "options": options, "path": ""})
 
 
 def no_animation() -> Command:
     """Stop what plays and take its controls away."""
-    return key("", "animation"), _pack({"type": "no_animation"})
+    return key("", "animation"), packb({"type": "no_animation"})
 
 
 def columns(T: ArrayLike) -> Floats:
@@ -220,10 +220,6 @@ def columns(T: ArrayLike) -> Floats:
 
 def _attribute(values: Floats) -> Document:
     return {"itemSize": values.shape[1], "type": "Float32Array", "array": _floats(values), "normalized": False}
-
-
-def _pack(data: Document) -> bytes:
-    return umsgpack.packb(data)
 
 
 # The page

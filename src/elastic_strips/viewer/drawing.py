@@ -63,6 +63,8 @@ class Drawing:
         self.ghosts = ghosts
         self.robot: RobotModel | None = None
         self.bodies: tuple[Body, ...] = ()
+        self.joints: list[int] = []  # that carry the bodies
+        self.body_paths: list[str] = []  # where these are in the tree
         self.poses: RobotPoses | None = None
         self.obstacles: ObstacleDrawing = ObstacleDrawing()
         self.playing: bool = False
@@ -92,21 +94,13 @@ class Drawing:
             out.append(self.camera(coordinates, snapshot.scene))
         return out
 
-    @property
-    def joints(self) -> list[int]:
-        """The joints that carry the bodies."""
-        return [body.joint for body in self.bodies]
-
-    @property
-    def body_paths(self) -> list[str]:
-        """Where the bodies of the robot are in the tree."""
-        return [f"/robot/{body.joint}" for body in self.bodies]
-
     def prepare(self, robot: RobotModel) -> tuple[RobotPoses, list[Command]]:
         """Send the robot's bodies, once per robot."""
         if self.poses is not None and robot is self.robot:
             return self.poses, []
         self.robot, self.poses, self.bodies = robot, RobotPoses(robot), geometry.robot_bodies(robot)
+        self.joints = [body.joint for body in self.bodies]
+        self.body_paths = [f"/robot/{joint}" for joint in self.joints]
         out = [commands.delete("/robot"), commands.delete("/ghosts")]
         look = commands.material(roughness=0.55)
         out += [commands.mesh(p, b.mesh, look) for p, b in zip(self.body_paths, self.bodies, strict=True)]
@@ -277,17 +271,13 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, p
     None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
     """
     hulls, broken = report.hulls, report.certificate.broken
-    counts = report.connectivity_counts
-    if hulls is not None and counts and not hulls.connected.all():
+    if hulls is not None and report.connectivity_counts and not hulls.connected.all():
         j, c = np.unravel_index(int(np.argmin(hulls.overlap)), hulls.overlap.shape)
         return 0.5 * (hulls.points[j, c] + hulls.points[j + 1, c])
     if broken is None or not 0 <= broken.segment < len(coordinates) - 1:
         return None
-    poses.update(
-        robot.space.interpolate(
-            coordinates[broken.segment, None], coordinates[broken.segment + 1, None], np.array([0.5])
-        )
-    )
+    ends = coordinates[broken.segment : broken.segment + 2]
+    poses.update(robot.space.interpolate(ends[:1], ends[1:], np.array([0.5])))
     piece = next((piece for piece in robot.geometries if piece.name == broken.link), None)
     if piece is None:
         return poses.points()[0, 0]

@@ -38,7 +38,8 @@ class Viewer:
 
     ``show``, ``update`` and ``animate`` hand over the newest picture and return at once; a thread of the viewer's own
     draws it, and a process of its own serves it to browsers, on 127.0.0.1 only. If one of them dies, that is
-    logged once, ``alive`` turns False and ``update`` does nothing any more; ``save_html`` still works.
+    logged once, ``alive`` turns False and ``update`` does nothing any more; ``save_html`` still works. ``show``,
+    ``animate`` and ``replay`` return the viewer itself.
 
     Example:
         >>> with Viewer(server=False) as viewer:  # doctest: +SKIP
@@ -121,18 +122,18 @@ class Viewer:
         Raises:
             InputError: Something else, or in another order.
         """
-        job = animation.strip_animation(robot, scene, [strip_or_report], 1.0).snapshot()
-        self._scene = scene
-        self._post(job)
-        return self
+        return self._play(animation.strip_animation(robot, scene, [strip_or_report], 1.0).snapshot(), scene)
 
     def update(self, report: DeformReport | Strip, scene: Scene | None = None, *, q: ArrayLike | None = None) -> None:
-        """Show the newest report; for control loops: costs microseconds, and the newest wins.
+        """Show the newest report, at once; it takes microseconds, and a picture that is not drawn yet is left out.
 
         Args:
             report: A ``DeformReport`` or a ``Strip``.
             scene: The scene if it has changed.
             q: Configuration (nq,) where the robot is; at the strip's first node where None.
+
+        Raises:
+            InputError: Something else than a report or a strip, or than a scene.
         """
         if self._failed or self._closed:
             return
@@ -164,10 +165,7 @@ class Viewer:
         Raises:
             InputError: Nothing to play, a duration out of range, or nodes of the wrong size.
         """
-        job = animation.strip_animation(robot, scene, strips, duration)
-        self._scene = scene
-        self._post(job)
-        return self
+        return self._play(animation.strip_animation(robot, scene, strips, duration), scene)
 
     def replay(
         self,
@@ -178,7 +176,7 @@ class Viewer:
         begin: float | None = None,
         end: float | None = None,
     ) -> Viewer:
-        """Play a recorded run: robot, obstacles, the strip of the time, where base and hand went, what went on.
+        """Play a recorded run: the robot, its base's and hand's paths, obstacles, the strip of the time, and events.
 
         Args:
             robot: The recorded robot, such as ``record_robot(record)``.
@@ -193,9 +191,7 @@ class Viewer:
         check_type("robot", robot, RobotModel, RobotError)
         check_type("record", record, Record)
         job = animation.run_replay(robot, record, speed=speed, begin=begin, end=end)
-        self._scene = record.world.at(job.end)
-        self._post(job)
-        return self
+        return self._play(job, record.world.at(job.end))
 
     def html(self) -> str:
         """Return the picture as a standalone page that needs neither a server nor a network."""
@@ -243,6 +239,11 @@ class Viewer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _play(self, job: _Job, scene: Scene) -> Viewer:
+        self._scene = scene
+        self._post(job)
+        return self
 
     def _post(self, job: _Job) -> None:
         if self._failed or self._closed:

@@ -193,7 +193,7 @@ def test_rings_mark_near_arcs_and_free_only_what_they_say():
         ({"lost_misses": 2.5}, r"lost_misses=2\.5 must be a whole number"),
         ({"confirm_hits": True}, "confirm_hits=True must be a whole number"),
         ({"occupied": 1.0}, r"occupied=1\.0 must be below hit=0\.85"),
-        ({"break_angle": 2.0}, "break_angle=2.0 must be below"),
+        ({"break_angle": 2.0}, r"break_angle=2\.0 must be a finite number of rad > 0 and < 1\.57"),
         ({"gate": "wide"}, "gate='wide' must be a finite number"),
     ],
 )

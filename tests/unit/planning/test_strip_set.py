@@ -208,7 +208,7 @@ def test_wrong_input_is_named(silvermate) -> None:
     [
         ({"count": 0}, "count=0"),
         ({"patience": 1.5}, "patience=1.5"),
-        ({"margin": 1.0}, "margin=1.0 must be below 1"),
+        ({"margin": 1.0}, r"margin=1\.0 must be a finite number ≥ 0 and < 1"),
         ({"divergence_distance": float("nan")}, "divergence_distance=nan"),
         ({"timeout": 0.0}, "timeout=0.0"),
         ({"plan_every": -1}, "plan_every=-1"),

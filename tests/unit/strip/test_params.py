@@ -40,7 +40,7 @@ def test_some_must_be_positive():
         ({"clearance": 0.3}, r"clearance=0.3 must be below influence=0.3"),
         ({"clearance": 0.5, "influence": 0.2}, r"clearance=0.5 must be below influence=0.2"),
         ({"min_spacing": 0.3}, r"min_spacing=0.3 must not exceed max_spacing=0.2"),
-        ({"max_nodes": 2}, r"max_nodes=2 must be at least 4"),
+        ({"max_nodes": 2}, r"DeformParams.max_nodes=2 must be a whole number ≥ 4"),
     ],
 )
 def test_contradictions_are_refused(given, message):
@@ -59,7 +59,7 @@ def test_presets():
             kind().replaced(clearance=-1.0)
     with pytest.raises(ParameterError, match="unknown parameter 'alpha'"):
         DeformParams().replaced(alpha=0.3)
-    with pytest.raises(ParameterError, match="mobile_only=1 must be True or False"):
+    with pytest.raises(ParameterError, match=r"PaperParams\.mobile_only=1 must be True or False"):
         PaperParams(mobile_only=1)
 
 

@@ -20,23 +20,20 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_type, shown
+from elastic_strips.validation import Checked, Finite, check_array, check_fields
 
 
 @dataclass(frozen=True, slots=True)
-class DriveTo:
+class DriveTo(Checked):
     """Drive the base to a pose, the arm as it is.
 
     Attributes:
         x, y: [m]; yaw: [rad], in the world.
     """
 
-    x: float
-    y: float
-    yaw: float
-
-    def __post_init__(self) -> None:
-        _finite("DriveTo", (self.x, self.y, self.yaw), 3)
+    x: Finite
+    y: Finite
+    yaw: Finite
 
     def __str__(self) -> str:
         return f"drive to ({self.x:g}, {self.y:g}) m, {self.yaw:g} rad"
@@ -57,12 +54,12 @@ class ReachHand:
     frame: str = "hand_frame"
 
     def __post_init__(self) -> None:
-        _finite("ReachHand.position", self.position, 3)
-        check_type("ReachHand.frame", self.frame, str)
-        if self.quaternion is not None:
-            _finite("ReachHand.quaternion", self.quaternion, 4)
-            if not 0.99 < float(np.linalg.norm(self.quaternion)) < 1.01:
-                raise ParameterError(f"ReachHand.quaternion={self.quaternion!r} must have unit length")
+        check_fields(self)
+        check_array("ReachHand.position", self.position, (3,))
+        if self.quaternion is None:
+            return
+        if not 0.99 < np.linalg.norm(check_array("ReachHand.quaternion", self.quaternion, (4,))) < 1.01:
+            raise ParameterError(f"ReachHand.quaternion={self.quaternion!r} must have unit length")
 
     def __str__(self) -> str:
         turned = "" if self.quaternion is None else " turned as asked"
@@ -70,30 +67,17 @@ class ReachHand:
 
 
 @dataclass(frozen=True, slots=True)
-class DriveAndReach:
+class DriveAndReach(Checked):
     """Both at once: the base at a pose, the hand at another; one goal for the whole body."""
 
     drive: DriveTo
     reach: ReachHand
-
-    def __post_init__(self) -> None:
-        check_type("DriveAndReach.drive", self.drive, DriveTo)
-        check_type("DriveAndReach.reach", self.reach, ReachHand)
 
     def __str__(self) -> str:
         return f"{self.drive} and {self.reach}"
 
 
 Task = DriveTo | ReachHand | DriveAndReach
-
-
-def _finite(what: str, values: tuple[float, ...], count: int) -> None:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        array = np.zeros(0)
-    if array.shape != (count,) or not np.isfinite(array).all():
-        raise ParameterError(f"{what}={shown(values)} must be {count} finite numbers")
 
 
 _POSITION_TOLERANCE = 2e-3

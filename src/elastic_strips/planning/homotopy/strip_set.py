@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.errors import ConfigurationError, ParameterError
+from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -17,7 +18,7 @@ from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.strip.report import SLIP_LIMIT
 from elastic_strips.strip.solver import project_rolling
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_count, check_numbers
+from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive, Whole, check_count
 
 from .alternatives import Alternative, AlternativesSearch, base_path, strip_cost
 from .classes import cluster_map, homotopy_class, separating_obstacles, single_obstacles
@@ -28,7 +29,7 @@ _NEAR = 0.03  # [m] a node that is so near the robot is left out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StripSetParams:
+class StripSetParams(Checked):
     """How many strips a set keeps, and when it changes over.
 
     Attributes:
@@ -44,18 +45,13 @@ class StripSetParams:
         timeout: of a planner's call within a tick [s].
     """
 
-    count: int = 3
-    margin: float = 0.15
-    patience: int = 5
-    divergence_distance: float = 0.6
-    divergence_angle: float = 1.8
-    plan_every: int = 50
-    timeout: float = 0.5
-
-    def __post_init__(self) -> None:
-        check_numbers(self, zero=("margin", "divergence_distance", "divergence_angle", "plan_every"))
-        if self.margin >= 1.0:
-            raise ParameterError(f"margin={self.margin!r} must be below 1: no strip costs nothing")
+    count: Count = 3
+    margin: Annotated[float, Bound(low=0.0, below=1.0)] = 0.15  # no strip costs nothing
+    patience: Count = 5
+    divergence_distance: NonNegative = 0.6
+    divergence_angle: NonNegative = 1.8
+    plan_every: Whole = 50
+    timeout: Positive = 0.5
 
 
 class _Member:

@@ -15,13 +15,13 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.trajectory.limits import MotionLimits
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Checked, Positive
 
 Status = Literal["moving", "arrived", "blocked"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BaseLimits:
+class BaseLimits(Checked):
     """The base that a method steers.
 
     Attributes:
@@ -32,14 +32,11 @@ class BaseLimits:
         turn_acceleration: largest change of the yaw rate [rad/s²].
     """
 
-    radius: float = 0.27
-    max_speed: float = 0.6
-    max_turn: float = 1.5
-    acceleration: float = 0.8
-    turn_acceleration: float = 3.0
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
+    radius: Positive = 0.27
+    max_speed: Positive = 0.6
+    max_turn: Positive = 1.5
+    acceleration: Positive = 0.8
+    turn_acceleration: Positive = 3.0
 
     @staticmethod
     def of(motion: MotionLimits, *, radius: float = 0.27, max_speed: float = 0.6, max_turn: float = 1.5) -> BaseLimits:
@@ -121,7 +118,7 @@ def angle_between(target: float, heading: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GoalParams:
+class GoalParams(Checked):
     """When a goal is reached, and when there is no progress. All values are ours; no publication states any.
 
     Attributes:
@@ -131,13 +128,10 @@ class GoalParams:
         patience: … within this time [s]; else the base counts as blocked.
     """
 
-    position_tolerance: float = 0.1
-    yaw_tolerance: float = 0.08
-    progress: float = 0.1
-    patience: float = 6.0
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
+    position_tolerance: Positive = 0.1
+    yaw_tolerance: Positive = 0.08
+    progress: Positive = 0.1
+    patience: Positive = 6.0
 
 
 class CommandLimiter:

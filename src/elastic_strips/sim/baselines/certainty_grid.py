@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.perception import LaserScan, RangeRing, Reading
-from elastic_strips.validation import check_count, check_numbers
+from elastic_strips.validation import Bound, Checked, Positive
 
 Flags = npt.NDArray[np.bool_]
 _Whole = npt.NDArray[np.int_]
@@ -119,10 +119,11 @@ CV_MAX = 15
 _ON, _OFF = 3, 1  # what a reading adds at its end, and takes off before it
 _LOG_ODDS_MOST = 6.0  # a cell is never surer than this, so that it can change its mind
 _LEAST_RANGE = 1e-6
+_BelowOne = Annotated[float, Bound(above=0.0, below=1.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GridParams:
+class GridParams(Checked):
     """Parameters of a grid.
 
     Attributes:
@@ -133,21 +134,12 @@ class GridParams:
         depth: half of the thickness ε of the shell in which a sonar says that something is [m]; ours.
     """
 
-    kind: str = "histogram"
-    cell: float = 0.1
-    size: int = 61
-    hit: float = 0.6
-    free: float = 0.4
-    depth: float = 0.1
-
-    def __post_init__(self) -> None:
-        if self.kind not in ("histogram", "bayes"):
-            raise ParameterError(f"GridParams.kind={self.kind!r} is unknown{nearest_name(self.kind, _KINDS)}")
-        check_numbers(self)
-        check_count("GridParams.size", self.size, low=3)
-        for name in ("hit", "free"):
-            if not getattr(self, name) < 1.0:
-                raise ParameterError(f"GridParams.{name}={getattr(self, name)!r} must be < 1")
+    kind: Literal["histogram", "bayes"] = "histogram"
+    cell: Positive = 0.1
+    size: Annotated[int, Bound(low=3)] = 61
+    hit: _BelowOne = 0.6
+    free: _BelowOne = 0.4
+    depth: Positive = 0.1
 
 
 class CertaintyGrid:

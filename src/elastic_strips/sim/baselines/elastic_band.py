@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.planning.grid_path import cheapest_path
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Bound, Count, Positive, check_fields
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import SensedPoints
@@ -176,31 +177,27 @@ class ElasticBandParams:
         turn_gain: yaw rate per angle when turning in place [1/s].
     """
 
-    contraction: float = 0.3
-    repulsion: float = 0.8
-    influence: float = 0.7
-    largest: float = 1.0
-    least: float = 0.02
-    overlap: float = 0.9
-    bubbles: int = 150
-    iterations: int = 2
-    look_ahead: float = 0.5
-    look_least: float = 0.2
-    bubble_time: float = 0.5
-    min_speed: float = 0.08
-    turn_in_place: float = 1.0
-    turn_gain: float = 2.0
+    contraction: Positive = 0.3
+    repulsion: Positive = 0.8
+    influence: Positive = 0.7
+    largest: Positive = 1.0
+    least: Positive = 0.02
+    overlap: Annotated[float, Bound(above=0.0, high=1.0)] = 0.9
+    bubbles: Count = 150
+    iterations: Count = 2
+    look_ahead: Positive = 0.5
+    look_least: Positive = 0.2
+    bubble_time: Positive = 0.5
+    min_speed: Positive = 0.08
+    turn_in_place: Positive = 1.0
+    turn_gain: Positive = 2.0
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_fields(self)
         for small, large in (("least", "largest"), ("look_least", "look_ahead")):
-            if getattr(self, small) > getattr(self, large):
-                raise ParameterError(
-                    f"ElasticBandParams.{small}={getattr(self, small)!r} must not exceed {large}="
-                    f"{getattr(self, large)!r}"
-                )
-        if self.overlap > 1.0:
-            raise ParameterError(f"ElasticBandParams.overlap={self.overlap!r} must be ≤ 1")
+            low, high = getattr(self, small), getattr(self, large)
+            if low > high:
+                raise ParameterError(f"ElasticBandParams.{small}={low!r} must not exceed {large}={high!r}")
 
 
 class SensedPath:

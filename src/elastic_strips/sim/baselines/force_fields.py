@@ -18,7 +18,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Checked, Count, Fraction, NonNegative, Positive, check_fields
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import CertaintyGrid, GridParams, SensedPoints, make_grid
@@ -29,7 +29,7 @@ _MIN_DISTANCE = 0.01  # [m] a smaller distance to an obstacle counts as this one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PotentialFieldParams:
+class PotentialFieldParams(Checked):
     """Parameters; Khatib gives none for a mobile base, so that all values are ours.
 
     Attributes:
@@ -40,14 +40,11 @@ class PotentialFieldParams:
         turn_gain: yaw rate per angle between heading and force [1/s].
     """
 
-    attraction: float = 1.0
-    conic: float = 1.0
-    repulsion: float = 0.03
-    influence: float = 1.0
-    turn_gain: float = 2.0
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
+    attraction: Positive = 1.0
+    conic: Positive = 1.0
+    repulsion: Positive = 0.03
+    influence: Positive = 1.0
+    turn_gain: Positive = 2.0
 
 
 def attractive_force(position: Array, goal: Array, params: PotentialFieldParams) -> Array:
@@ -162,22 +159,20 @@ class VirtualForceFieldParams:
         min_speed: least speed [m/s], 0.04; of Borenstein and Koren's later method (1991).
     """
 
-    repulsion: float = 0.03
-    attraction: float = 1.0
-    power: float = 2.0
-    weight: float = 0.25
-    active: int = 33
-    turn_gain: float = 2.0
-    filter_time: float = 0.4
-    full_force: float = 1.0
-    min_speed: float = 0.04
+    repulsion: NonNegative = 0.03
+    attraction: Positive = 1.0
+    power: Positive = 2.0
+    weight: Fraction = 0.25
+    active: Count = 33
+    turn_gain: Positive = 2.0
+    filter_time: NonNegative = 0.4
+    full_force: NonNegative = 1.0
+    min_speed: NonNegative = 0.04
 
     def __post_init__(self) -> None:
-        check_numbers(self, zero=("repulsion", "weight", "filter_time", "full_force", "min_speed"))
+        check_fields(self)
         if self.active % 2 != 1:
             raise ParameterError(f"VirtualForceFieldParams.active={self.active!r} must be odd")
-        if self.weight > 1.0:
-            raise ParameterError(f"VirtualForceFieldParams.weight={self.weight!r} must be ≤ 1")
 
 
 def cell_forces(offsets: Array, certainty: Array, width: float, params: VirtualForceFieldParams) -> Array:

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Mask
-from elastic_strips.errors import ParameterError, nearest_name
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
-from elastic_strips.validation import check_numbers
+from elastic_strips.validation import Bound, Count, NonNegative, Positive, check_fields
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import CertaintyGrid, Flags, GridParams, make_grid
@@ -162,9 +163,6 @@ def cheapest(found: list[float], weighed: list[tuple[float, float]], count: int)
     return min(found, key=lambda c: sum(weight * sector_distance(c, other, count) for weight, other in weighed))
 
 
-_VARIANTS = ("vfh+", "vfh")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HistogramParams:
     """Parameters; densities are in units of c² times (a − b d²), or of c² times cells for the original.
@@ -188,38 +186,30 @@ class HistogramParams:
         min_speed: V_min [m/s], 0.04 as published.
     """
 
-    variant: str = "vfh+"
-    sectors: int = 72
-    active: int = 33
-    magnitude: float = 257.0
-    safety: float = 0.06
-    low: float = 2500.0
-    high: float = 5000.0
-    wide: int = 16
-    target_weight: float = 5.0
-    heading_weight: float = 2.0
-    previous_weight: float = 2.0
-    turning_radius: float = 0.0
-    mask_certainty: float = 6.0
-    smoothing: int = 5
-    stop_density: float = 300000.0
-    turn_gain: float = 2.0
-    min_speed: float = 0.04
+    variant: Literal["vfh+", "vfh"] = "vfh+"
+    sectors: Annotated[int, Bound(low=8)] = 72
+    active: Annotated[int, Bound(low=3)] = 33
+    magnitude: Annotated[float, Bound(low=1.0)] = 257.0
+    safety: NonNegative = 0.06
+    low: Positive = 2500.0
+    high: Positive = 5000.0
+    wide: Count = 16
+    target_weight: Positive = 5.0
+    heading_weight: NonNegative = 2.0
+    previous_weight: NonNegative = 2.0
+    turning_radius: NonNegative = 0.0
+    mask_certainty: Positive = 6.0
+    smoothing: Count = 5
+    stop_density: Positive = 300000.0
+    turn_gain: Positive = 2.0
+    min_speed: NonNegative = 0.04
 
     def __post_init__(self) -> None:
-        if self.variant not in _VARIANTS:
-            raise ParameterError(
-                f"HistogramParams.variant={self.variant!r} is unknown{nearest_name(self.variant, _VARIANTS)}"
-            )
-        check_numbers(self, zero=("safety", "heading_weight", "previous_weight", "turning_radius", "min_speed"))
-        if self.active % 2 != 1 or self.active < 3:
-            raise ParameterError(f"HistogramParams.active={self.active!r} must be odd and ≥ 3")
-        if self.sectors < 8:
-            raise ParameterError(f"HistogramParams.sectors={self.sectors!r} must be ≥ 8")
+        check_fields(self)
+        if self.active % 2 != 1:
+            raise ParameterError(f"HistogramParams.active={self.active!r} must be odd")
         if self.low > self.high:
             raise ParameterError(f"HistogramParams.low={self.low!r} must not exceed high={self.high!r}")
-        if self.magnitude < 1.0:
-            raise ParameterError(f"HistogramParams.magnitude={self.magnitude!r} must be ≥ 1")
 
     @staticmethod
     def original() -> HistogramParams:

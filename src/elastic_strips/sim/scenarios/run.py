@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import TypeVar
+from typing import TypeVar, get_type_hints
 
 import numpy as np
 
@@ -146,7 +146,7 @@ _P = TypeVar("_P", bound="DeformParams | PaperParams")
 
 
 def _parameters(scenario: Scenario, params: _P, values: dict[str, object]) -> _P:
-    whole = {f.name for f in fields(params) if f.type in (int, "int")}
+    whole = {name for name, kind in get_type_hints(type(params)).items() if kind is int}
     try:
         for name, value in values.items():
             if name == "preset":

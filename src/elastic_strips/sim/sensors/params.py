@@ -5,35 +5,27 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, get_origin, get_type_hints
 
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io.nodes import Node, load_yaml
-from elastic_strips.validation import check_count, check_number
+from elastic_strips.validation import Bound, Count, Fraction, check_choice, check_count, check_fields
 
 _RingKind = Literal["sonar", "infrared"]
-KINDS: tuple[_RingKind, ...] = ("sonar", "infrared")
 _MOST_RAYS = 100_000
 _SHORTEST_PERIOD = 1e-3  # [s]
+_Range = Annotated[float, Bound(low=0.0, high=1e3, unit="m")]
+_Rate = Annotated[float, Bound(low=1e-3, high=1.0 / _SHORTEST_PERIOD, unit="Hz")]
+_Latency = Annotated[float, Bound(low=0.0, high=10.0, unit="s")]
+_Noise = Annotated[float, Bound(low=0.0, high=10.0, unit="m")]
+_Turn = Annotated[float, Bound(low=0.0, high=2.0 * math.pi + 1e-9, unit="rad")]
+_RightAngle = Annotated[float, Bound(low=0.0, high=0.5 * math.pi, unit="rad")]
 
 
 def _where(params: RangeParams) -> str:
     return f"{type(params).__name__}({params.name!r})"
-
-
-def _check(params: RangeParams, bounds: Mapping[str, tuple[float, float, str]]) -> None:
-    """Fields that are numbers, by name: their least and largest value, and the unit."""
-    for key, (low, high, unit) in bounds.items():
-        check_number(f"{_where(params)}.{key}", getattr(params, key), low=low, high=high, unit=unit)
-
-
-def _check_name(params: RangeParams, key: str) -> None:
-    value = getattr(params, key)
-    if not isinstance(value, str) or not value.strip():
-        raise ParameterError(f"{type(params).__name__}.{key}={value!r} must be a name")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,35 +44,21 @@ class RangeParams:
     """
 
     name: str
-    range_min: float
-    range_max: float
-    rate: float
-    latency: float
-    noise: float
-    noise_ratio: float
-    dropout: float
+    range_min: _Range
+    range_max: _Range
+    rate: _Rate
+    latency: _Latency
+    noise: _Noise
+    noise_ratio: Fraction
+    dropout: Fraction
     near_reads_min: bool
 
     def __post_init__(self) -> None:
-        _check_name(self, "name")
-        _check(
-            self,
-            {
-                "range_min": (0.0, 1e3, "m"),
-                "range_max": (0.0, 1e3, "m"),
-                "rate": (1e-3, 1.0 / _SHORTEST_PERIOD, "Hz"),
-                "latency": (0.0, 10.0, "s"),
-                "noise": (0.0, 10.0, "m"),
-                "noise_ratio": (0.0, 1.0, ""),
-                "dropout": (0.0, 1.0, ""),
-            },
-        )
+        check_fields(self, _where(self))
         if not self.range_max > self.range_min:
             raise ParameterError(
                 f"{_where(self)}.range_max={self.range_max!r} must exceed range_min={self.range_min!r} m"
             )
-        if not isinstance(self.near_reads_min, bool):
-            raise ParameterError(f"{_where(self)}.near_reads_min={self.near_reads_min!r} must be True or False")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,22 +73,16 @@ class LaserParams(RangeParams):
 
     name: str = "laser"
     frame: str = "laser_frame"
-    field_of_view: float = math.pi
-    rays: int = 361
-    range_min: float = 0.05
-    range_max: float = 10.0
-    rate: float = 20.0
-    latency: float = 0.03
-    noise: float = 0.008
-    noise_ratio: float = 0.001
-    dropout: float = 0.005
+    field_of_view: _Turn = math.pi
+    rays: Annotated[int, Bound(low=1, high=_MOST_RAYS)] = 361
+    range_min: _Range = 0.05
+    range_max: _Range = 10.0
+    rate: _Rate = 20.0
+    latency: _Latency = 0.03
+    noise: _Noise = 0.008
+    noise_ratio: Fraction = 0.001
+    dropout: Fraction = 0.005
     near_reads_min: bool = False
-
-    def __post_init__(self) -> None:
-        RangeParams.__post_init__(self)
-        _check_name(self, "frame")
-        _check(self, {"field_of_view": (0.0, 2.0 * math.pi + 1e-9, "rad")})
-        check_count(f"{_where(self)}.rays", self.rays, low=1, high=_MOST_RAYS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,25 +102,18 @@ class RingParams(RangeParams):
 
     kind: _RingKind
     frames: tuple[str, ...]
-    half_angle: float
-    rays: int
-    max_incidence: float
-    crosstalk: float
-    groups: int
+    half_angle: _RightAngle
+    rays: Count
+    max_incidence: _RightAngle
+    crosstalk: Fraction
+    groups: Count
 
     def __post_init__(self) -> None:
+        if isinstance(self.frames, list):
+            object.__setattr__(self, "frames", tuple(self.frames))
         RangeParams.__post_init__(self)
-        if self.kind not in KINDS:
-            raise ParameterError(f"{_where(self)}.kind={self.kind!r} is unknown{nearest_name(self.kind, KINDS)}")
-        if isinstance(self.frames, str) or not all(isinstance(f, str) and f for f in self.frames) or not self.frames:
-            raise ParameterError(f"{_where(self)}.frames={self.frames!r} must be one or more names of links")
-        object.__setattr__(self, "frames", tuple(self.frames))
         if len(set(self.frames)) < len(self.frames):
             raise ParameterError(f"{_where(self)}.frames={self.frames!r} names a link twice")
-        right = 0.5 * math.pi
-        _check(
-            self, {"half_angle": (0.0, right, "rad"), "max_incidence": (0.0, right, "rad"), "crosstalk": (0.0, 1.0, "")}
-        )
         check_count(f"{_where(self)}.rays", self.rays, low=1, high=_MOST_RAYS // len(self.frames))
         check_count(f"{_where(self)}.groups", self.groups, low=1, high=len(self.frames))
 
@@ -160,18 +125,18 @@ class SonarParams(RingParams):
     name: str = "sonar"
     kind: _RingKind = "sonar"
     frames: tuple[str, ...] = tuple(f"sonar_{k}_frame" for k in range(12))
-    half_angle: float = 0.2617993877991494
-    rays: int = 31
-    max_incidence: float = 0.6
-    crosstalk: float = 0.01
-    groups: int = 3
-    range_min: float = 0.15
-    range_max: float = 3.0
-    rate: float = 15.0
-    latency: float = 0.03
-    noise: float = 0.01
-    noise_ratio: float = 0.01
-    dropout: float = 0.02
+    half_angle: _RightAngle = 0.2617993877991494
+    rays: Count = 31
+    max_incidence: _RightAngle = 0.6
+    crosstalk: Fraction = 0.01
+    groups: Count = 3
+    range_min: _Range = 0.15
+    range_max: _Range = 3.0
+    rate: _Rate = 15.0
+    latency: _Latency = 0.03
+    noise: _Noise = 0.01
+    noise_ratio: Fraction = 0.01
+    dropout: Fraction = 0.02
     near_reads_min: bool = True
 
 
@@ -182,18 +147,18 @@ class InfraredParams(RingParams):
     name: str = "infrared"
     kind: _RingKind = "infrared"
     frames: tuple[str, ...] = tuple(f"ir_{k}_frame" for k in range(6))
-    half_angle: float = 0.03
-    rays: int = 7
-    max_incidence: float = 1.4
-    crosstalk: float = 0.0
-    groups: int = 1
-    range_min: float = 0.1
-    range_max: float = 0.8
-    rate: float = 25.0
-    latency: float = 0.04
-    noise: float = 0.003
-    noise_ratio: float = 0.02
-    dropout: float = 0.005
+    half_angle: _RightAngle = 0.03
+    rays: Count = 7
+    max_incidence: _RightAngle = 1.4
+    crosstalk: Fraction = 0.0
+    groups: Count = 1
+    range_min: _Range = 0.1
+    range_max: _Range = 0.8
+    rate: _Rate = 25.0
+    latency: _Latency = 0.04
+    noise: _Noise = 0.003
+    noise_ratio: Fraction = 0.02
+    dropout: Fraction = 0.005
     near_reads_min: bool = True
 
 
@@ -211,9 +176,10 @@ class SensorConfig:
     """
 
     sensors: tuple[_SensorParams, ...] = (LaserParams(), SonarParams(), InfraredParams())
-    self_padding: float = 0.01
+    self_padding: Annotated[float, Bound(low=0.0, high=1.0, unit="m")] = 0.01
 
     def __post_init__(self) -> None:
+        check_fields(self)
         object.__setattr__(self, "sensors", tuple(self.sensors))
         names: set[str] = set()
         for sensor in self.sensors:
@@ -222,7 +188,6 @@ class SensorConfig:
             if sensor.name in names:
                 raise ParameterError(f"SensorConfig.sensors: two of them are named {sensor.name!r}; names are unique")
             names.add(sensor.name)
-        check_number("SensorConfig.self_padding", self.self_padding, low=0.0, high=1.0, unit="m")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -236,8 +201,7 @@ class SensorConfig:
             ParameterError: there is no sensor of such a name.
         """
         for name in names:
-            if name not in self.names:
-                raise ParameterError(f"sensor {name!r} is unknown{nearest_name(name, self.names)}")
+            check_choice("sensor", name, self.names)
         return replace(self, sensors=tuple(s for s in self.sensors if s.name in names))
 
 
@@ -281,23 +245,23 @@ def _sensor(name: str, node: Node) -> _SensorParams:
     if kind is None:
         node.fail(f"the key 'kind' is missing{nearest_name('kind', _KINDS)}")
     make = _KINDS[kind.text(valid=_KINDS)]
-    known = {f.name: f.type for f in fields(make) if f.name != "name"}
+    known = {name: kind for name, kind in get_type_hints(make).items() if name != "name"}
     entries = node.mapping(("kind", *known), what=f"a {kind.value}")
     values: dict[str, object] = {"name": name}
     for key, entry in entries.items():
         if key != "kind":
-            values[key] = _value(str(known[key]), entry)
+            values[key] = _value(known[key], entry)
     return node.checked(make, **values)
 
 
-def _value(kind: str, node: Node) -> object:
+def _value(kind: object, node: Node) -> object:
     """What a node holds, as the field of that type needs it."""
-    if kind == "str":
+    if kind is str:
         return node.text()
-    if kind == "bool":
+    if kind is bool:
         return node.boolean()
-    if kind == "int":
+    if kind is int:
         return node.integer(low=0, high=1_000_000)
-    if kind.startswith("tuple"):
+    if get_origin(kind) is tuple:
         return tuple(entry.text() for entry in node)
     return node.number(unit="")

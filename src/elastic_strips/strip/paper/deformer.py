@@ -19,7 +19,7 @@ from elastic_strips.strip.forces import repulsive_potential
 from elastic_strips.strip.params import StripParams
 from elastic_strips.strip.report import DeformReport, DeformStatus, StripForces, tick_status
 from elastic_strips.strip.strip import Strip
-from elastic_strips.validation import check_able, check_type, shown
+from elastic_strips.validation import Count, NonNegative, Positive, check_able, check_type
 
 from .equations import control_point_repulsion, elastic_force, elastic_torque, explicit_step, map_to_joints
 
@@ -43,21 +43,16 @@ class PaperParams(StripParams):
     """
 
     preset: ClassVar[str] = "paper"
-    influence: float = 1.5
-    k_r: float = 0.3
-    k_c: float = 0.5
-    rest_step: float = 2e-4
-    max_ticks: int = 120
-    alpha: float = 0.25
-    transfer_tilt: float = np.pi / 3
+    influence: Positive = 1.5
+    k_r: NonNegative = 0.3
+    k_c: Positive = 0.5
+    rest_step: NonNegative = 2e-4
+    max_ticks: Count = 120
+    alpha: NonNegative = 0.25
+    transfer_tilt: NonNegative = np.pi / 3
     mobile_only: bool = False
-    self_margin: float = 0.02
-    updates: int = 10
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.mobile_only, bool):
-            raise ParameterError(f"mobile_only={shown(self.mobile_only)} must be True or False")
-        self._check("updates")
+    self_margin: NonNegative = 0.02
+    updates: Count = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

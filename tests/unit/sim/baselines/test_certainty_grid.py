@@ -216,7 +216,7 @@ def test_a_wall_is_found_where_it_is(kind):
         ({"kind": "baies"}, r"kind='baies' is unknown; did you mean 'bayes'"),
         ({"cell": 0.0}, r"cell=0.0 must be a finite number > 0"),
         ({"size": 2}, r"size=2 must be a whole number ≥ 3"),
-        ({"hit": 1.0}, r"hit=1.0 must be < 1"),
+        ({"hit": 1.0}, r"hit=1.0 must be a finite number > 0 and < 1"),
     ],
 )
 def test_parameters_are_checked(given_, message):

@@ -174,7 +174,7 @@ def test_the_planner_finds_no_way_where_there_is_none():
     [
         ({"least": 2.0}, r"least=2.0 must not exceed largest=1.0"),
         ({"look_least": 0.6}, r"look_least=0.6 must not exceed look_ahead=0.5"),
-        ({"overlap": 1.1}, r"overlap=1.1 must be ≤ 1"),
+        ({"overlap": 1.1}, r"overlap=1.1 must be a finite number > 0 and ≤ 1"),
         ({"iterations": 1.5}, r"iterations=1.5 must be a whole number"),
         ({"repulsion": -1.0}, r"repulsion=-1.0 must be a finite number > 0"),
     ],

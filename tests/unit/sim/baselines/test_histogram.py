@@ -180,8 +180,8 @@ def test_a_goal_in_front_of_a_wall_is_reached():
         ({"variant": "vhf"}, r"variant='vhf' is unknown; did you mean 'vfh'"),
         ({"active": 10}, r"active=10 must be odd"),
         ({"low": 9000.0}, r"low=9000.0 must not exceed high=5000.0"),
-        ({"sectors": 4}, r"sectors=4 must be ≥ 8"),
-        ({"magnitude": 0.5}, r"magnitude=0.5 must be ≥ 1"),
+        ({"sectors": 4}, r"sectors=4 must be a whole number ≥ 8"),
+        ({"magnitude": 0.5}, r"magnitude=0.5 must be a finite number ≥ 1"),
         ({"target_weight": 0.0}, r"target_weight=0.0 must be a finite number > 0"),
     ],
 )

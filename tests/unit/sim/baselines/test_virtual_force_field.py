@@ -120,7 +120,7 @@ def test_without_repulsion_it_drives_straight():
 @pytest.mark.parametrize(
     "given_, message",
     [
-        ({"weight": 1.5}, r"weight=1.5 must be ≤ 1"),
+        ({"weight": 1.5}, r"weight=1.5 must be a finite number ≥ 0 and ≤ 1"),
         ({"active": 32}, r"active=32 must be odd"),
         ({"attraction": 0.0}, r"attraction=0.0 must be a finite number > 0"),
     ],
