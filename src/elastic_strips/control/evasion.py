@@ -239,13 +239,10 @@ class EvasivePlanner:
         self.dt, self.clearance = dt, clearance
         self._footprint = PlanarFootprint(robot)
         self._holds = hold + np.array(_LONGER)
-        self._lattice: _Targets | None = lattice(limits) if limits.drive_dim else None
+        if limits.drive_dim:
+            self._lattice = lattice(limits)
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._last: Array | None = None
-        self._lookahead: ObstacleLookahead | None = None
-        self._path = np.zeros((0, 2))
-        self._rest = np.zeros(0)
-        self._delay = 0.0
 
     def improved(
         self,
@@ -315,8 +312,7 @@ class EvasivePlanner:
             start: where the next motion begins, and when.
             strip: (M, nv) the path to the goal from there.
         """
-        self._lookahead = None
-        if self._lattice is None or not len(possible):
+        if not self.limits.drive_dim or not len(possible):
             return False
         self._footprint.update(start.coordinates)
         horizon = self.params.horizon
@@ -348,8 +344,6 @@ class EvasivePlanner:
 
         Each follows its manoeuvre for a while, and then brakes to rest where nothing can be by then, as it seems.
         """
-        assert self._lookahead is not None
-        assert self._lattice is not None
         params, targets, last = self.params, self._lattice, self._last
         part, step = params.acceleration, params.step
         kinds = targets.different
@@ -385,7 +379,6 @@ class EvasivePlanner:
 
     def _room(self, start: ReferenceState, kinds: Array) -> Mask:
         """(D, H) whether motions to targets (D, k), held for the times to choose from, seem to end well."""
-        assert self._lookahead is not None
         count = len(self._holds)
         hold = np.tile(self._holds, len(kinds))
         time, pose, rest = roll_to_rest(
@@ -397,7 +390,6 @@ class EvasivePlanner:
 
     def _risk(self, pose: Array) -> Array:
         """(N,) cost [s] of coming near what moves: what is further off in time is less sure, and counts less."""
-        assert self._lookahead is not None
         params, t = self.params, self.time
         apart = self._lookahead.near(pose, self._delay + t, params.lookahead) - self.clearance
         near = np.clip(1.0 - apart / (params.radius + params.radius_growth * t), 0.0, 1.5)
@@ -406,7 +398,6 @@ class EvasivePlanner:
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching what stands."""
-        assert self._lookahead is not None
         apart = self._lookahead.from_standing(pose[:, 1::2])
         weight = 2.0 * self.params.step * np.exp(-self.time[1::2] / self.params.discount_time)
         return (_TOUCHING * (apart < self.clearance)) @ weight

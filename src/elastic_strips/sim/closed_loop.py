@@ -8,24 +8,24 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
 from time import perf_counter, sleep
-from typing import Generic, ParamSpec, Protocol, TypeVar, cast
+from typing import Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.control import DriveParams, Tolerance
-from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
-from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
-from elastic_strips.control.record import DriveResult, Recorder, TickStatistics
+from elastic_strips.control import DriveParams
+from elastic_strips.control.controller import KEPT_EVENTS, Controller, ControlLoop, Tick
+from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
-from elastic_strips.trajectory import MotionLimits, ReferenceState
+from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_able, check_count, check_number, check_type
 
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
-from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams, Sensing
 from .plant import KinematicPlant, Plant, PlantParams
 
 _log = logging.getLogger(__name__)
@@ -38,71 +38,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-class _Senses(Protocol):
-    """What tells a controller about the world; see :class:`Perception`."""
-
-    @property
-    def contact(self) -> str: ...
-
-    def observe(self, t: float, coordinates: Array, estimate: Array) -> None: ...
-
-    def sense(self, t: float) -> object:
-        """What a controller takes: a scene, or readings."""
-        ...
-
-
-class _Controls(Protocol):
-    """What is simulated: a :class:`Controller`, or another one that takes steps as it does."""
-
-    robot: RobotModel
-    params: DriveParams
-    limits: MotionLimits
-    goal: Array
-    estimate: Array
-    tick: Tick | None
-    statistics: TickStatistics
-
-    @property
-    def method(self) -> str: ...
-
-    @property
-    def tolerance(self) -> Tolerance: ...
-
-    @property
-    def state(self) -> RunState: ...
-
-    @property
-    def reason(self) -> str: ...
-
-    @property
-    def events(self) -> list[Event]: ...
-
-    @property
-    def stops(self) -> list[tuple[float, str]]: ...
-
-    @property
-    def replans(self) -> int: ...
-
-    @property
-    def reference(self) -> ReferenceState | None: ...
-
-    @property
-    def plans_next(self) -> bool: ...
-
-    @property
-    def ended(self) -> bool: ...
-
-    def stop(self, reason: str = ...) -> None: ...
-
-    def resume(self) -> None: ...
-
-    def log(self, kind: str, reason: str) -> None: ...
-
-    @property
-    def step(self) -> Callable[..., Command]: ...
-
-
-_Driver = TypeVar("_Driver", bound=_Controls)
+_Driver = TypeVar("_Driver", bound=ControlLoop)
 _StripDriver = TypeVar("_StripDriver", bound=Controller)
 
 
@@ -143,7 +79,7 @@ class Simulation(Generic[_Driver]):
         controller: _Driver,
         world: World,
         plant: Plant,
-        perception: _Senses,
+        perception: Sensing,
         *,
         goal: Array | None = None,
         watch: Callable[[Simulation[_Driver]], object] | None = None,

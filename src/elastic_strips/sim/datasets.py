@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -103,29 +103,15 @@ def load_barn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     Raises:
         ScenarioError: As for `barn_ids`, or there is no world of that id.
     """
-    root = load_json(path, _BARN_FILE)
-    world = _world_of_id(root["worlds"], id)
-    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
-    z = root["cylinder_center_z"].number()
+    root, world, radius, length, z = _read(path, _BARN_FILE, id)
     centers = world["cylinders_xy"].rows(2, limit=MAX_LENGTH)
     scene = Scene([Cylinder(radius, length, at=(x, y, z), name=f"cylinder-{k}") for k, (x, y) in enumerate(centers)])
-    start, goal = world["start"].vector(3, limit=MAX_LENGTH), world["goal"].vector(2, limit=MAX_LENGTH)
-    path_given = world["path"].rows(2, limit=MAX_LENGTH)
-    route = path_given[np.concatenate([[True], np.any(np.diff(path_given, axis=0) != 0.0, axis=1)])]
-    route.flags.writeable = False
-    last = route[-1] - route[-2] if len(route) > 1 else goal - start[:2]
-    return DriveProblem(
-        name=f"barn-{id}",
-        world=World(scene),
-        start=PoseSpec(*start.tolist()),
-        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(last[1], last[0])),),
-        goal_tolerance=root["goal_tolerance"].number(low=0.0),
-        heading_free=True,
-        timeout=root["timeout"].number(low=0.0, unit="s"),
-        robot="jackal-box",
-        path=route,
-        path_length=world["path_length"].number(low=0.0),
-    )
+    given = world["path"].rows(2, limit=MAX_LENGTH)
+    path_xy = given[np.concatenate([[True], np.any(np.diff(given, axis=0) != 0.0, axis=1)])]
+    path_xy.flags.writeable = False
+    heading = path_xy[-1] - path_xy[-2] if len(path_xy) > 1 else None
+    problem = _jackal_problem(f"barn-{id}", root, world, scene, heading)
+    return replace(problem, path=path_xy, path_length=world["path_length"].number(low=0.0))
 
 
 def dynabarn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
@@ -155,10 +141,7 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     Raises:
         ScenarioError: As for `dynabarn_ids`, or there is no world of that id.
     """
-    root = load_json(path, _DYNABARN_FILE)
-    world = _world_of_id(root["worlds"], id)
-    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
-    z = root["cylinder_center_z"].number()
+    root, world, radius, length, z = _read(path, _DYNABARN_FILE, id)
     obstacles: list[Obstacle] = [_wall(wall) for wall in world["walls"]]
     for disc in world["obstacles"]:
         frames = disc["keyframes"].rows(3, limit=MAX_LENGTH)
@@ -169,17 +152,31 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
         positions = np.column_stack((frames[:, 1:], np.full(len(frames), z)))
         motion = disc.checked(Keyframes, frames[:, 0], positions, loop=True)
         obstacles.append(disc.checked(Cylinder, radius, length, name=disc["name"].text(), motion=motion))
+    problem = _jackal_problem(f"dynabarn-{id}", root, world, world.checked(Scene, obstacles))
+    return replace(problem, difficulty=world["difficulty"].text())
+
+
+def _read(path: str | os.PathLike[str], file: str, id: int) -> tuple[Node, Node, float, float, float]:
+    """Root and world of a file; radius, length, and height of the middle [m] of its cylinders."""
+    root = load_json(path, file)
+    world = _world_of_id(root["worlds"], id)
+    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
+    return root, world, radius, length, root["cylinder_center_z"].number()
+
+
+def _jackal_problem(name: str, root: Node, world: Node, scene: Scene, heading: Array | None = None) -> DriveProblem:
+    """The problem of a world; ``heading`` (2,) is a direction at the goal, that from the start to it where None."""
     start, goal = world["start"].vector(3, limit=MAX_LENGTH), world["goal"].vector(2, limit=MAX_LENGTH)
+    x, y = goal - start[:2] if heading is None else heading
     return DriveProblem(
-        name=f"dynabarn-{id}",
-        world=World(world.checked(Scene, obstacles)),
+        name=name,
+        world=World(scene),
         start=PoseSpec(*start.tolist()),
-        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(goal[1] - start[1], goal[0] - start[0])),),
+        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(y, x)),),
         goal_tolerance=root["goal_tolerance"].number(low=0.0),
         heading_free=True,
         timeout=root["timeout"].number(low=0.0, unit="s"),
         robot="jackal-box",
-        difficulty=world["difficulty"].text(),
     )
 
 
@@ -207,10 +204,7 @@ def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
     root = load_json(path, _BRIDGE_FILE)
     boxes = [
         entry.checked(
-            Box,
-            entry["size"].vector(3),
-            at=entry["position"].vector(3, limit=MAX_LENGTH),
-            name=entry["name"].text(),
+            Box, entry["size"].vector(3), at=entry["position"].vector(3, limit=MAX_LENGTH), name=entry["name"].text()
         )
         for entry in root["boxes"]
     ]

@@ -35,18 +35,12 @@ class PerceptionParams:
         check_number("PerceptionParams.delay", self.delay, low=0.0, unit="s")
 
 
-class Perception(Protocol):
-    """What tells a planner about the world."""
-
-    params: PerceptionParams
+class Sensing(Protocol):
+    """What a simulated robot senses: a scene (:class:`Perception`), or readings."""
 
     @property
     def contact(self) -> str:
         """What the robot feels that it touches, in words; empty where nothing, or where it feels nothing."""
-        ...
-
-    def known(self) -> Scene:
-        """What is known before the robot sets out."""
         ...
 
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
@@ -57,6 +51,20 @@ class Perception(Protocol):
             coordinates: (nv,) where the robot truly is; for what simulates sensors, and nobody else.
             estimate: (nv,) where it believes to be.
         """
+        ...
+
+    def sense(self, t: float) -> object:
+        """What a controller takes at time ``t`` [s]."""
+        ...
+
+
+class Perception(Sensing, Protocol):
+    """A source of scenes for a planner."""
+
+    params: PerceptionParams
+
+    def known(self) -> Scene:
+        """What is known before the robot sets out."""
         ...
 
     def sense(self, t: float) -> Scene:
@@ -84,11 +92,7 @@ class NoisyGroundTruth:
     contact = ""  # nobody feels anything
 
     def __init__(
-        self,
-        world: World,
-        assumptions: ObstacleAssumptions,
-        params: PerceptionParams,
-        rng: np.random.Generator,
+        self, world: World, assumptions: ObstacleAssumptions, params: PerceptionParams, rng: np.random.Generator
     ) -> None:
         self.world, self.params = world, params
         self._position: dict[str, np.ndarray] = {}

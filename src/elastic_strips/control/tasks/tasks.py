@@ -162,8 +162,11 @@ class InverseKinematics:
                 row = coordinates.copy()
                 row[:2] = target + radius * np.array([np.cos(angle), np.sin(angle)])
                 row[2] = angle + np.pi + self.rng.uniform(-0.6, 0.6)
-                if free(self._q(row)):
-                    begins += [row, *(r for r in self._postures(row, _POSTURES) if free(self._q(r)))][:2]
+                if free(self.robot.space.from_coordinates(row)):
+                    begins += [
+                        row,
+                        *(r for r in self._postures(row, _POSTURES) if free(self.robot.space.from_coordinates(r))),
+                    ][:2]
         if not begins:
             return ReachResult(None, np.inf, 0.0, f"{task}: the base has no room about it")
         begins.sort(key=lambda row: float(np.hypot(*(row[:2] - coordinates[:2]))))
@@ -196,19 +199,14 @@ class InverseKinematics:
                     best = ReachResult(None, distance, angle, f"{task}: the nearest that was found misses it by "
                                    f"{distance:.3f} m and {angle:.2f} rad")  # fmt: skip
                 continue
-            q = self._q(row)
-            if valid(q) and (not base or valid(self._driven(near, row))):
+            q = self.robot.space.from_coordinates(row)
+            if valid(q) and (not base or valid(_with_base_of(self.robot, row, near))):
                 return ReachResult(q, distance, angle, f"{task}: within {1e3 * distance:.1f} mm")
             touching += 1
             best = ReachResult(
                 None, distance, angle, f"{task}: all {touching} configurations that reach it touch something"
             )
         return best
-
-    def _driven(self, near: Array, row: Array) -> Array:
-        """(nq,) the base of ``row``, the joints of ``near``."""
-        b = self.robot.space.base_nv
-        return self._q(np.concatenate((row[:b], near[b:])))
 
     def _solve(self, begin: Array, near: Array, frame: int, target: Array, turn: Array | None, *, base: bool) -> Array:
         from scipy.optimize import least_squares  # late: slow to import
@@ -234,7 +232,7 @@ class InverseKinematics:
 
     def _off(self, row: Array, frame: int, target: Array, turn: Array | None) -> Array:
         """Position error [m] and, where it matters, orientation error times a lever [m]."""
-        pin.forwardKinematics(self.robot.model, self._data, self._q(row))
+        pin.forwardKinematics(self.robot.model, self._data, self.robot.space.from_coordinates(row))
         placement = pin.updateFramePlacement(self.robot.model, self._data, frame)
         off = placement.translation - target
         return off if turn is None else np.concatenate((off, _LEVER * pin.log3(turn.T @ placement.rotation)))
@@ -242,7 +240,7 @@ class InverseKinematics:
     def _slopes(self, row: Array, frame: int, turn: Array | None) -> Array:
         """Derivatives (3 or 6, nv) of :meth:`_off` by the coordinates."""
         model, data = self.robot.model, self._data
-        q = self._q(row)
+        q = self.robot.space.from_coordinates(row)
         pin.computeJointJacobians(model, data, q)
         placement = pin.updateFramePlacement(model, data, frame)
         J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
@@ -260,9 +258,6 @@ class InverseKinematics:
     def _miss(self, row: Array, frame: int, target: Array, turn: Array | None) -> tuple[float, float]:
         off = self._off(row, frame, target, turn)
         return float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]) / _LEVER)
-
-    def _q(self, row: Array) -> Array:
-        return self.robot.space.from_coordinates(row[None])[0]
 
     def _frame(self, name: str) -> int:
         index = find_frame(self.robot.model, name)
@@ -346,13 +341,11 @@ class DeliberativeLayer:
         if found.q is None:
             return TaskPlan(task, (), found.reason)
         row = robot.space.to_coordinates(found.q)
-        b = robot.space.base_nv
-        before = robot.space.to_coordinates(here)
-        before[:b] = row[:b]
         x, y, yaw = (float(value) for value in row[:3])
         drive = DriveTo(x, y, yaw)
+        before = _with_base_of(robot, row, robot.space.to_coordinates(here))
         steps = (
-            TaskStep(StepKind.NAVIGATION, robot.space.from_coordinates(before[None])[0], str(drive)),
+            TaskStep(StepKind.NAVIGATION, before, str(drive)),
             TaskStep(StepKind.MANIPULATION, found.q, str(task)),
         )
         return TaskPlan(task, steps, f"the arm does not reach from here: {drive} first; {found.reason}")
@@ -360,4 +353,10 @@ class DeliberativeLayer:
     def _driven(self, q: Array, drive: DriveTo) -> Array:
         row = self.robot.space.to_coordinates(q)
         row[:3] = drive.x, drive.y, drive.yaw
-        return self.robot.space.from_coordinates(row[None])[0]
+        return self.robot.space.from_coordinates(row)
+
+
+def _with_base_of(robot: RobotModel, row: Array, joints: Array) -> Array:
+    """(nq,) the base of one coordinate row, the joints of another one (nv,)."""
+    b = robot.space.base_nv
+    return robot.space.from_coordinates(np.concatenate((row[:b], joints[b:])))

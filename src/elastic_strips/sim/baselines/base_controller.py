@@ -13,6 +13,7 @@ from elastic_strips.control.controller import ControlLoop, Tick
 from elastic_strips.control.estimation import PoseBuffer
 from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
 from elastic_strips.control.params import DriveParams, Tolerance
+from elastic_strips.control.supervisor import RunLog
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
 from elastic_strips.perception import Reading
 from elastic_strips.robot import BaseKind, RobotModel
@@ -56,7 +57,7 @@ PATIENCE = 15.0
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
 
-class BaseController(ControlLoop):
+class BaseController(ControlLoop[Sequence[Reading]]):
     """Workspace: the counterpart of :class:`~elastic_strips.control.Controller` for base methods.
 
     The method gets readings, each with the pose that it was taken at; it knows no map. The arm stays as it is. It ends
@@ -69,7 +70,6 @@ class BaseController(ControlLoop):
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
         params: periods of the drive.
         limits: of the motors; read off the robot where None.
-        base: what the method knows of the base; read off the limits where None.
         patience: a method that has been blocked for so long [s] is given up.
 
     Raises:
@@ -79,10 +79,6 @@ class BaseController(ControlLoop):
 
     tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
     """How near counts as reached; of the base alone."""
-    plans_next = True
-    """Readings are wanted in every step."""
-    replans = 0
-    reference = None
 
     def __init__(
         self,
@@ -93,7 +89,6 @@ class BaseController(ControlLoop):
         *,
         params: DriveParams | None = None,
         limits: MotionLimits | None = None,
-        base: BaseLimits | None = None,
         patience: float = PATIENCE,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
@@ -103,20 +98,14 @@ class BaseController(ControlLoop):
             )
         super().__init__(robot, start, params, limits)
         self.goal = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
-        self.steering = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
+        self.steering = make_base_method(method, BaseLimits.of(self.limits))
+        self.method = self.steering.name
         self.patience = patience
         self.command = BaseCommand(0.0, 0.0, "moving")
-        self.state, self.reason = RunState.STOPPED, "not started"
-        self.stops: list[tuple[float, str]] = []
-        self.events: list[Event] = []
+        self._run = RunLog()
         self._past = PoseBuffer()
         self._past.add(0.0, self.estimate)
         self._blocked = 0.0
-
-    @property
-    def method(self) -> str:
-        """Its name."""
-        return self.steering.name
 
     @property
     def ended(self) -> bool:
@@ -178,7 +167,7 @@ class BaseController(ControlLoop):
             if state is RunState.STOPPED or state is RunState.BRAKING:
                 self.stops.append((self.time, reason))
             self.log(state.label, reason)
-        self.state, self.reason = state, reason
+        self._run.state, self._run.reason = state, reason
 
 
 class _RawReadings:
@@ -229,7 +218,6 @@ def base_simulation(
     *,
     params: DriveParams | None = None,
     limits: MotionLimits | None = None,
-    base: BaseLimits | None = None,
     patience: float = PATIENCE,
     sensors: SensorConfig | None = None,
     plant: Plant | None = None,
@@ -241,7 +229,7 @@ def base_simulation(
     """A method for a base alone in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
-        robot, start, goal, method, params, limits, base, patience: of the :class:`BaseController`.
+        robot, start, goal, method, params, limits, patience: of the :class:`BaseController`.
         world: the true obstacles over time.
         sensors: what the sensors are like.
         plant: the machine; a :class:`KinematicPlant` where None.
@@ -249,7 +237,7 @@ def base_simulation(
         watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
     """
     check_able("watch", watch)
-    controller = BaseController(robot, start, goal, method, params=params, limits=limits, base=base, patience=patience)
+    controller = BaseController(robot, start, goal, method, params=params, limits=limits, patience=patience)
     world, machine, rng = prepare(robot, world, controller.limits, plant, seed)
     machine.reset(controller.estimate)
     senses = _RawReadings(robot, world, machine, sensors, seed=rng)

@@ -228,13 +228,7 @@ _HALF_WIDTH = 0.27
 """Of the base [m]: the obstacle reaches into the way of the base from its side."""
 
 
-def bench_reaction(
-    robot: RobotModel,
-    seeds: Sequence[int],
-    step: Note = silent,
-    *,
-    depth: float = 0.1,
-) -> Figures:
+def bench_reaction(robot: RobotModel, seeds: Sequence[int], step: Note = silent, *, depth: float = 0.1) -> Figures:
     """Planning at 100 Hz: a post appears on the strip; ticks until a motion along a new certified strip is followed.
 
     The post stands beside the way and reaches ``depth`` [m] into what the base sweeps, left or right by seed; every
@@ -268,12 +262,7 @@ def bench_reaction(
 def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
     params = replace(DriveParams(), plan_every=1, latency=1)
     scenario = get_scenario("corridor", seed=seed)
-    options: Figures = {
-        "robot": robot,
-        "seed": seed,
-        "params": params,
-        "perception": PerceptionParams(delay=0.0),
-    }
+    options: Figures = {"robot": robot, "seed": seed, "params": params, "perception": PerceptionParams(delay=0.0)}
     free = make_simulation(scenario, **options)
     track = free.run(time_limit=7.0).record.control
     appears = float(np.random.default_rng(seed).uniform(2.0, 4.0))

@@ -116,14 +116,7 @@ def robots_table(figures: Figures) -> str:
 
 
 def _tried(case: RobotCase, timeout: float) -> Figures:
-    row: Figures = {
-        "name": case.name,
-        "refused": None,
-        "plan": "–",
-        "plan_ms": None,
-        "settle": "–",
-        "settle_ms": None,
-    }
+    row: Figures = {"name": case.name, "refused": None, "plan": "–", "plan_ms": None, "settle": "–", "settle_ms": None}
     begin = perf_counter()
     try:
         robot = load_robot(case.source, base=case.base, srdf=case.srdf)

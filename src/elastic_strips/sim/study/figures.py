@@ -44,7 +44,7 @@ class Outline:
 
     def arm(self, coordinates: Array) -> Array:
         """(C, 2) the arm's control points [m], from the first joint to the hand."""
-        q = self._robot.space.from_coordinates(coordinates[None])[0]
+        q = self._robot.space.from_coordinates(coordinates)
         return np.asarray(self._robot.control_points(q))[1:, :2]
 
     def _hull(self, coordinates: Array, bodies: Indices) -> Array:
