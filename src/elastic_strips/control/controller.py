@@ -396,11 +396,7 @@ class Controller(ControlLoop[Scene]):
         self._publish(t)
         self.supervisor.update(t)
         self._steps += 1
-        return self._track()
-
-    def _track(self) -> Command:
-        reference = self.reference
-        estimate, base = self.estimate, self.robot.space.base_nv
+        reference, estimate, base = self.reference, self.estimate, self.robot.space.base_nv
         if self.estimator.lost_for > 0.0:  # feedback on a frozen estimate would drive the base away
             estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))
         return self.tracker.command(reference, estimate)

@@ -28,7 +28,7 @@ from .progress import trim_passed
 _SPACING = 0.04
 """Spacing [m] of nodes that are taken over from the active trajectory."""
 _SHARES = (0.5, 1.0)
-"""Parts of the active trajectory that are followed first, where the strip has turned away too sharply."""
+"""Parts of the active trajectory that are followed first, where the strip bends too sharply."""
 
 
 class PlanOutcome(Enum):
@@ -104,7 +104,7 @@ class StripTimer:
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array) -> None:
         self.robot, self.limits, self.params, self.spacing_weight = robot, limits, params, spacing_weight
-        # planned with less than the motors can do, so that there is something left when the path changes
+        # less than the motors' limits: reserves for when the path changes
         easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
         self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
         self.certifier = TrajectoryCertifier(
@@ -126,15 +126,15 @@ class StripTimer:
         *,
         off_strip: bool = False,
     ) -> PlanResult:
-        """The fastest motion along the strip of a report that is certified, or why there is none.
+        """The fastest certified motion along the strip of a report, or the reason why there is none.
 
         Args:
-            start: where, when and how fast it begins: a state of ``active``.
+            start: first state of the motion, one of ``active``.
             active: the trajectory that is executed.
             scene: sensed.
-            possible: where its moving obstacles can be.
+            possible: forecast of its moving obstacles.
             report: of the strip's tick.
-            watch: takes the time of the phases.
+            watch: measures the phases.
             off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
         """
         coordinates = report.strip.coordinates
@@ -177,9 +177,9 @@ class StripTimer:
         speed: float,
         off_strip: bool,
     ) -> tuple[Trajectory | None, str]:
-        """A motion along the nodes, with ease where that is possible; or why there is none.
+        """A motion along the nodes, with reserves of acceleration where possible; or the reason why there is none.
 
-        Where the strip has turned away too sharply for the robot's speed, the motion first goes on as the active one.
+        Where the strip bends too sharply for the robot's speed, the motion first follows the active trajectory.
         """
         reason = ""
         attempts = [(0.0, self.easy), (0.0, self.hard)]

@@ -1,7 +1,7 @@
-"""Tasks: what a robot is told to do, and how the deliberative layer decomposes it into steps and goals.
+"""Tasks of a robot, and the deliberative layer, which decomposes them into steps with goals.
 
-The layer knows the map and the robot, and takes its time. The paths of its steps come from the motion planner, before
-the robot sets out, and again where the layers below cannot go on.
+The layer has the map and the robot, and no deadline. The paths of its steps come from the motion planner, before the
+first step and again where the layers below cannot go on.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from elastic_strips.validation import check_type, shown
 
 @dataclass(frozen=True, slots=True)
 class DriveTo:
-    """Drive the base to a pose, the arm as it is.
+    """Drive the base to a pose, with the arm as it is.
 
     Attributes:
         x, y: [m]; yaw: [rad], in the world.
@@ -44,7 +44,7 @@ class DriveTo:
 
 @dataclass(frozen=True, slots=True)
 class ReachHand:
-    """Bring a frame of the robot to a pose; the base drives there where the arm alone does not reach.
+    """Bring a frame of the robot to a pose; the base moves where the arm alone does not reach.
 
     Attributes:
         position: (x, y, z) in the world [m].
@@ -97,13 +97,13 @@ def _finite(what: str, values: tuple[float, ...], count: int) -> None:
 
 
 _POSITION_TOLERANCE = 2e-3
-"""A frame is where it is to be within so much [m]."""
+"""Tolerance of a frame's position [m]."""
 _ANGLE_TOLERANCE = 1e-2
 """[rad]"""
-_LEVER = 0.3  # [m/rad] what an angle counts beside a distance
-_PULL = 1e-3  # how strongly joints are drawn to where they are, beside the target
-_HOLD = 0.03  # how strongly a base is held where it was seen to have room: it moves only for what the arm cannot do
-_RING = (0.4, 0.55, 0.7, 0.85)  # [m] distances of a base from what it reaches for, to begin with
+_LEVER = 0.3  # [m/rad] weight of an angle against a distance
+_PULL = 1e-3  # weight of the joints' displacement against the target
+_HOLD = 0.03  # weight of the base's displacement from a free place: it moves only where the arm does not reach
+_RING = (0.4, 0.55, 0.7, 0.85)  # [m] first distances of a base from the target
 _DIRECTIONS = 12  # on each ring
 _POSTURES = 4  # of the arm, at each
 _STARTS = 24  # postures of the arm where the base stays
@@ -111,12 +111,13 @@ _STARTS = 24  # postures of the arm where the base stays
 
 @dataclass(frozen=True, slots=True)
 class ReachResult:
-    """A configuration that reaches, or None, and how near the best one came.
+    """Result of inverse kinematics.
 
     Attributes:
-        q: (nq,) or None.
-        distance: of the frame from its target [m]; angle: [rad], 0 where the orientation is free.
-        reason: what happened, for people.
+        q: (nq,) configuration that reaches the target, or None.
+        distance: least one of the frame from its target [m].
+        angle: of its orientation from the target's [rad]; 0 where the orientation is free.
+        reason: what happened, in words.
     """
 
     q: Array | None
@@ -126,11 +127,11 @@ class ReachResult:
 
 
 class InverseKinematics:
-    """Workspace: looks for configurations of one robot that reach.
+    """Workspace: searches collision-free configurations of a robot that reach a target.
 
     Args:
         robot: the robot.
-        rng: of the places to begin at.
+        rng: of the start values.
         margin: distance to keep to obstacles [m].
     """
 
@@ -139,17 +140,16 @@ class InverseKinematics:
         self._data = robot.model.createData()
 
     def with_arm(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
-        """Move the joints alone, the base stays where ``q`` (nq,) has it."""
+        """Search with the joints alone; the base stays where ``q`` (nq,) has it."""
         coordinates = self.robot.space.to_coordinates(self.robot.check_q(q))
         return self._search(
             scene, task, [coordinates, *self._postures(coordinates, _STARTS - 1)], coordinates, base=False
         )
 
     def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
-        """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first.
+        """Search with base and joints; start values are on rings about the target, those near ``q`` (nq,) first.
 
-        With the joints as ``q`` has them, the base must have room where it begins and where it ends: it drives there
-        first.
+        With the joints as in ``q``, the base must be free at its start value and at the result: it drives there first.
         """
         coordinates = self.robot.space.to_coordinates(self.robot.check_q(q))
         if not self.robot.space.planar:
@@ -268,7 +268,7 @@ class InverseKinematics:
 
 
 class StepKind(str, Enum):
-    """What a step is for; the strip moves the whole body in any case."""
+    """Purpose of a step; the strip moves the whole body in any case."""
 
     NAVIGATION = "navigation"
     MANIPULATION = "manipulation"
@@ -277,12 +277,12 @@ class StepKind(str, Enum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TaskStep(Summary):
-    """One goal on the way to a task.
+    """A step of a task.
 
     Attributes:
-        kind: what it is for.
-        q: (nq,) the goal.
-        text: for people.
+        kind: its purpose.
+        q: (nq,) its goal.
+        text: description.
     """
 
     kind: StepKind
@@ -295,7 +295,7 @@ class TaskStep(Summary):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TaskPlan(Summary):
-    """What the layer made of a task: its steps, none where it cannot be done, and why."""
+    """Steps of a task, none where it cannot be done, and the reason."""
 
     task: Task
     steps: tuple[TaskStep, ...]
@@ -307,7 +307,7 @@ class DeliberativeLayer:
 
     Args:
         robot: the robot.
-        seed: of all that is sampled.
+        seed: of the search for goals.
         margin: distance that goals keep to obstacles [m].
     """
 
@@ -316,12 +316,15 @@ class DeliberativeLayer:
         self._kinematics = InverseKinematics(robot, np.random.default_rng(seed), margin=margin)
 
     def decompose(self, task: Task, q: npt.ArrayLike, scene: Scene) -> TaskPlan:
-        """Decompose a task into steps that begin at a configuration.
+        """Decompose a task into steps.
 
         Args:
-            task: what to do.
-            q: (nq,) where the robot is.
-            scene: what stands in the way of its goals.
+            task: to be done.
+            q: (nq,) present configuration.
+            scene: static obstacles.
+
+        Returns:
+            The plan; without steps where no goal is found.
         """
         robot = self.robot
         here = robot.check_q(q, what="q")

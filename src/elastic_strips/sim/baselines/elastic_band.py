@@ -259,10 +259,6 @@ class ElasticBand:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
         self._sensed.update(reading, pose)
 
-    def free_distance(self) -> FreeDistance:
-        """ρ of the sensed points."""
-        return FreeDistance(self._sensed.points, self.limits.radius, self.params.largest)
-
     def command(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand:
         """Speed and yaw rate now."""
         done = self._limiter.at_goal(t, pose, velocity, goal)
@@ -272,7 +268,7 @@ class ElasticBand:
         if self._goal is not None and not np.allclose(self._goal, target, rtol=0.0, atol=1e-6):
             self.chain = None
         self._goal = target
-        free = self.free_distance()
+        free = FreeDistance(self._sensed.points, self.limits.radius, self.params.largest)
         self.chain = self._deformed(position, target, free)
         if self.chain is None:
             self.chain = self._planned(t, position, target, free)

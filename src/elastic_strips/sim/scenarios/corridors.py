@@ -259,16 +259,8 @@ def moving_corridor(
         if not yielding:
             vanishes[obstacle.name] = end
     world = World(Scene(obstacles), appears, vanishes)
-    return Scenario(
-        name=COURTEOUS if yielding else MOVING,
-        summary=SCENARIOS[COURTEOUS if yielding else MOVING],
-        scene=world.at(0.0),
-        start=PoseSpec(0.0, 0.0, 0.0),
-        goal=PoseSpec(LENGTH, 0.0, 0.0),
-        seed=seed,
-        timeline=world,
-        speed_class=fastest,
-    )
+    name, start, goal = COURTEOUS if yielding else MOVING, PoseSpec(0.0, 0.0, 0.0), PoseSpec(LENGTH, 0.0, 0.0)
+    return Scenario(name, SCENARIOS[name], world.at(0.0), start, goal, seed=seed, timeline=world, speed_class=fastest)
 
 
 def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:

@@ -46,14 +46,8 @@ def clutter(seed: int = 0) -> Scenario:
     Raises:
         ScenarioError: no room was found for the obstacles.
     """
-    return Scenario(
-        name=CLUTTER,
-        summary=SCENARIOS[CLUTTER],
-        scene=clutter_scene(seed),
-        start=PoseSpec(*START, 0.0),
-        goal=PoseSpec(*GOAL, 0.0, joints=REACH),
-        seed=seed,
-    )
+    start, goal = PoseSpec(*START, 0.0), PoseSpec(*GOAL, 0.0, joints=REACH)
+    return Scenario(CLUTTER, SCENARIOS[CLUTTER], clutter_scene(seed), start, goal, seed=seed)
 
 
 def clutter_scene(seed: int) -> Scene:
@@ -176,7 +170,7 @@ def closing_side(seed: int = 0) -> Scenario:
 def _six_metres(name: str, obstacles: list[Obstacle], seed: int) -> Scenario:
     """Straight ahead from the origin to (6, 0) [m]."""
     start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(6.0, 0.0, 0.0)
-    return Scenario(name=name, summary=SCENARIOS[name], scene=Scene(obstacles), start=start, goal=goal, seed=seed)
+    return Scenario(name, SCENARIOS[name], Scene(obstacles), start, goal, seed=seed)
 
 
 BOTTLENECK, DEAD_END = "bottleneck", "dead-end"

@@ -20,14 +20,8 @@ from .scenario import Scenario
 
 
 def _corridor(seed: int) -> Scenario:
-    return Scenario(
-        name="corridor",
-        summary=SCENARIOS["corridor"],
-        scene=corridor_scene(seed),
-        start=PoseSpec(0.0, 0.0, 0.0),
-        goal=PoseSpec(LENGTH, 0.0, 0.0),
-        seed=seed,
-    )
+    start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(LENGTH, 0.0, 0.0)
+    return Scenario("corridor", SCENARIOS["corridor"], corridor_scene(seed), start, goal, seed=seed)
 
 
 def _case(name: str) -> Callable[[int], Scenario]:

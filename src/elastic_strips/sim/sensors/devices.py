@@ -49,18 +49,7 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
 
 
 class LaserRangefinder:
-    """Workspace: one laser range finder on a robot.
-
-    Args:
-        params: of the device.
-        posture: of the robot; whoever asks for a scan has placed it.
-        obstacles: of the world.
-        rng: source of noise and dropouts.
-        self_padding: of the links that move before the laser [m].
-
-    Raises:
-        RobotError: the robot has no such link.
-    """
+    """Workspace: one laser range finder on a robot; see :class:`SonarArray` for the arguments and errors."""
 
     def __init__(
         self,
@@ -114,7 +103,7 @@ class SonarArray:
 
     Args:
         params: of the devices.
-        posture: of the robot; whoever asks for a reading has placed it.
+        posture: of the robot, placed by the caller before a reading.
         obstacles: of the world.
         rng: source of noise, dropouts and crosstalk.
         self_padding: of the links that move before the sensors [m].
