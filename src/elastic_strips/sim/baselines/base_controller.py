@@ -1,4 +1,4 @@
-"""The base methods by name, a controller of a base by one of them, and its simulation, on readings alone."""
+"""Base methods by name, a controller that uses one of them, and its simulation, on sensor readings alone."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _band(limits: BaseLimits) -> BaseMethod:
 BASE_METHODS: Mapping[str, Callable[[BaseLimits], BaseMethod]] = MappingProxyType(
     {"apf": PotentialField, "vff": VirtualForceField, "vfh": VectorFieldHistogram, "band": _band}
 )
-"""Name → factory of the method with its default parameters; the band's planner knows what is sensed, and no more."""
+"""Name → factory of the method with its default parameters; the band's planner uses sensed points alone."""
 
 
 def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
@@ -53,15 +53,15 @@ def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
 
 
 PATIENCE = 15.0
-"""A method that has been blocked for so long [s] is given up."""
+"""Time [s] after which a blocked method is given up."""
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
 
 class BaseController(ControlLoop[Sequence[Reading]]):
     """Workspace: the counterpart of :class:`~elastic_strips.control.Controller` for base methods.
 
-    The method gets readings, each with the pose that it was taken at; it knows no map. The arm stays as it is. It ends
-    at the goal, at a contact, or after the method has been blocked for long.
+    The method gets readings, each with the estimated pose at its time; it has no map. The arm does not move. The run
+    ends at the goal, at a contact, or when the method has been blocked for :attr:`patience`.
 
     Args:
         robot: with a differential drive.
@@ -70,10 +70,10 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
         params: periods of the drive.
         limits: of the motors; read off the robot where None.
-        patience: a method that has been blocked for so long [s] is given up.
+        patience: time [s] after which a blocked method is given up.
 
     Raises:
-        ConfigurationError: the robot has no differential drive, or start or goal is not sound.
+        ConfigurationError: the robot has no differential drive, or start or goal is not valid.
         ParameterError: an unknown method.
     """
 
@@ -109,26 +109,19 @@ class BaseController(ControlLoop[Sequence[Reading]]):
 
     @property
     def ended(self) -> bool:
-        """Whether it has arrived, has touched something, or was to stop and has let go."""
+        """Whether the robot has arrived, is in contact, or stands after :meth:`stop`."""
         if self._contact or self.state is RunState.REACHED:
             return True
         return bool(self._stopping) and not (self.command.v or self.command.omega)
 
     def log(self, kind: str, reason: str) -> None:
-        """Write down an event of now."""
+        """Write down an event at the present time: its kind in one word, and a reason."""
         self.events.append(Event(self.time, kind, reason))
 
     def step(
         self, t: float, measurement: Measurement | None, readings: Sequence[Reading] | None, *, trouble: str = ""
     ) -> Command:
-        """One control period; as :meth:`Controller.step`, on readings.
-
-        Args:
-            t: time [s].
-            measurement: what has been measured since the last step; None at the first.
-            readings: those that have come since the last step.
-            trouble: why none came.
-        """
+        """One control period, on the readings since the last step; see :meth:`ControlLoop.step`."""
         self.time = t
         if measurement is not None:
             self._take_in(measurement)
@@ -171,18 +164,7 @@ class BaseController(ControlLoop[Sequence[Reading]]):
 
 
 class _RawReadings:
-    """Workspace: what a robot's simulated sensors read, as it is; and whether the robot touches something.
-
-    Args:
-        robot: with the sensors' frames.
-        world: that the sensors see.
-        plant: where the robot truly is.
-        sensors: what they are like; the Silvermate's where None.
-        seed: of their noise.
-
-    Raises:
-        RobotError: the robot has not the frames that the sensors sit on.
-    """
+    """Workspace: readings of a robot's simulated sensors, and the obstacle that it touches."""
 
     def __init__(
         self,
@@ -202,10 +184,10 @@ class _RawReadings:
         return self._contact_sensor.touched(self._world.at(self._plant.time), self._plant.coordinates)
 
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
-        """Nothing: what is read is handed over as soon as it comes."""
+        """Nothing to do: :meth:`sense` reads the sensors."""
 
     def sense(self, t: float) -> Sequence[Reading]:
-        """Readings that have come by the time ``t`` [s]."""
+        """Readings that are available at time ``t`` [s], and were not before."""
         return self.suite.observe(t, self._plant.coordinates)
 
 
@@ -226,15 +208,18 @@ def base_simulation(
     realtime: bool = False,
     metadata: dict[str, object] | None = None,
 ) -> Simulation[BaseController]:
-    """A method for a base alone in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
+    """A base method in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
         robot, start, goal, method, params, limits, patience: of the :class:`BaseController`.
         world: the true obstacles over time.
-        sensors: what the sensors are like.
+        sensors: their parameters; the Silvermate's where None.
         plant: the machine; a :class:`KinematicPlant` where None.
-        seed: of the machine and the sensors.
+        seed: of the plant and the sensors.
         watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
+
+    Raises:
+        RobotError: the robot lacks a frame of a sensor.
     """
     check_able("watch", watch)
     controller = BaseController(robot, start, goal, method, params=params, limits=limits, patience=patience)
