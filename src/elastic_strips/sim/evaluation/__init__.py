@@ -1,4 +1,4 @@
-"""Evaluation: what became of a run, from the true states; it shares no geometry with the certificate."""
+"""Evaluation of runs, from the true states; it shares no geometry code with the certificate."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ _REGISTRY: dict[str, Callable[[int], Scenario]] = {
 
 
 def scenario_names() -> tuple[str, ...]:
-    """Names that :func:`get_scenario` knows."""
+    """Names of the scenarios of :func:`get_scenario`."""
     return tuple(_REGISTRY)
 
 
@@ -50,7 +50,7 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     """A scenario by name, or from a YAML file (a path that ends in .yaml or .yml, or holds a separator).
 
     Raises:
-        ScenarioError: an unknown name, or a fault in the file.
+        ScenarioError: an unknown name, or an error in the file.
     """
     if not isinstance(name_or_path, (str, Path)):
         raise ScenarioError(f"a scenario has a name or a file, not {shown(name_or_path)}")
