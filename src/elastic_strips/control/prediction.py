@@ -71,10 +71,10 @@ def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: Ob
             if isinstance(now.motion, UnknownMotion):
                 return False
             faster[m] = float(np.linalg.norm(now.velocity()[0] - forecast.velocity[m]))
-    growth = forecast.offset + forecast.speed * age + 0.5 * forecast.acceleration * age * age
+    uncertainty = forecast.offset + forecast.speed * age + 0.5 * forecast.acceleration * age * age
     # both snapshots have sensing errors, which add up in their difference
     slack = 2.0 * assumptions.velocity_error + forecast.acceleration * age
-    return bool((apart <= growth + assumptions.position_error).all() and (faster[known] <= slack[known]).all())
+    return bool((apart <= uncertainty + assumptions.position_error).all() and (faster[known] <= slack[known]).all())
 
 
 class ArrivalTimes:

@@ -104,7 +104,7 @@ class SequencingLayer:
             [(name, partial(self._there, k)) for k, name in enumerate(steps)],
             [("scene is fresh", self._fresh), ("robot knows where it is", self._localized)],
             usable=self._usable,
-            ask=self._ask,
+            request=self._request,
             follow=self._follow,
         )
 
@@ -125,7 +125,7 @@ class SequencingLayer:
         board = self._board
         return not board.trouble and not board.planning, board.trouble
 
-    def _ask(self) -> _Answer:
+    def _request(self) -> _Answer:
         board = self._board
         if board.planning:
             return self._wait("the deliberative layer is planning")

@@ -39,7 +39,7 @@ class Tree:
         steps: name of each, in order, and the condition that the robot is there.
         conditions: name and condition of what has to hold before the strip can be followed.
         usable: condition that there is a strip to follow.
-        ask: action where there is none.
+        request: action where there is none.
         follow: action where there is one.
     """
 
@@ -49,13 +49,13 @@ class Tree:
         conditions: Sequence[tuple[str, _Check]],
         *,
         usable: _Check,
-        ask: _Check,
+        request: _Check,
         follow: _Check,
     ) -> None:
         self.root = All("task", memory=True)
         for number, (name, there) in enumerate(steps, 1):
             strip = Selector("a strip to follow", memory=False)
-            strip.add_children([_Leaf("strip is usable", usable), _Leaf("ask the deliberative layer", ask)])
+            strip.add_children([_Leaf("strip is usable", usable), _Leaf("ask the deliberative layer", request)])
             go = All("go there", memory=False)
             go.add_children([_Leaf(*condition) for condition in conditions])
             go.add_children([strip, _Leaf("follow the strip", follow)])

@@ -252,7 +252,7 @@ class ElasticBand:
         self._sensed = SensedPoints()
         self.chain: Array | None = None
         self._goal: Array | None = None
-        self._asked = -math.inf
+        self._planned_at = -math.inf
 
     def update(self, reading: Reading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
@@ -295,9 +295,9 @@ class ElasticBand:
         return joined
 
     def _planned(self, t: float, position: Array, target: Array, free: FreeDistance) -> Array | None:
-        if self._planner is None or t - self._asked < _RETRY:
+        if self._planner is None or t - self._planned_at < _RETRY:
             return None
-        self._asked = t
+        self._planned_at = t
         path = self._planner(self._sensed.points, position, target)
         if path is None:
             return None
