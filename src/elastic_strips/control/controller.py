@@ -1,16 +1,18 @@
-"""Controller: what runs on a robot; measurements and scenes in, commands out, one step after another.
+"""Controller: the control loop of a robot; measurements and scenes in, commands out, step by step.
 
-It knows no truth and no simulator: where the robot is it has from measurements, what is around from scenes.
+It has no access to a simulator's true state: the robot's state is estimated from measurements, obstacles come from
+sensed scenes.
 """
 
 from __future__ import annotations
 
 import logging
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,30 +34,31 @@ from .params import DriveParams, Tolerance
 from .record import TickStatistics
 from .replanning import Replanner
 from .strip_timer import PlanOutcome, PlanResult
-from .supervisor import Supervisor
+from .supervisor import RunLog, Supervisor
 from .tracking import TrackingController, TrackingGains
 
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
-"""So many events are kept unless all are asked for: a robot may run for days."""
-_RESTS = 0.05  # [m/s, rad/s] what is measured to be slower than this counts as standing
+"""Events that are kept by default: a robot may run for days."""
+_RESTS = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
 _Planned = TypeVar("_Planned")
+_Sensed = TypeVar("_Sensed", contravariant=True)
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tick:
-    """A planning tick, as it was when it ended.
+    """A finished planning tick.
 
     Attributes:
-        time: [s].
-        seconds: how long it took by the wall clock.
-        result: what it came to; None where it came to nothing.
+        time: of the control step [s].
+        seconds: duration by the wall clock [s].
+        result: of the planner; None where it gave none.
         strip: (N, nv) coordinate rows of the strip; None where there is none.
-        horizon_end: time [s] at which the active trajectory comes to rest; NaN where nobody knows.
-        status: of the strip, or of what steers instead of one.
-        reason: why nothing better was found, or why the robot does what it does.
+        horizon_end: time [s] at which the active trajectory comes to rest; NaN where it is unknown.
+        status: of the strip, or of the method that steers without one.
+        reason: why there is no better result, or the reason of the robot's state.
     """
 
     time: float
@@ -67,25 +70,35 @@ class Tick:
     reason: str
 
 
-class ControlLoop:
-    """Workspace: what all controllers have: a robot and its limits, an estimate, planning ticks, and a stop.
+class ControlLoop(ABC, Generic[_Sensed]):
+    """Workspace: base of all controllers: a robot and its limits, an estimate, planning ticks, and a stop.
+
+    It is generic in what it senses: a scene, or readings.
 
     Args:
         robot: the robot.
-        start: configuration (nq,) in which it stands.
+        start: configuration (nq,) of the robot at rest.
         params: of the drive.
         limits: of the motors; read off the robot where None.
 
     Attributes:
+        method: name of the method that steers.
+        goal: (nv,) coordinate row of the present goal.
+        tolerance: how near counts as reached.
         time: of the last step [s].
-        estimate: (nv,) coordinate row where the robot believes to be.
+        estimate: (nv,) estimated coordinate row of the robot.
         tick: the last planning tick, or None.
         statistics: durations of the planning ticks.
-        estimator: takes in the measurements.
+        estimator: of the robot's state, from measurements.
 
     Raises:
-        ConfigurationError: start is not sound.
+        ConfigurationError: start is not a valid configuration.
     """
+
+    method: str
+    goal: Array
+    tolerance: Tolerance
+    _run: RunLog
 
     def __init__(
         self, robot: RobotModel, start: npt.ArrayLike, params: DriveParams | None, limits: MotionLimits | None
@@ -105,12 +118,73 @@ class ControlLoop:
         self._contact = self._stopping = ""
         self._steps = 0
 
+    @property
+    def state(self) -> RunState:
+        """What the robot is doing."""
+        return self._run.state
+
+    @property
+    def reason(self) -> str:
+        """Why it does so."""
+        return self._run.reason
+
+    @property
+    def events(self) -> list[Event]:
+        """What happened, in order of time."""
+        return self._run.events
+
+    @property
+    def stops(self) -> list[tuple[float, str]]:
+        """(time [s], reason) of every stop short of the goal."""
+        return self._run.stops
+
+    @property
+    def replans(self) -> int:
+        """How often a strip was planned anew."""
+        return 0
+
+    @property
+    def reference(self) -> ReferenceState | None:
+        """State that the robot follows at the time of the last step; None where the method has no reference."""
+        return None
+
+    @property
+    def plans_next(self) -> bool:
+        """Whether the next step has a planning tick, and so makes use of what is sensed."""
+        return True
+
+    @property
+    @abstractmethod
+    def ended(self) -> bool:
+        """Whether the robot has come to its last goal, or has stopped for good."""
+
+    @abstractmethod
+    def log(self, kind: str, reason: str) -> None:
+        """Write down an event at the present time: its kind in one word, and a reason."""
+
+    @abstractmethod
+    def step(
+        self, t: float, measurement: Measurement | None, sensed: _Sensed | None, /, *, trouble: str = ""
+    ) -> Command:
+        """One control period: the command of the motors from now on.
+
+        Args:
+            t: time [s].
+            measurement: what has been measured since the last step; None at the first.
+            sensed: what has been sensed since the last step; None where nothing came.
+            trouble: why nothing came.
+        """
+
     def stop(self, reason: str = "asked to stop") -> None:
-        """Come to rest, and stand until :meth:`resume`."""
+        """Bring the robot to rest; it stands until :meth:`resume`.
+
+        Args:
+            reason: becomes the reason of the state.
+        """
         self._stopping = self._stopping or reason
 
     def resume(self) -> None:
-        """Go on after a stop."""
+        """Continue after :meth:`stop`."""
         self._stopping = ""
 
     def _take_in(self, measurement: Measurement) -> None:
@@ -122,39 +196,39 @@ class ControlLoop:
         self.statistics.add(tick.seconds, self.params.latency * self.params.control_dt)
 
 
-class Controller(ControlLoop):
+class Controller(ControlLoop[Scene]):
     """Workspace: drives a robot along an elastic strip to its goals.
 
     In every control period :meth:`step` takes measurements and scenes, and returns the command of the motors. In every
-    ``plan_every``-th the strip is deformed, and a motion along it is certified up to its stop. Whatever fails, the
+    ``plan_every``-th one the strip is deformed, and a motion along it is certified up to its stop. On any failure the
     active trajectory is driven to its end, and the reason is in :attr:`events`.
 
     Args:
         robot: the robot.
-        start: configuration (nq,) in which it stands.
+        start: configuration (nq,) of the robot at rest.
         goal: configuration (nq,), or several of them (G, nq), one after the other.
-        scene: what is known before the robot sets out; nothing where None.
+        scene: obstacles known before the first step; none where None.
         params: of the drive.
         limits: of the motors; read off the robot where None.
-        strip: the strip to begin with; planned where None.
-        path: waypoints (K, 2) [m] that the first plan tries before all else.
+        strip: first strip; planned where None.
+        path: waypoints (K, 2) [m] that the first plan tries first.
         grid: whether plans may use a path over a grid.
-        replanner: decides when a strip is planned anew, and does it; one of its own where None.
-        executor: where strips are planned anew while the control loop goes on; a thread of its own where None.
+        replanner: decides when a strip is planned anew, and plans it; a :class:`Replanner` where None.
+        executor: runs plans while the control loop goes on; an own thread where None.
         seed: of the planner.
-        events: at least so many events and stops are kept, the newest; all where None.
+        events: the newest events and stops that are kept at least; all where None.
 
     Attributes:
-        first_plan: how the first strip was planned; None where it was given.
+        first_plan: report of the first strip's plan; None where the strip was given.
         scene: the newest one that was planned with.
-        goals: those that come after the present one.
-        goal_q, goal: the present one as configuration (nq,) and as coordinate row (nv,).
-        result: what the last planning tick came to; None where it came to nothing.
-        plan_tick: what plans in a tick; something that wraps it may take its place.
-        planner, supervisor, replanner, tracker: the parts; the rest as of :class:`ControlLoop`.
+        goals: configurations (nq,) after the present goal.
+        goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
+        result: of the last planning tick; None where it gave none.
+        plan_tick: function that plans in a tick; it may be replaced by a wrapper.
+        planner, supervisor, replanner, tracker: the parts; other attributes as of :class:`ControlLoop`.
 
     Raises:
-        ConfigurationError: start or goal is not sound, or in collision.
+        ConfigurationError: start or goal is not valid, or in collision.
     """
 
     method = "strip"
@@ -194,14 +268,15 @@ class Controller(ControlLoop):
             strip = self.first_plan.strip
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip)
         self.plan_tick: PlanTick = self.planner.tick
-        self.tracker: TrackingController = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
+        self.tracker = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
+        self.tolerance = self.params.tolerance
         resting = stationary(robot, self.limits, self.estimate, 0.0, self.params.control_dt)
-        self.supervisor: Supervisor = Supervisor(resting, keep=events)
+        self.supervisor = self._run = Supervisor(resting, keep=events)
         self._passed = 0
         self._executor = executor
         self._own: ThreadPoolExecutor | None = None
-        self._replan_task: Future[tuple[Strip | None, str]] | None = None  # a strip that is planned anew
-        self._next_plan: Future[PlanReport] | None = None  # the first one to another goal
+        self._replan_task: Future[tuple[Strip | None, str]] | None = None  # replans a strip to the same goal
+        self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
         self._ready: list[tuple[float, PlanResult]] = []
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
         self._no_path = ""
@@ -215,34 +290,9 @@ class Controller(ControlLoop):
         self.close()
 
     def close(self) -> None:
-        """End the thread in which strips are planned; a plan that is under way is waited for."""
+        """End the planning thread; a running plan is waited for."""
         if self._own is not None:
             self._own.shutdown()
-
-    @property
-    def tolerance(self) -> Tolerance:
-        """How near counts as reached."""
-        return self.params.tolerance
-
-    @property
-    def state(self) -> RunState:
-        """What the robot is doing."""
-        return self.supervisor.state
-
-    @property
-    def reason(self) -> str:
-        """Why it does so."""
-        return self.supervisor.reason
-
-    @property
-    def events(self) -> list[Event]:
-        """What happened, in order of time."""
-        return self.supervisor.events
-
-    @property
-    def stops(self) -> list[tuple[float, str]]:
-        """(time [s], reason) of every stop short of the goal."""
-        return self.supervisor.stops
 
     @property
     def replans(self) -> int:
@@ -251,17 +301,17 @@ class Controller(ControlLoop):
 
     @property
     def reference(self) -> ReferenceState:
-        """What the robot is to follow at the time of the last step."""
+        """State that the robot follows at the time of the last step."""
         return self.supervisor.reference(self.time)
 
     @property
     def strip(self) -> Strip:
-        """The one that is followed."""
+        """The strip that is followed."""
         return self.planner.strip
 
     @property
     def settled(self) -> bool:
-        """Whether the robot is measured to stand."""
+        """Whether the robot stands, by its measured speed."""
         return self._speed < _RESTS
 
     @property
@@ -271,7 +321,7 @@ class Controller(ControlLoop):
 
     @property
     def plans_next(self) -> bool:
-        """Whether the next step has a planning tick, and so makes use of a scene."""
+        """Whether the next step has a planning tick, which needs a scene."""
         return not self._stopping and self._steps % self.params.plan_every == 0
 
     @property
@@ -282,41 +332,44 @@ class Controller(ControlLoop):
         return self.state is RunState.REACHED and not self.goals and self._next_plan is None
 
     def log(self, kind: str, reason: str) -> None:
-        """Write down an event of now, in one word and in words."""
+        """Write down an event at the present time: its kind in one word, and a reason."""
         self.supervisor.log(self.time, kind, reason)
 
     def retarget(self, goal: npt.ArrayLike) -> None:
-        """At rest, take another goal (nq,), and have a strip planned to it.
+        """At rest, take another goal, and start planning a strip to it.
+
+        Args:
+            goal: configuration (nq,).
 
         Raises:
-            ConfigurationError: the robot moves, or the goal is no configuration of it.
+            ConfigurationError: the robot moves, or the goal is not a valid configuration.
         """
         if self.reference.v.any():
             raise ConfigurationError("retarget: the robot moves; stop it, and give it another goal when it stands")
         self.goal_q = self.robot.check_q(goal, what="goal")
         self.goal = self.robot.space.to_coordinates(self.goal_q)
         self._no_path = ""
-        self._replan_task, self.replanner.pending = None, False  # what is planned now leads to the goal before
+        self._replan_task, self.replanner.pending = None, False  # the running plan leads to the previous goal
         self._ready.clear()
         self.supervisor.restart("new goal", self.time)
         q = self.robot.space.from_coordinates(self.reference.coordinates)
         self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
 
     def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
-        """One control period: what the motors are to do from now on.
+        """One control period: the command of the motors from now on.
 
         Args:
             t: time [s], later than at the last step by about ``params.control_dt``.
-            measurement: what has been measured since the last step; None at the first, when the robot stands.
-            scene: the newest one that was sensed, whose ``time`` says how old it is; None where nothing newer came.
-            trouble: why no scene came, where that is known; the robot does not drive on without.
+            measurement: since the last step; None at the first, when the robot stands.
+            scene: the newest sensed scene, with the time at which it was sensed; None where no newer one came.
+            trouble: why no scene came, where that is known; the robot comes to rest then.
 
         Returns:
             Speeds within ``limits``.
 
         Raises:
             ParameterError: a time that does not ascend.
-            SceneError: something else than a scene.
+            SceneError: not a scene.
         """
         if self._steps and not check_number("t", t, unit="s") > self.time:
             raise ParameterError(f"t={t!r} s must be later than the last step, at {self.time!r} s")
@@ -339,24 +392,20 @@ class Controller(ControlLoop):
         if self._steps % self.params.plan_every == 0:
             if not self._stopping:
                 self._planning_tick(t)
-            elif self.state in (RunState.MOVING, RunState.BRAKING):  # who stands, stands for another reason
+            elif self.state in (RunState.MOVING, RunState.BRAKING):  # a robot at rest has another reason
                 self.supervisor.reject(self._stopping, t)
         self._publish(t)
         self.supervisor.update(t)
         self._steps += 1
-        return self._track()
-
-    def _track(self) -> Command:
-        reference = self.reference
-        estimate, base = self.estimate, self.robot.space.base_nv
-        if self.estimator.lost_for > 0.0:  # to follow an estimate that stands still would be to run away
+        reference, estimate, base = self.reference, self.estimate, self.robot.space.base_nv
+        if self.estimator.lost_for > 0.0:  # feedback on a frozen estimate would drive the base away
             estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))
         return self.tracker.command(reference, estimate)
 
     # the planning loop
 
     def _planning_tick(self, t: float) -> None:
-        """Plan; whatever fails in it, the active trajectory is driven to its end, and the reason is logged."""
+        """Plan; on any failure the active trajectory is driven to its end, and the reason is logged."""
         began = perf_counter()
         supervisor = self.supervisor
         self.result = None
@@ -398,7 +447,7 @@ class Controller(ControlLoop):
         if self.estimator.lost_for > 0.1:
             supervisor.reject("odometry lost", t)
             return
-        if self._no_path:  # the strip leads to the goal before
+        if self._no_path:  # the strip leads to the previous goal
             supervisor.reject(self._no_path, t)
             return
         waiting = self._replan(t)
@@ -418,7 +467,7 @@ class Controller(ControlLoop):
             self._decide(t, result)
 
     def _decide(self, t: float, result: PlanResult) -> None:
-        """What becomes of the active trajectory: it is replaced, braked, held, or goes on to its end."""
+        """Replace, brake or hold the active trajectory, or let it go on to its end."""
         outcome = result.outcome
         if self.replanner.halted and outcome not in (PlanOutcome.BRAKE, PlanOutcome.EVADE):
             self.supervisor.reject(f"the strip is broken: {result.report.certificate.broken}", t)
@@ -430,11 +479,11 @@ class Controller(ControlLoop):
             self.supervisor.reject(result.reason, t)
 
     def _begin(self, t: float) -> float:
-        """When a motion begins that is planned now."""
+        """Start time [s] of a motion that is planned now."""
         return t + self.params.latency * self.params.control_dt
 
     def _publish(self, t: float) -> None:
-        """Submit to the supervisor what has been planned and is ready by now."""
+        """Submit planned motions that are ready by now to the supervisor."""
         ready = [result for due, result in self._ready if due <= t + 1e-9]
         self._ready = [(due, result) for due, result in self._ready if due > t + 1e-9]
         for result in ready:
@@ -449,7 +498,7 @@ class Controller(ControlLoop):
                 self.supervisor.submit(result.motion, result.certificate, t, at_goal=at_goal)
 
     def _rest_of_goal(self, t: float, scene: Scene) -> bool:
-        """Whether the active trajectory ends at the goal and is still certified: then nothing better can be planned."""
+        """Whether the active trajectory ends at the goal and is still certified: then there is nothing to plan."""
         supervisor = self.supervisor
         if not supervisor.at_goal or supervisor.at_rest(t):
             return supervisor.at_goal
@@ -459,7 +508,7 @@ class Controller(ControlLoop):
         return certificate.certified
 
     def _replan(self, t: float) -> bool:
-        """Have a strip planned where that is due, and take it when it is there; True while the robot stands for it."""
+        """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it."""
         replanner, supervisor = self.replanner, self.supervisor
         if self._next_plan is not None:
             if not self._next_plan.done():
@@ -467,7 +516,7 @@ class Controller(ControlLoop):
             found, self._next_plan = self._next_plan, None
             try:
                 report = found.result()
-            except Exception as error:  # whatever it is, the strip that is there leads elsewhere
+            except Exception as error:  # on any error: the present strip leads to another goal
                 self._no_path = f"no way to the goal: {error}"
                 raise
             supervisor.log(t, "goal", report.reason)

@@ -1,4 +1,4 @@
-"""Estimation: where the robot is, from encoders and late localization fixes."""
+"""Estimation: the robot's configuration from encoders and delayed localization fixes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _inverse(a: Pose) -> Pose:
     return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], -a[2]
 
 
-_KEEP = 64  # odometry poses kept for fixes that come late
+_KEEP = 64  # odometry poses kept for delayed fixes
 _SLACK = 1e-9  # [s]
 
 
@@ -75,20 +75,20 @@ class EstimatorParams(Checked):
 
 
 class StateEstimator:
-    """Dead reckoning on encoders, corrected by fixes; joints straight from their encoders.
+    """Workspace: odometry from encoders, corrected by fixes; joint positions directly from their encoders.
 
-    Encoder travel gives the exact arc since the last measurement. A fix tells of a past pose: it is compared
-    with the odometry kept of that time, and the correction is carried to now along the odometry since. The gain is an
-    extended Kalman filter's whose state is the pose and the slip of each drive coordinate, so that a wheel that slips
-    steadily is reckoned with.
+    Encoder travel gives the exact arc since the last measurement. A fix measures a past pose: it is compared with the
+    odometry of that time, and the correction is carried to the present along the odometry since. The gain is that of an
+    extended Kalman filter with the pose and the slip of each drive coordinate as state, so that steady slip of a wheel
+    is estimated.
 
-    With the default plant's noise, at every sample of 880 runs of 10 to 20 s (Silvermate, TIAGo), the base's estimate
-    was off by at most 7 mm and 13 mrad, the joints' by their encoders' noise.
+    With the default plant's noise, at every sample of 880 runs of 10 to 20 s (Silvermate, TIAGo), the base's error was
+    at most 7 mm and 13 mrad, the joints' that of their encoders.
 
     Args:
         robot: the robot; any kind of base.
         limits: track and kind of drive.
-        params: believed noise.
+        params: assumed noise.
     """
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: EstimatorParams | None = None) -> None:
@@ -101,20 +101,20 @@ class StateEstimator:
 
     @property
     def lost_for(self) -> float:
-        """How long [s] the estimate has not rested on odometry: from the first measurement without encoder travel to
-        the first fix that tells of a time after its return; 0 while all is well."""
+        """Time [s] without odometry: from the first measurement without encoder travel to the first fix that was
+        measured after its return; 0 in normal operation."""
         return 0.0 if self._lost_since is None else self._time - self._lost_since
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviations that the filter gives its pose at the last fix: position [m], heading [rad]; 0 for a
-        fixed base."""
+        """Standard deviations of the pose at the last fix, by the filter: position [m], heading [rad]; 0 for a fixed
+        base."""
         if not self._k:
             return 0.0, 0.0
         return math.sqrt(self._P[0, 0] + self._P[1, 1]), math.sqrt(self._P[2, 2])
 
     def reset(self, coordinates: Array, time: float = 0.0) -> None:
-        """Start anew from a known coordinate row (nv,) at a time [s]."""
+        """Restart from a known coordinate row (nv,) at a time [s]."""
         self._time = float(time)
         values = [float(x) for x in coordinates]
         self._joints = np.array(values[self._first :])
@@ -132,7 +132,7 @@ class StateEstimator:
             self._P[3 + i, 3 + i] = self.params.slip**2
 
     def update(self, measurement: Measurement) -> Array:
-        """Take in a measurement; returns the estimate (nv,) at its time."""
+        """Take in a measurement; returns the estimated coordinate row (nv,) at its time."""
         dt = measurement.time - self._time
         self._time = measurement.time
         self._joints = measurement.joints
@@ -161,7 +161,7 @@ class StateEstimator:
         return drive[0], drive[1], drive[2]
 
     def _coast(self, dt: float) -> None:
-        """Odometry is lost: go on for a moment, and doubt the pose."""
+        """Odometry is lost: extrapolate for a moment, and mark the pose as lost."""
         if self._lost_since is None:
             self._lost_since = self._time - dt
         self._back_at = None
@@ -170,10 +170,10 @@ class StateEstimator:
             self._pose = compose(self._pose, exp((vx * dt, vy * dt, turn * dt)))
 
     def _blend(self, at: float, fix: list[float]) -> None:
-        """Correct everything since the time ``at`` by a fix that tells of it."""
+        """Correct all poses since the time ``at`` [s] by a fix that was measured then."""
         past = self._lookup(at)
         if past is None:
-            return  # older than what is kept; nothing older than the last fix is
+            return  # older than the kept poses, or than the last fix
         self._predict(past)
         found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - _SLACK
         if found:  # the travel since the loss is unknown
@@ -196,7 +196,7 @@ class StateEstimator:
             self._lost_since = self._back_at = None
 
     def _lookup(self, at: float) -> tuple[float, Pose, tuple[float, ...]] | None:
-        """Odometry at a past time, between the kept ones."""
+        """Odometry at a past time, interpolated between the kept poses."""
         later = None
         for entry in reversed(self._past):
             if entry[0] <= at + _SLACK:
@@ -239,15 +239,15 @@ class PoseBuffer:
         self._entries: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
 
     def add(self, t: float, estimate: Array) -> None:
-        """The base believes at ``t`` [s] to be at the x, y [m], yaw [rad] with which a coordinate row (nv,) begins."""
+        """Add an estimated coordinate row (nv,), which begins with x, y [m], yaw [rad], at time ``t`` [s]."""
         self._entries.append((t, np.array(estimate[:3])))
 
     def at(self, t: float) -> Array:
-        """(3,) the pose of the estimate that is nearest in time."""
+        """(3,) pose of the estimate that is nearest to time ``t`` [s]."""
         return min(self._entries, key=lambda entry: abs(entry[0] - t))[1]
 
     def velocity(self, over: int) -> Array:
-        """(2,) speed [m/s] and yaw rate [rad/s] over the last so many estimates."""
+        """(2,) speed [m/s] and yaw rate [rad/s] over the last ``over`` estimates."""
         (t0, a), (t1, b) = self._entries[max(-over, -len(self._entries))], self._entries[-1]
         if t1 <= t0:
             return np.zeros(2)

@@ -1,7 +1,7 @@
 """EvasivePlanner: short motions of the base that avoid moving obstacles.
 
-A few hundred manoeuvres are rolled out some seconds ahead and compared by risk and by progress towards the goal. The
-comparison proves nothing: the motion that begins the best one, and ends at rest, is driven only with a certificate.
+A few hundred manoeuvres are rolled out some seconds ahead and compared by risk and by progress towards the goal. Only
+a certified motion is driven: one that follows the best manoeuvre for a while, and ends at rest.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from .prediction import ArrivalTimes
 from .strip_timer import PlanOutcome, PlanResult, fastest_drive
 
 _REACH = 0.95
-"""Part of the largest speeds that manoeuvres go to."""
+"""Largest speeds of manoeuvres, as a part of the limits."""
 _DRIVES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # parts of the largest speed
 _TURNS = (-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0)  # [rad/s]
 _ONWARD = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.2), (1.0, -1.2))
-_CHANGES = (0.4, 1.0)  # times [s] at which the first target gives way to the second
+_CHANGES = (0.4, 1.0)  # times [s] at which the second target replaces the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Targets:
-    """Two-stage manoeuvres: speeds to go to as fast as the motors allow, one after the other.
+    """Two-stage manoeuvres: target speeds that are approached as fast as the motors allow, one after the other.
 
     Attributes:
         first, second: (N, k) speeds of the drive coordinates [m/s or rad/s].
-        change: (N,) time from the beginning [s] at which the second takes over.
-        kind: (N,) which of the different first targets each has.
+        change: (N,) time from the beginning [s] at which the second replaces the first.
+        kind: (N,) index of each one's first target among the different ones.
     """
 
     first: Array
@@ -62,7 +62,11 @@ class _Targets:
 
 
 def lattice(limits: MotionLimits) -> _Targets:
-    """Targets over all speeds that the base can reach, rest among them; each with several targets after it."""
+    """Grid of targets over all speeds of the base, rest included, each followed by several second targets.
+
+    Args:
+        limits: of the motors.
+    """
     top = _REACH * limits.drive_speed
     if limits.drive_dim == 2:
         v, w = np.meshgrid(np.array(_DRIVES) * top.min(), np.array(_TURNS), indexing="ij")
@@ -91,14 +95,9 @@ def lattice(limits: MotionLimits) -> _Targets:
 def _roll_out(
     limits: MotionLimits, start: ReferenceState, targets: _Targets, *, part: float, horizon: float, dt: float
 ) -> Array:
-    """Poses (N, T, 3) of the base [m, rad] along all targets, at every step from the first one on.
+    """Poses (N, T, 3) of the base [m, rad] in N manoeuvres over a horizon [s], in steps of ``dt`` [s].
 
-    Args:
-        limits: of the motors.
-        start: where and how fast the robot is.
-        targets: N of them.
-        part: of the acceleration limits.
-        horizon: how long [s]; dt: step [s].
+    ``part`` is that of the acceleration limits.
     """
     time = dt * np.arange(1.0, round(horizon / dt) + 1.0)
     step = part * limits.drive_acceleration * dt
@@ -113,9 +112,18 @@ def _roll_out(
 def roll_to_rest(
     limits: MotionLimits, start: ReferenceState, target: Array, hold: Array, *, part: float, dt: float
 ) -> tuple[Array, Array, Array]:
-    """Motions as :func:`motion_to` makes them, to targets (N, k), each held for a time (N,) [s] before it brakes.
+    """Roll out motions of :func:`motion_to`.
 
-    Returns times (T,) [s] after the start, poses (N, T, 3) then, and the times (N,) [s] at which they are at rest.
+    Args:
+        limits: of the motors.
+        start: first state.
+        target: (N, k) speeds of the drive coordinates.
+        hold: (N,) times [s] for which they are held before the base brakes.
+        part: of the acceleration limits.
+        dt: step [s].
+
+    Returns:
+        (T,) times [s] after the start, (N, T, 3) poses then, and (N,) times [s] at which the motions are at rest.
     """
     change = part * limits.drive_acceleration
     longest = float(hold.max()) + float((limits.drive_speed / change).max()) + dt
@@ -162,17 +170,22 @@ def motion_to(
     duration: float,
     dt: float,
 ) -> Trajectory | None:
-    """A motion that goes to a target speed for a short while and then brakes to rest; the joints only brake.
+    """A motion that approaches a target speed for a short while and then brakes to rest; the joints only brake.
 
     Velocities are linear and travels quadratic between samples, so that no limit is exceeded anywhere. Braking keeps
-    the proportion of the speeds: the base stays on its arc. None where a joint would leave its range.
+    the proportion of the speeds: the base stays on its arc.
 
     Args:
-        robot, limits: whose.
-        start: state that it goes on from; ``start.time`` is its first sample's.
+        robot: the robot.
+        limits: of its motors.
+        start: first state, at ``start.time``.
         target: (k,) speeds of the drive coordinates.
         part: of the acceleration limits.
-        duration: until it begins to brake [s]; dt: distance of the samples [s].
+        duration: until it begins to brake [s].
+        dt: time between samples [s].
+
+    Returns:
+        The motion; None where a joint would leave its range.
     """
     k = limits.drive_dim
     change = limits.acceleration.copy()
@@ -201,34 +214,34 @@ def _within(drive: Array, top: Array) -> Array:
 
 
 _TOUCHING = 40.0
-"""Cost per second of what would touch."""
+"""Cost of a contact, per second."""
 _DETOUR = 1.5
 """Cost of a metre beside the strip, in metres along it."""
 _TURN = 0.3
-"""Cost of a heading that is off [s/rad]."""
+"""Cost of a heading error [s/rad]."""
 _LONGER = (0.0, 0.2, 0.5, 0.9)
-"""How much longer than necessary a manoeuvre may be followed [s], to end where nothing comes."""
+"""Times [s] for which a manoeuvre may be followed beyond the least one, to end at a free place."""
 _GAIN = 0.1
-"""What another path has to gain [s] before a robot that is threatened, or moves, takes it."""
+"""Gain of cost [s] for which a robot in motion, or at risk, leaves the strip."""
 _PACE = 0.75
 """Part of the largest speed and acceleration that the strip is assumed to be followed with."""
 _STEADY = 0.15
-"""What the manoeuvre that was chosen last is ahead of the others by [s]: it goes on unless another is better."""
+"""Bonus [s] of the manoeuvre that was chosen last: it goes on unless another is better."""
 
 
 class EvasivePlanner:
-    """Workspace: compares manoeuvres among the moving obstacles of a snapshot.
+    """Workspace: compares manoeuvres of the base among the moving obstacles of a sensed scene.
 
     Args:
-        robot: whose base moves; a fixed one has no manoeuvres.
+        robot: the robot; a fixed base has no manoeuvres.
         limits: of its motors.
         params: of the comparison.
-        dt: distance of the samples of motions [s].
-        hold: how long [s] a motion follows its manoeuvre at least before it brakes.
-        clearance: distance [m] that certificates ask for.
+        dt: time between the samples of motions [s].
+        hold: least time [s] for which a motion follows its manoeuvre before it brakes.
+        clearance: distance [m] that certificates require.
 
     Attributes:
-        time: (T,) [s] after the start at which costs are taken.
+        time: (T,) times [s] after the start at which costs are taken.
     """
 
     def __init__(
@@ -242,13 +255,10 @@ class EvasivePlanner:
         self.clearance: float = clearance
         self._footprint = PlanarFootprint(robot)
         self._holds = hold + np.array(_LONGER)
-        self._lattice: _Targets | None = lattice(limits) if limits.drive_dim else None
+        if limits.drive_dim:
+            self._lattice = lattice(limits)
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._last: Array | None = None
-        self._lookahead: ObstacleLookahead | None = None
-        self._path = np.zeros((0, 2))
-        self._rest = np.zeros(0)
-        self._delay = 0.0
 
     def improved(
         self,
@@ -260,12 +270,14 @@ class EvasivePlanner:
         certifier: TrajectoryCertifier,
         arrival: ArrivalTimes,
     ) -> PlanResult:
-        """The result, or a certified motion off the strip where something comes or that is better than to wait.
+        """The given result, or one with a certified motion off the strip where that has a lower cost.
 
         Args:
-            result: along the strip.
-            start: where and when the next motion begins; active: the trajectory that is executed.
-            scene: sensed; possible: where its moving obstacles can be.
+            result: of planning along the strip.
+            start: first state of the next motion.
+            active: the trajectory that is executed.
+            scene: sensed.
+            possible: forecast of its moving obstacles.
             certifier: of motions.
             arrival: times at the strip's nodes.
         """
@@ -291,9 +303,9 @@ class EvasivePlanner:
         return result
 
     def _followed(self, result: PlanResult, start: ReferenceState, arrival: ArrivalTimes) -> Array:
-        """(T, nv) about where the robot is at :attr:`time` after the start if it follows the strip while that holds.
+        """(T, nv) predicted coordinate rows at :attr:`time` after the start if the robot follows the strip.
 
-        Where the strip is broken the robot would have to stop: there it waits for what comes.
+        Where the strip is broken the robot is assumed to stop and wait.
         """
         strip, speed, times = result.report.strip.coordinates, result.speed, self.time
         top = _PACE * float(self.limits.drive_speed.max(initial=1.0))
@@ -310,16 +322,18 @@ class EvasivePlanner:
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)
 
     def look(self, scene: Scene, possible: Forecast, start: ReferenceState, strip: Array) -> bool:
-        """Look around; whether anything that moves may come near within the horizon.
+        """Take in a scene, for :meth:`cost` and :meth:`options`.
 
         Args:
             scene: sensed.
-            possible: its moving obstacles, with the bounds of the errors.
-            start: where the next motion begins, and when.
-            strip: (M, nv) the path to the goal from there.
+            possible: forecast of its moving obstacles.
+            start: first state of the next motion.
+            strip: (M, nv) coordinate rows of the path to the goal from there.
+
+        Returns:
+            Whether any moving obstacle may come near within the horizon; only then costs are defined.
         """
-        self._lookahead = None
-        if self._lattice is None or not len(possible):
+        if not self.limits.drive_dim or not len(possible):
             return False
         self._footprint.update(start.coordinates)
         horizon = self.params.horizon
@@ -339,32 +353,29 @@ class EvasivePlanner:
     def cost(self, rows: Array) -> tuple[float, float]:
         """Risk and cost [s] of coordinate rows (T, nv) at :attr:`time` after the start.
 
-        The risk is that of touching something or coming near it, 0 where nothing comes near; the cost is the risk and
-        the time that is left to the goal.
+        The risk is the cost of contact and nearness, 0 where nothing is near; the cost adds the time left to the goal.
         """
         pose = rows[None, :, :3]
         risk = self._risk(pose)
         return float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0])
 
     def options(self, start: ReferenceState, better: float) -> Iterator[Trajectory]:
-        """Motions that begin manoeuvres whose cost is below ``better``, the best first.
+        """Motions that begin manoeuvres of a cost [s] below ``better``, the best first.
 
-        Each follows its manoeuvre for a while, and then brakes to rest where nothing can be by then, as it seems.
+        Each follows its manoeuvre for a while, and then brakes to rest at a place that the forecast leaves free.
         """
-        assert self._lookahead is not None
-        assert self._lattice is not None
         params, targets, last = self.params, self._lattice, self._last
         part, step = params.acceleration, params.step
         kinds = targets.different
         room = self._room(start, kinds)
-        hold = room.argmax(axis=1)  # the shortest one that will do; the next tick plans anew
+        hold = room.argmax(axis=1)  # the shortest that ends at a free place; the next tick plans anew
         targets = targets.take(np.take(room.any(axis=1), targets.kind))
         if not len(targets):
             return
         pose = _roll_out(self.limits, start, targets, part=part, horizon=params.horizon, dt=step)
         risk = self._risk(pose)
         cost = risk + self._to_go(pose[:, -1])
-        if last is not None:  # what was begun goes on unless another is better
+        if last is not None:  # a bonus for the present manoeuvre
             same = (np.abs(targets.first - last) < 1e-9).all(axis=1)
             cost[same] -= _STEADY
         best = np.argsort(cost, kind="stable")[: params.shortlist]
@@ -387,8 +398,7 @@ class EvasivePlanner:
         self._last = None
 
     def _room(self, start: ReferenceState, kinds: Array) -> Mask:
-        """(D, H) whether motions to targets (D, k), held for the times to choose from, seem to end well."""
-        assert self._lookahead is not None
+        """(D, H) whether motions to targets (D, k), held for H different times, keep clear of the forecast."""
         count = len(self._holds)
         hold = np.tile(self._holds, len(kinds))
         time, pose, rest = roll_to_rest(
@@ -399,8 +409,7 @@ class EvasivePlanner:
         return ((apart > 0.0) | over).all(axis=1).reshape(-1, count)
 
     def _risk(self, pose: Array) -> Array:
-        """(N,) cost [s] of coming near what moves: what is further off in time is less sure, and counts less."""
-        assert self._lookahead is not None
+        """(N,) cost [s] of coming near moving obstacles, discounted with time, as predictions become less certain."""
         params, t = self.params, self.time
         apart = self._lookahead.near(pose, self._delay + t, params.lookahead) - self.clearance
         near = np.clip(1.0 - apart / (params.radius + params.radius_growth * t), 0.0, 1.5)
@@ -408,14 +417,13 @@ class EvasivePlanner:
         return (params.proximity_weight * near * near + _TOUCHING * (apart < 0.0)) @ weight
 
     def _standing_risk(self, pose: Array) -> Array:
-        """(N,) cost [s] of touching what stands."""
-        assert self._lookahead is not None
+        """(N,) cost [s] of touching static obstacles."""
         apart = self._lookahead.from_standing(pose[:, 1::2])
         weight = 2.0 * self.params.step * np.exp(-self.time[1::2] / self.params.discount_time)
         return (_TOUCHING * (apart < self.clearance)) @ weight
 
     def _to_go(self, pose: Array) -> Array:
-        """(N,) time [s] to the goal along the strip, from poses (N, 3): back to it, along it, and turning."""
+        """(N,) time [s] to the goal from poses (N, 3): back to the strip, along it, and turning."""
         top = 0.8 * float(self.limits.drive_speed[:2].min())
         offset = self._path[None] - pose[:, None, :2]
         length = _DETOUR * np.sqrt(np.square(offset).sum(axis=2)) + self._rest

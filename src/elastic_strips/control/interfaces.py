@@ -1,4 +1,4 @@
-"""Interfaces: what goes into a controller and what comes out of it: measurements, commands, states, events."""
+"""Interfaces: inputs and outputs of a controller: measurements, commands, states, events."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from elastic_strips.trajectory import MotionLimits
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
-    """What the sensors say at one time.
+    """Readings of the robot's own sensors at one time.
 
     Attributes:
-        time: [s].
+        time: of the readings [s].
         drive: (k,) travel of the drive coordinates since the last measurement, from encoders (rims left, right [m] of
-            a differential drive; x, y, yaw in the body's frame of an omnidirectional base); None where odometry is
-            lost.
+            a differential drive; x, y [m], yaw [rad] in the body frame of an omnidirectional base); None where
+            odometry is lost.
         joints: (n,) joint positions, from encoders [rad or m].
-        pose: (3,) a localization fix x, y [m], yaw [rad], where one arrives now; else None.
-        pose_time: the time [s] that the fix tells of, earlier than ``time``; None without a fix.
-        contact: what the robot feels that it touches, in words; empty where nothing.
+        pose: (3,) localization fix x, y [m], yaw [rad] in the world, where one arrives now; else None.
+        pose_time: time [s] at which the fix was measured, earlier than ``time``; None without a fix.
+        contact: description of a felt contact; empty without one.
     """
 
     time: float
@@ -36,10 +36,10 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """Speeds that the motors are told to turn with.
+    """Commanded speeds of the motors.
 
     Attributes:
-        drive: (k,) drive coordinates: rims left, right [m/s] of a differential drive; x, y, yaw in the body's frame
+        drive: (k,) drive coordinates: rims left, right [m/s] of a differential drive; x, y, yaw in the body frame
             [m/s, rad/s] of an omnidirectional base; empty for a fixed one.
         joints: (n,) joint rates [rad/s or m/s].
     """
@@ -49,15 +49,15 @@ class Command:
 
     @staticmethod
     def rest(limits: MotionLimits) -> Command:
-        """All motors stand."""
+        """The command of all motors at rest."""
         return Command(np.zeros(len(limits.drive_speed)), np.zeros(len(limits.joint_speed)))
 
 
 class RunState(IntEnum):
-    """What the robot is doing; a record keeps the labels beside the codes.
+    """State of a run; a record keeps the labels beside the codes.
 
-    ``MOVING``: it follows its reference. ``BRAKING``: it brakes. ``STOPPED``: it stands and waits. ``REACHED``: it is
-    at the goal. ``FAILED``: the run ended elsewhere.
+    ``MOVING``: the robot follows its reference. ``BRAKING``: it brakes. ``STOPPED``: it stands and waits. ``REACHED``:
+    it is at the goal. ``FAILED``: the run ended elsewhere.
     """
 
     MOVING = 0
@@ -68,13 +68,13 @@ class RunState(IntEnum):
 
     @property
     def label(self) -> str:
-        """Its word in documents and records."""
+        """Name in documents and records."""
         return "slowing" if self is RunState.BRAKING else self.name.lower()
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened once: time [s], kind (one word) and what there is to say about it."""
+    """An event of a run: time [s], kind (one word) and reason."""
 
     time: float
     kind: str

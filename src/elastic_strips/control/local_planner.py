@@ -1,4 +1,4 @@
-"""Local planner: one planning tick: the strip gives way, and what lies ahead becomes a certified motion."""
+"""Local planner: one planning tick: the strip is deformed, and a certified motion is timed along it."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ class LocalPlanner:
     """Workspace: the strip ahead of the robot, and motions along it.
 
     Args:
-        robot: whose strip.
+        robot: the robot.
         limits: of its motors.
         params: of the drive.
         strip: from the start to the goal.
 
     Attributes:
-        strip: the one that is followed, from where the robot was in the last tick.
+        strip: the strip that is followed, from the robot's configuration in the last tick on.
         report: of the strip's last tick; None before the first.
-        evasion: compares manoeuvres off the strip; None where the robot only brakes and waits.
+        evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
     """
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
@@ -59,18 +59,18 @@ class LocalPlanner:
         self._off_strip = False
 
     def take(self, strip: Strip) -> None:
-        """Go on with another strip."""
+        """Follow another strip from now on."""
         self.strip = strip
         self._last = None
 
     def reset(self) -> None:
-        """Forget all that is kept from tick to tick, the strip aside; for after an exception."""
+        """Discard all state that is kept from tick to tick, except the strip; for use after an exception."""
         self.deformer.reset()
         self.timer.certifier.reset()
         self._last = self._proof = None
 
     def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
-        """Certify what is left of a motion once more, against a newer scene."""
+        """Certify the rest of a motion against a newer scene."""
         return self.timer.certifier.certify(motion, scene, predict(scene, self.params.assumptions))
 
     def tick(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
@@ -80,16 +80,16 @@ class LocalPlanner:
             now: time [s].
             scene: sensed at ``scene.time``.
             active: the trajectory that is executed.
-            begin: time [s] at which the new one is to take over.
+            begin: start time [s] of the new motion.
         """
         result = self._unchanged(scene, active, begin) or self._plan(now, scene, active, begin)
         self._names, self._last = scene.names, result
         return result
 
     def _unchanged(self, scene: Scene, active: Trajectory, begin: float) -> PlanResult | None:
-        """The motion of the last tick, where its certificate still holds; or to go on waiting. None: plan anew.
+        """The last tick's motion where its certificate still holds, or its failure while the robot waits; else None.
 
-        A motion reaches further than to the tick after next: nothing is lost, and half the ticks are cheap.
+        A motion reaches further than to the tick after next, so that every second tick may skip planning.
         """
         last = self._last
         if last is None or scene.names != self._names or self._off_strip:
@@ -129,10 +129,10 @@ class LocalPlanner:
         self, result: PlanResult, start: ReferenceState, active: Trajectory, scene: Scene, possible: Forecast,
         watch: Stopwatch,
     ) -> PlanResult:  # fmt: skip
-        """What becomes of the active trajectory where the robot moves and there is no new motion.
+        """Decide on the active trajectory where the robot moves and there is no new motion.
 
-        It goes on to its end. Only where the scene is not what it was certified for, and it is certified no longer,
-        the robot brakes at once.
+        It goes on to its end. The robot brakes at once only if the scene is not what the trajectory was certified for,
+        and it is no longer certified.
         """
         surprised, tried = self._surprised(active, scene), result.certificate is not None
         if tried and not surprised:
@@ -143,22 +143,22 @@ class LocalPlanner:
         if certificate.certified and tried:
             return result
         result = replace(result, motion=rest, certificate=certificate)
-        if certificate.certified:  # the robot has to stop here, and is doing so
+        if certificate.certified:  # the robot has to stop on it, and does
             return replace(result, outcome=PlanOutcome.UNCHANGED)
         result = replace(result, reason=f"the held motion is no longer certified: {certificate.broken}")
-        if not surprised:  # what it was certified with is still a proof
+        if not surprised:  # its own certificate still holds
             return result
         return replace(result, outcome=PlanOutcome.BRAKE, motion=self.timer.hard.brake(active, start.time))
 
     def _surprised(self, active: Trajectory, scene: Scene) -> bool:
-        """Whether a scene is not what the certificate of a motion allowed for, or nobody knows what that was."""
+        """Whether a scene differs from what the motion's certificate allowed for, or that is not known."""
         if self._proof is None:
             return True
         motion, before, forecast = self._proof
         return motion is not active or not as_expected(scene, before, forecast, self.params.assumptions)
 
     def _deform(self, now: float, scene: Scene, start: ReferenceState, watch: Stopwatch) -> DeformReport:
-        """One tick of the strip from where the robot will be; more of them where it has just lost its certificate."""
+        """One tick of the strip from the start state on; several where it has just lost its certificate."""
         params = self.params
         expected = predict(scene, params.assumptions, horizon=params.horizon + now - scene.time, sure=True)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
@@ -175,7 +175,7 @@ class LocalPlanner:
         before, last = self.report, self._last
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
         if before is not None and waits and scene.names == self._names and prediction is not None and self._ticks % 2:
-            report = replace(before, strip=strip)  # it waits or brakes: only the motion is tried again
+            report = replace(before, strip=strip)  # only the motion is planned again
         else:
             report = self.deformer.step(
                 strip, scene, prediction=prediction, nodes=self._ticks % params.maintain_every == 0

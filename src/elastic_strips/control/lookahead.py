@@ -1,4 +1,4 @@
-"""Look-ahead: what is around the robot, seen from above, and where constant velocities take it."""
+"""Look-ahead: the obstacles around the robot, seen from above, and their motion at constant velocities."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Scene
 
 FAR = 3.0
-"""Separations are not told beyond this [m]."""
-_FASTEST = 3.0  # [m/s] what is faster is noticed late
-_LOW = 0.02  # [m] what lies lower is driven over
+"""Largest separation that is returned [m]."""
+_FASTEST = 3.0  # [m/s] faster obstacles are found late
+_LOW = 0.02  # [m] lower obstacles are driven over
 
 
 class ObstacleLookahead:
-    """What is around the robot, seen from above, and where constant velocities take it.
+    """The obstacles around the robot, seen from above, and their motion at constant velocities.
 
     Args:
         footprint: of the robot.
         scene: sensed.
-        forecast: its moving obstacles, with the bounds of the errors.
-        centre: (2,) where the robot is [m].
-        reach: how far from there it matters where things stand [m].
-        horizon: how long it matters where things move [s].
-        most: so many moving pieces at most, those first that come nearest soonest.
+        forecast: of its moving obstacles.
+        centre: (2,) position of the robot [m].
+        reach: distance from there within which static obstacles count [m].
+        horizon: time within which moving obstacles count [s].
+        most: largest number of moving pieces, those first that come nearest soonest.
     """
 
     def __init__(
@@ -73,25 +73,38 @@ class ObstacleLookahead:
 
     @property
     def movers(self) -> int:
-        """How many moving pieces matter."""
+        """Number of moving pieces that count."""
         return len(self._discs)
 
-    def near(self, pose: Array, time: Array, lead: float) -> Array:
-        """About the separations (N, T) [m] from what moves, at poses (N, T, 3) and times (T,) [s] after the snapshot.
+    def near(self, pose: Array, time: Array, lookahead: float) -> Array:
+        """Approximate separations from moving obstacles.
 
-        What moves counts as where it is and will be within the next ``lead`` [s]: a robot that is in front of it has
-        to go on, and cannot be certified to stop. The robot is a disc that holds all of it that the piece could touch.
+        An obstacle counts at every place where it will be within the next ``lookahead`` [s]: a robot in front of it has
+        to go on, and cannot be certified to stop. The robot is a disc that holds all of it at the obstacle's height.
+
+        Args:
+            pose: (N, T, 3) poses of the base [m, rad].
+            time: (T,) times [s] after the scene.
+            lookahead: see above [s].
+
+        Returns:
+            (N, T) separations [m].
         """
         x, y, vx, vy = self._discs[:, :4].T
         t = time[:, None]
         dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
-        ahead = np.clip(-(dx * vx + dy * vy) / np.maximum(vx * vx + vy * vy, 1e-6), 0.0, lead)
+        ahead = np.clip(-(dx * vx + dy * vy) / np.maximum(vx * vx + vy * vy, 1e-6), 0.0, lookahead)
         dx += vx * ahead
         dy += vy * ahead
         return (np.sqrt(dx * dx + dy * dy) - self._size).min(axis=-1, initial=FAR)
 
     def possible(self, pose: Array, time: Array) -> Array:
-        """Separations (N, T) [m] from all places where what moves can be then, as for a certificate."""
+        """Separations (N, T) [m] from all places where moving obstacles can be then, as for a certificate.
+
+        Args:
+            pose: (N, T, 3) poses of the base [m, rad].
+            time: (T,) times [s] after the scene.
+        """
         result = np.full(pose.shape[:2], FAR)
         if not len(self._discs):
             return result
@@ -110,7 +123,10 @@ class ObstacleLookahead:
         return result
 
     def from_standing(self, pose: Array) -> Array:
-        """Separations (N, T) [m] from what stands; the robot's boxes are covered by discs, so it is a little less."""
+        """Lower bounds (N, T) [m] of the separations from static obstacles, at poses (N, T, 3) [m, rad].
+
+        They are a little too small, as discs cover the boxes of the robot.
+        """
         result = np.full(pose.shape[:2], FAR)
         body = self.body
         cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])

@@ -1,4 +1,4 @@
-"""Prediction: where sensed obstacles will be, and how wrong that can be."""
+"""Prediction: future positions of sensed obstacles, and bounds of their errors."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .params import ObstacleAssumptions
 
 
 def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = np.inf, sure: bool = False) -> Forecast:
-    """Constant velocities of a scene's moving obstacles from its time on.
+    """Forecast of a scene's moving obstacles: constant velocities from its time on, with bounds of the errors.
 
     Args:
-        scene: a sensed snapshot; obstacles without a motion stand for ever.
+        scene: a sensed snapshot; obstacles without a motion stay where they are.
         assumptions: bounds of the errors.
         horizon: longest time after the snapshot [s].
-        sure: leave the bounds out: the expected motion alone, for forces (a strip that gives way to all that is
-            possible has nowhere to go).
+        sure: expected motion without the bounds, for forces: a strip that avoids all possible positions would find no
+            free space.
     """
     moving = [k for k, o in enumerate(scene) if o.motion is not None]
     m = len(moving)
@@ -43,7 +43,7 @@ def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = 
 
 
 def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: ObstacleAssumptions) -> bool:
-    """Whether a scene is what the forecast of an earlier one allows, so that what was certified then holds still.
+    """Whether a scene is within the forecast of an earlier one, so that certificates made then still hold.
 
     Args:
         scene: sensed.
@@ -71,18 +71,18 @@ def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: Ob
             if isinstance(now.motion, UnknownMotion):
                 return False
             faster[m] = float(np.linalg.norm(now.velocity()[0] - forecast.velocity[m]))
-    growth = forecast.offset + forecast.speed * age + 0.5 * forecast.acceleration * age * age
-    # both snapshots are wrong by a little: what is sensed may differ by that more than what is true
+    uncertainty = forecast.offset + forecast.speed * age + 0.5 * forecast.acceleration * age * age
+    # both snapshots have sensing errors, which add up in their difference
     slack = 2.0 * assumptions.velocity_error + forecast.acceleration * age
-    return bool((apart <= growth + assumptions.position_error).all() and (faster[known] <= slack[known]).all())
+    return bool((apart <= uncertainty + assumptions.position_error).all() and (faster[known] <= slack[known]).all())
 
 
 class ArrivalTimes:
-    """When the nodes of a strip are reached at a usual pace.
+    """Times at which the nodes of a strip are reached at three quarters of the largest speeds.
 
     Args:
-        robot: whose strip.
-        limits: of its motors; the usual pace is three quarters of what they can do.
+        robot: the robot.
+        limits: of its motors.
     """
 
     space: ConfigurationSpace
@@ -104,5 +104,5 @@ class ArrivalTimes:
         return np.append(0.0, np.cumsum((np.abs(v) / self.pace).max(axis=1)))
 
     def prediction(self, forecast: Forecast, delay: float, coordinates: Array) -> NodePrediction:
-        """The forecast at the nodes, the first of which is reached ``delay`` [s] after the snapshot."""
+        """The forecast at nodes ``coordinates`` (N, nv), the first reached ``delay`` [s] after the scene."""
         return forecast.predict(delay + self(coordinates))

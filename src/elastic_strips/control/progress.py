@@ -1,4 +1,4 @@
-"""Progress: what of a strip still lies ahead of where the robot is."""
+"""Progress: the part of a strip that is still ahead of the robot."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from elastic_strips.robot.space import wrap_angle
 _SEARCHED = 24
 _CROWDED = 0.05
 _DETOUR = 1.5
-_LEAST_JOIN, _MOST_JOIN = 0.8, 3.0  # how far ahead of the nearest node the robot is led back to the strip [m]
+_LEAST_JOIN, _MOST_JOIN = 0.8, 3.0  # distance along the strip from the nearest node to where it is joined [m]
 _JOIN_STEP = 0.15
-_ALONG = 1.1  # [rad] headings that are off by less are joined in a bend
+_ALONG = 1.1  # [rad] smaller differences of heading are joined in a curve, without turning in place
 _CORNER = np.cos(np.deg2rad(50.0))
 
 
 def trim_passed(
     space: ConfigurationSpace, coordinates: Array, here: Array, weight: Array, *, moving: bool = True
 ) -> tuple[Array, Indices]:
-    """The nodes of a strip that are still ahead, behind the present configuration as first node.
+    """The nodes of a strip that are still ahead, after the present configuration as first node.
 
     Args:
         space: configuration space.
-        coordinates: (N, nv) nodes; the robot was at the first of them a little while ago.
-        here: (nv,) where it is now.
+        coordinates: (N, nv) nodes; the robot was at the first of them one tick ago.
+        here: (nv,) its present coordinate row.
         weight: (nv,) metric that makes angles comparable with metres.
-        moving: whether it moves: then it cannot leave out a corner at which it has to stop.
+        moving: whether it moves: then it cannot skip a corner at which it has to stop.
 
     Returns:
-        (M, nv) nodes, ``here`` first, M ≥ 2, and (M,) which node each was before (−1 for ``here``). A node that
-        would crowd the first one is left out; the goal never is.
+        (M, nv) nodes, ``here`` first, M ≥ 2, and (M,) index of each among the given nodes (−1 for ``here``). A node
+        too near to the first one is left out; the goal never is.
     """
     first = coordinates[: min(_SEARCHED, len(coordinates))]
     scale = np.sqrt(weight)
@@ -56,11 +56,10 @@ def trim_passed(
 def reconnect(
     space: ConfigurationSpace, coordinates: Array, here: Array, weight: Array, *, moving: bool = True
 ) -> tuple[Array, Indices]:
-    """The rest of a strip that the robot has left, joined to where it is now; as :func:`trim_passed` where it is near.
+    """The rest of a strip that the robot has left, joined to its present configuration.
 
-    The robot is led back in a bend to a node further on; where it looks away from there, turning in place at both ends.
-
-    Args, returns: as those of :func:`trim_passed`.
+    The base returns in a curve to a node further on; where its heading differs too much, it turns in place at both
+    ends. A fixed base is treated as by :func:`trim_passed`, which has the same arguments and results.
     """
     if not space.planar:
         return trim_passed(space, coordinates, here, weight, moving=moving)
@@ -72,19 +71,16 @@ def reconnect(
     last = len(coordinates) - 1
     node = min(max(int(np.searchsorted(passed, passed[nearest] + ahead)), 1), last)
     target = coordinates[node]
-    way = target[:2] - here[:2]
-    length = float(np.hypot(*way))
-    if length < _CROWDED:
-        rows = here[None]
-    else:
-        rows = _bend(here, target, way, length)
+    path = target[:2] - here[:2]
+    length = float(np.hypot(*path))
+    rows = here[None] if length < _CROWDED else _bend(here, target, path, length)
     source = np.concatenate((np.full(len(rows), -1), np.arange(node, len(coordinates)))).astype(np.intp)
     return np.vstack([rows, coordinates[node:]]), source
 
 
-def _bend(here: Array, target: Array, way: Array, length: float) -> Array:
+def _bend(here: Array, target: Array, path: Array, length: float) -> Array:
     """Rows (R, nv) from ``here`` to before ``target``."""
-    heading = float(np.arctan2(way[1], way[0]))
+    heading = float(np.arctan2(path[1], path[0]))
     off = [float(wrap_angle(np.array(yaw - heading))) for yaw in (here[2], target[2])]
     count = max(int(np.ceil(length / _JOIN_STEP)), 2)
     s = np.arange(count)[:, None] / count

@@ -1,4 +1,4 @@
-"""Record: what a run writes down, as frozen values, and the recorder that takes it down."""
+"""Record: frozen data of a run, and the recorder that collects it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,7 @@ from .interfaces import Event, RunState
 
 _Array = TypeVar("_Array", bound=np.ndarray)
 
-DRIVE_NAMES: dict[BaseKind, tuple[str, ...]] = {
-    BaseKind.DIFF_DRIVE: ("left", "right"),
-    BaseKind.OMNI: ("x", "y", "yaw"),
-    BaseKind.FIXED: (),
-}
+DRIVE_NAMES = {BaseKind.DIFF_DRIVE: ("left", "right"), BaseKind.OMNI: ("x", "y", "yaw"), BaseKind.FIXED: ()}
 """Names of the drive coordinates of each kind of base."""
 
 
@@ -38,13 +34,13 @@ STATES = tuple(state.label for state in RunState)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class ControlRows(Summary):
-    """One row a control step (T of them), arrays read-only; NaN where something was not known.
+    """One row a control step (T of them), arrays read-only; NaN where a value is unknown.
 
     Attributes:
         time: (T,) strictly ascending [s].
         coordinates, v: (T, nv) true coordinate rows and velocities (body twist, joint rates).
-        reference, reference_v: (T, nv) coordinate rows and velocities that the controller followed.
-        estimate: (T, nv) coordinate rows that the controller believed.
+        reference, reference_v: (T, nv) coordinate rows and velocities of the reference.
+        estimate: (T, nv) estimated coordinate rows.
         drive: (T, k) commanded drive speeds [m/s; rad/s for an omnidirectional base's yaw].
         joints: (T, n) commanded joint rates [rad/s or m/s].
         motors: (T, k) true speeds of the drive's motors, at the rim and without slip [m/s; rad/s for a yaw].
@@ -68,7 +64,7 @@ class ControlRows(Summary):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PlanningRows(Summary):
-    """One row a tick of the planner (P of them), arrays read-only; NaN where something was not known.
+    """One row a planning tick (P of them), arrays read-only; NaN where a value is unknown.
 
     Attributes:
         time: (P,) ascending [s].
@@ -77,7 +73,7 @@ class PlanningRows(Summary):
         status: (P,) uint8 index into ``statuses``: the state of the strip.
         certified: (P,) whether the strip (or its horizon) was certified.
         clearance: (P,) [m].
-        horizon_end: (P,) time up to which motion was certified and at whose end the robot can stand [s].
+        horizon_end: (P,) time up to which motion is certified, and at which the robot can stand [s].
         node_offset: (P + 1,) rows of ``nodes`` from ``node_offset[i]`` to ``node_offset[i + 1]`` are tick i's strip.
         nodes: (M, nv) coordinate rows of all strips that were kept.
         reason: (P,) index into ``reasons``.
@@ -111,18 +107,18 @@ class PlanningRows(Summary):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Record(Summary):
-    """Everything that a run wrote down.
+    """All recorded data of a run.
 
     Attributes:
         robot: name of the robot; base: how its base moves; joint_names: its planned joints.
         locked: values of the joints that were held still [rad or m].
         urdf: absolute path of the robot's URDF, or None.
         control, planning: rows at the control rate and at the planning rate.
-        events: in the order of time.
-        world: the true obstacles over time; one that was read from a file follows the recorded poses.
-        goal: (nv,) coordinate row that the robot was to reach, or None.
+        events: in order of time.
+        world: the true obstacles over time; one read from a file follows the recorded poses.
+        goal: (nv,) coordinate row of the goal, or None.
         states: names of the codes in ``control.state``.
-        metadata: whatever the run wants to keep besides: scenario, seed, …; plain JSON values.
+        metadata: further plain JSON values: scenario, seed, ….
     """
 
     robot: str
@@ -155,10 +151,10 @@ class Record(Summary):
         return float(self.control.time[-1] - self.control.time[0])
 
     def check_robot(self, robot: RobotModel) -> None:
-        """Refuse a robot that is not the recorded one.
+        """Check that a robot is the recorded one.
 
         Raises:
-            RecordError: its base or its planned joints are others.
+            RecordError: its base or its planned joints differ.
         """
         if robot.base_kind is not self.base or robot.joint_names != self.joint_names:
             raise RecordError(
@@ -174,7 +170,17 @@ def frozen(array: _Array) -> _Array:
 
 
 class Recorder:
-    """Workspace: takes rows while a run goes on; ``finish`` makes the record of them."""
+    """Workspace: collects rows during a run; :meth:`finish` makes the record.
+
+    Args:
+        robot: that drives.
+        world: the true obstacles.
+        goal: (nv,) coordinate row of the goal.
+        metadata: plain JSON values to keep with the record.
+
+    Raises:
+        RecordError: a goal of the wrong size.
+    """
 
     def __init__(
         self,
@@ -184,17 +190,6 @@ class Recorder:
         goal: npt.ArrayLike | None = None,
         metadata: Mapping[str, object] | None = None,
     ) -> None:
-        """Start with no rows.
-
-        Args:
-            robot: who drives.
-            world: the true obstacles.
-            goal: (nv,) coordinate row to be reached.
-            metadata: plain JSON values to keep with the record.
-
-        Raises:
-            RecordError: a goal of the wrong size.
-        """
         nv, k, n = robot.nv, len(DRIVE_NAMES[robot.base_kind]), len(robot.joint_names)
         self._robot = robot
         self._world = world if isinstance(world, World) else World(world)
@@ -229,7 +224,7 @@ class Recorder:
         motors: Array | None = None,
         state: int = RunState.MOVING,
     ) -> None:
-        """Add a control row; the arguments are those of `ControlRows`, None where there is nothing to write.
+        """Add a control row; the arguments are as in :class:`ControlRows`, None where a value is unknown.
 
         Raises:
             RecordError: a time that is not later than the last one, an array of another size, an unknown state.
@@ -263,18 +258,18 @@ class Recorder:
         strip: Array | None = None,
         reason: str = "",
     ) -> None:
-        """Add a tick of the planner; ``strip`` are coordinate rows (N, nv), the rest is as in `PlanningRows`."""
+        """Add a planning tick; ``strip`` are coordinate rows (N, nv), the rest is as in :class:`PlanningRows`."""
         self._strips.append(np.zeros((0, self._robot.nv)) if strip is None else np.array(strip, dtype=float))
         self._ticks.append(
             (time, tick_ms, dict(phase_ms or {}), str(status), bool(certified), clearance, horizon_end, str(reason))
         )
 
     def event(self, time: float, kind: str, reason: str = "") -> None:
-        """Note something that happened once."""
+        """Add an event at a time [s]: its kind in one word, and a reason."""
         self._events.append(Event(float(time), str(kind), str(reason)))
 
     def finish(self) -> Record:
-        """Freeze what was recorded; recording may go on.
+        """Return the record so far; recording may go on.
 
         Raises:
             RecordError: there is no control row, or a strip is not (N, nv).
@@ -295,7 +290,7 @@ class Recorder:
             control=control,
             planning=self._planning(),
             events=tuple(sorted(self._events, key=lambda e: e.time)),
-            world=self._world.copied(),  # what a later run makes of it is not part of this one
+            world=self._world.copied(),  # later runs do not change it
             goal=self._goal,
             metadata=dict(self._metadata),
         )
@@ -347,7 +342,7 @@ class TickStatistics(Summary):
     misses: int = 0
 
     def add(self, seconds: float, budget: float) -> None:
-        """Count a tick."""
+        """Add a tick of a duration [s]; it misses its deadline beyond the budget [s]."""
         self.seconds.append(seconds)
         self.misses += seconds > budget
 
@@ -359,14 +354,14 @@ class TickStatistics(Summary):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DriveResult(Summary):
-    """What a run came to.
+    """Result of a run.
 
     Attributes:
-        record: everything that was written down.
-        state, reason: what the robot was doing at the end, and why.
+        record: of the run.
+        state, reason: of the robot at the end.
         stops: (time [s], reason) of every stop short of the goal.
         events: in order of time.
-        replans: how often a strip was planned anew.
+        replans: number of plans after the first.
         statistics: durations of the planning ticks.
         seconds: duration of the run by the wall clock [s].
     """
@@ -388,5 +383,5 @@ class DriveResult(Summary):
 
     @property
     def reached(self) -> bool:
-        """Whether the robot stands at the goal by its own account."""
+        """Whether the robot stands at the goal, by its own estimate."""
         return self.state is RunState.REACHED

@@ -19,26 +19,26 @@ from .params import DriveParams
 from .strip_timer import PlanResult
 
 _STANDING = 0.05
-"""An obstacle that is slower than this [m/s] counts as standing for a planner."""
+"""Obstacles slower than this [m/s] count as static for a planner."""
 _TIMEOUT = 4.0
 _BERTH, _MOST_BERTH = 0.2, 0.6
-"""What stands but can move is kept away from by so much more [m] with every further plan, and at most."""
+"""Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
 
 
 class Replanner:
-    """Workspace: watches the strip, decides when it is given up, and plans another one.
+    """Workspace: watches the strip, decides when to give it up, and plans another one.
 
     Args:
-        robot: whose strips.
+        robot: the robot.
         params: of the drive.
         seed: of the planner.
         grid: whether a path over a grid may be used.
 
     Attributes:
-        halted: whether the robot has to stop because what stands keeps the strip broken.
-        pending: whether planning anew has been decided on; who has it done takes that back. due: time [s] at which its
-            result is there.
-        count: how often it was done.
+        halted: whether the robot has to stop because static obstacles keep the strip broken.
+        pending: whether another plan is due; the caller resets it when it has the plan.
+        due: time [s] from which on the plan may be used.
+        count: number of plans after the first.
     """
 
     pending: bool
@@ -58,20 +58,34 @@ class Replanner:
     def plan(
         self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
     ) -> PlanReport:
-        """A strip among what stands; moving obstacles are left to the strip.
+        """Plan a strip among the static obstacles; moving ones are left to its deformation.
+
+        Args:
+            scene: the obstacles.
+            start, goal: configurations (nq,).
+            path: waypoints (K, 2) [m] that are tried first.
 
         Raises:
-            ConfigurationError: start or goal is not sound, or in collision.
+            ConfigurationError: start or goal is not valid, or in collision.
         """
         return plan_report(
             self.robot, standing(scene), start, goal, seed=self.seed, params=self.deform, path=path, grid=self.grid
         )
 
     def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
-        """Look at a tick's strip; returns why it is to be planned anew, or "".
+        """Check the strip of a tick.
 
-        A strip that what stands keeps broken is given up after a while, and the robot stops for it; so is one that
-        leads nowhere while the robot stands. What moves on is waited for.
+        A strip that static obstacles keep broken is given up after a while, and the robot stops for it; so is one
+        without a certified motion while the robot stands. Moving obstacles are waited for.
+
+        Args:
+            t: time [s].
+            result: of the tick.
+            scene: that it was planned with.
+            at_rest: whether the robot stands.
+
+        Returns:
+            Why another strip is to be planned, or "".
         """
         broken = result.report.certificate.broken
         by_standing = broken is not None and not _moves(scene, broken.obstacle)
@@ -89,10 +103,16 @@ class Replanner:
         return f"the strip is broken: {broken}" if by_standing else result.reason
 
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
-        """Another strip, or None, and what happened.
+        """Plan another strip.
 
-        What stands but can move is passed at a larger distance by the next strip, or on another side, where there is
-        room for that.
+        Obstacles that stand but can move are passed at a larger distance, or on another side, where there is room.
+
+        Args:
+            scene: the obstacles.
+            start, goal: configurations (nq,).
+
+        Returns:
+            The strip, or None, and the reason.
         """
         berth = min(_BERTH * self.count, _MOST_BERTH)
         self.count += 1
@@ -117,7 +137,7 @@ class Replanner:
 
 
 def standing(scene: Scene, below: float = _STANDING) -> Scene:
-    """What a planner of still scenes gets: obstacles slower than ``below`` [m/s], as if they stood."""
+    """The scene without its moving obstacles: those slower than ``below`` [m/s], as static ones."""
     still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < below]
     return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
 
@@ -138,7 +158,7 @@ def _moves(scene: Scene, name: str) -> bool:
 
 _log = logging.getLogger(__name__)
 _SLOW = 0.3
-"""An obstacle slower than this [m/s] blocks a path where it is; a faster one has soon passed."""
+"""Obstacles slower than this [m/s] block a path; faster ones have soon passed."""
 _FAMILY_TIMEOUT = 2.0
 _EVERY = 5  # planning ticks from one tick of the family to the next
 
@@ -146,15 +166,15 @@ _EVERY = 5  # planning ticks from one tick of the family to the next
 class SwitchingReplanner(Replanner):
     """Workspace: a replanner that keeps strips on different sides of the obstacles and deforms them side by side.
 
-    The robot follows the cheapest. When its strip is given up and the robot stands, the cheapest of the others that is
-    certified from there is followed; only where there is none, a planner is asked.
+    The robot follows the cheapest. When its strip is given up and the robot stands, it follows the cheapest of the
+    others that is certified from there; where there is none, another one is planned.
 
     Args:
         robot, params, seed, grid: as of :class:`Replanner`.
-        family: of the strips that are kept.
+        family: parameters of the set of strips.
 
     Attributes:
-        family: the strips, or None before the first plan.
+        family: the strips; None before the first plan.
     """
 
     def __init__(
@@ -169,16 +189,12 @@ class SwitchingReplanner(Replanner):
     def plan(
         self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
     ) -> PlanReport:
-        """The cheapest of several strips; one as of :meth:`Replanner.plan` where there are none.
-
-        Raises:
-            ConfigurationError: start or goal is not sound, or in collision.
-        """
+        """Plan several strips and return the cheapest; where there are none, as :meth:`Replanner.plan`."""
         first = super().plan(scene, start, goal, path=path)
         self.family = StripSet(self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed)
         try:
             found = self.family.plan(standing(scene, _SLOW), start)
-        except ConfigurationError:  # something slow stands in start or goal, and may go away
+        except ConfigurationError:  # something slow blocks start or goal, and may go away
             return first
         best = found.best
         if best is None or not found.certified:
@@ -190,12 +206,12 @@ class SwitchingReplanner(Replanner):
         )  # fmt: skip
 
     def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
-        """See :meth:`Replanner.watch`; in every fifth tick the family has one of its own."""
+        """See :meth:`Replanner.watch`; every fifth tick deforms the other strips, too."""
         self._ticks += 1
         if self.family is not None and self._ticks % _EVERY == 0 and not self.pending:
             try:
                 self.family.step(standing(scene, _SLOW), result.report.strip.q[0], decide=False)
-            except ElasticStripsError as error:  # no reason to lose what was proposed
+            except ElasticStripsError as error:  # the present result stays valid
                 _log.warning("the other ways were not deformed: %s", error)
         due = super().watch(t, result, scene, at_rest=at_rest)
         if due:
@@ -218,6 +234,6 @@ class SwitchingReplanner(Replanner):
                 return found.best.strip, found.events[-1]
         strip, reason = super().plan_anew(scene, start, goal)
         if strip is not None and family is not None:
-            with suppress(ElasticStripsError):  # for the next time; what is followed now is the planner's
+            with suppress(ElasticStripsError):  # alternatives for the next time
                 family.plan(standing(scene, _SLOW), start, timeout=_FAMILY_TIMEOUT)
         return strip, reason

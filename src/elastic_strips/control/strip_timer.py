@@ -1,4 +1,4 @@
-"""Strip timer: the fastest certified motion along a strip, from the state in which the robot will be."""
+"""Strip timer: the fastest certified motion along a strip, from a given state on."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from .progress import trim_passed
 _SPACING = 0.04
 """Spacing [m] of nodes that are taken over from the active trajectory."""
 _SHARES = (0.5, 1.0)
-"""Parts of the active trajectory that are followed first, where the strip has turned away too sharply."""
+"""Parts of the active trajectory that are followed first, where the strip bends too sharply."""
 
 
 class PlanOutcome(Enum):
-    """What becomes of the active trajectory after a planning tick.
+    """Decision of a planning tick on the active trajectory.
 
     ``NONE``: no certified motion was found; the active trajectory goes on to its end. ``UNCHANGED``: it is still
-    certified, and the best there is. ``FOLLOW``: a certified motion along the strip takes its place. ``ARRIVE``: one
-    that ends at the goal. ``EVADE``: one that leaves the strip, to get out of the way of what moves. ``BRAKE``: it is
-    certified no longer, as the scene is not what its certificate allowed for; the robot brakes on its path.
+    certified, and stays. ``FOLLOW``: a certified motion along the strip replaces it. ``ARRIVE``: one that ends at the
+    goal. ``EVADE``: one that leaves the strip, to avoid moving obstacles. ``BRAKE``: it is no longer certified, as the
+    scene is not what its certificate allowed for; the robot brakes on its path.
     """
 
     NONE = "none"
@@ -50,17 +50,17 @@ class PlanOutcome(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanResult:
-    """What a planning tick came to.
+    """Result of a planning tick.
 
     Attributes:
-        outcome: what becomes of the active trajectory.
-        motion, certificate: the certified motion (``UNCHANGED``: what is left of the active trajectory; ``BRAKE``: it,
-            braked, which needs no certificate), or the last one that was tried; None where there is none.
+        outcome: decision on the active trajectory.
+        motion, certificate: the certified motion (``UNCHANGED``: the rest of the active trajectory; ``BRAKE``: the
+            active trajectory, braked, which needs no certificate), or the last one that was tried; None without one.
         reason: why there is no certified motion, or "".
         report: of the strip's tick.
         speed: fraction of full speed that the motion was planned for.
         timings: seconds by phase.
-        late: so much later [s] than its tick it is ready.
+        late: time [s] from its tick until it is ready.
     """
 
     outcome: PlanOutcome
@@ -74,7 +74,7 @@ class PlanResult:
 
     @property
     def accepted(self) -> bool:
-        """Whether there is a new certified motion."""
+        """Whether it has a new certified motion."""
         return self.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE, PlanOutcome.EVADE)
 
 
@@ -86,17 +86,17 @@ class Stopwatch:
         self._mark = perf_counter()
 
     def lap(self, phase: str) -> None:
-        """Add the time since the last call to a phase."""
+        """Add the time since the last call to a phase, by its name."""
         now = perf_counter()
         self.timings[phase] = self.timings.get(phase, 0.0) + now - self._mark
         self._mark = now
 
 
 class StripTimer:
-    """Workspace: times strips, and certifies the motions.
+    """Workspace: times motions along strips, and certifies them.
 
     Args:
-        robot: whose motions.
+        robot: the robot.
         limits: of its motors.
         params: of the drive.
         spacing_weight: (nv,) metric of the strip's node spacing.
@@ -106,11 +106,8 @@ class StripTimer:
     hard: Retimer
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array) -> None:
-        self.robot: RobotModel = robot
-        self.limits: MotionLimits = limits
-        self.params: DriveParams = params
-        self.spacing_weight: Array = spacing_weight
-        # planned with less than the motors can do, so that there is something left when the path changes
+        self.robot, self.limits, self.params, self.spacing_weight = robot, limits, params, spacing_weight
+        # less than the motors' limits: reserves for when the path changes
         easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
         self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
         self.certifier: TrajectoryCertifier = TrajectoryCertifier(
@@ -132,15 +129,15 @@ class StripTimer:
         *,
         off_strip: bool = False,
     ) -> PlanResult:
-        """The fastest motion along the strip of a report that is certified, or why there is none.
+        """The fastest certified motion along the strip of a report, or the reason why there is none.
 
         Args:
-            start: where, when and how fast it begins: a state of ``active``.
+            start: first state of the motion, one of ``active``.
             active: the trajectory that is executed.
             scene: sensed.
-            possible: where its moving obstacles can be.
+            possible: forecast of its moving obstacles.
             report: of the strip's tick.
-            watch: takes the time of the phases.
+            watch: measures the phases.
             off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
         """
         coordinates = report.strip.coordinates
@@ -154,7 +151,7 @@ class StripTimer:
             return PlanResult(outcome, motion, certificate, reason, report, speed, watch.timings)
 
         speeds = self.params.speeds
-        if self._failures:  # while it waits or brakes there is time to try them in turn, the slowest first
+        if self._failures:  # while it waits or brakes: one a tick, the slowest first
             speeds = (speeds[-1 - (self._failures - 1) % len(speeds)],)
         self._failures += 1
         for speed in speeds:
@@ -183,9 +180,9 @@ class StripTimer:
         speed: float,
         off_strip: bool,
     ) -> tuple[Trajectory | None, str]:
-        """A motion along the nodes, with ease where that is possible; or why there is none.
+        """A motion along the nodes, with reserves of acceleration where possible; or the reason why there is none.
 
-        Where the strip has turned away too sharply for the robot's speed, the motion first goes on as the active one.
+        Where the strip bends too sharply for the robot's speed, the motion first follows the active trajectory.
         """
         reason = ""
         attempts = [(0.0, self.easy), (0.0, self.hard)]
@@ -218,7 +215,7 @@ class StripTimer:
         return np.vstack([np.array(rows), rest[1:]])
 
     def _distance(self, speed_now: float, speed: float) -> float:
-        """How far ahead a motion has to reach: until after the next one, at the speed it will have, and to stop."""
+        """Path length that a motion has to cover: until after the next one, at its speed, and to stop."""
         params, limits = self.params, self.limits
         top = float(limits.drive_speed.max(initial=0.0)) or 1.0
         change = float(limits.drive_acceleration.min(initial=np.inf)) if limits.drive_dim else 4.0

@@ -1,4 +1,4 @@
-"""Supervisor: holds a certified motion that ends at rest, and lets nothing else move the robot."""
+"""Supervisor: owner of the active trajectory, which is certified and ends at rest."""
 
 from __future__ import annotations
 
@@ -18,49 +18,60 @@ _SOONER = 0.01
 """A motion that comes to rest less than this [s] earlier is not worth taking."""
 
 
-class Supervisor:
-    """Owner of the active trajectory, the one that is executed.
+class RunLog:
+    """Workspace: what a robot is doing, and what happened so far.
 
-    It always has one that ends at rest. A new one takes its place only with a certificate, in time, and where it
-    continues the active one; or where it is the active one, braked. Whatever else fails, the active one is driven to
-    its end.
+    Attributes:
+        state, reason: what the robot is doing, and why.
+        events: in order of time.
+        stops: (time [s], reason) of every stop short of the goal.
+    """
+
+    def __init__(self) -> None:
+        self.state, self.reason = RunState.STOPPED, "not started"
+        self.events: list[Event] = []
+        self.stops: list[tuple[float, str]] = []
+
+
+class Supervisor(RunLog):
+    """Workspace: owner of the active trajectory, the one that is executed.
+
+    There always is one, and it ends at rest. A new motion replaces it only if it is certified, not late, and continues
+    it; or if it is the active trajectory, braked. On any failure the active one is driven to its end.
 
     Args:
-        resting: a motion at rest to begin with.
-        keep: at least so many events and stops are kept, the newest; all where None.
+        resting: first trajectory, at rest.
+        keep: the newest events and stops that are kept at least; all where None.
 
     Attributes:
         active: the trajectory that is executed.
-        state, reason: what the robot is doing, and why.
-        events: what happened, in order of time.
-        stops: (time [s], reason) of every stop short of the goal.
         at_goal: whether the active trajectory ends at the goal.
+        state, reason, events, stops: as of :class:`RunLog`.
     """
 
-    active: Trajectory
-
     def __init__(self, resting: Trajectory, *, keep: int | None = None) -> None:
+        super().__init__()
         self.reset(resting)
-        self.state: RunState = RunState.STOPPED
-        self.reason: str = "not started"
-        self.events: list[Event] = []
-        self.stops: list[tuple[float, str]] = []
         self._keep = keep
         self._rejection = self._holding = ""
         self.at_goal: bool = False
 
     def reset(self, resting: Trajectory) -> None:
-        """At rest, the active trajectory may be moved to where the robot believes to stand."""
+        """At rest, move the active trajectory to the robot's estimated configuration.
+
+        Args:
+            resting: trajectory at rest there.
+        """
         self.active = resting
-        self._until = [resting]  # what is executed until the active one begins; the last of them is that one
+        self._until = [resting]  # motions up to the active one, which is the last
 
     def restart(self, reason: str, now: float) -> None:
-        """At rest at one goal, another one is taken."""
+        """At rest, start anew for another goal; ``reason`` is that of the state, ``now`` the time [s]."""
         self.at_goal = False
         self._enter(RunState.STOPPED, reason, now)
 
     def log(self, time: float, kind: str, text: str) -> None:
-        """Write down an event, once where it only repeats itself."""
+        """Write down an event, unless it equals the last one of its kind; ``time`` is in [s]."""
         for event in reversed(self.events):
             if event.kind == kind:
                 if event.reason == text:
@@ -74,13 +85,16 @@ class Supervisor:
         _log.info("%.3f s: %s: %s", time, kind, text)
 
     def submit(self, motion: Trajectory, certificate: Certificate, now: float, *, at_goal: bool = False) -> bool:
-        """Take a motion if it is certified, not late, and continues the active one.
+        """Make a motion the active one if it is certified, not late, and continues the active trajectory.
 
         Args:
             motion: starts at a time after ``now``.
-            certificate: of that very motion.
-            now: [s].
+            certificate: of this motion.
+            now: time [s].
             at_goal: whether its end is the goal.
+
+        Returns:
+            Whether it was taken; else it is rejected as by :meth:`reject`.
         """
         reason = self._fault(motion, now)
         if not certificate.certified:
@@ -95,14 +109,17 @@ class Supervisor:
         return True
 
     def brake(self, motion: Trajectory, reason: str, now: float) -> bool:
-        """Take a motion that comes to rest earlier on the path of the active one, which is certified no longer.
+        """Make a motion the active one that comes to rest earlier on the same path, as that is no longer certified.
 
-        It needs no certificate: on the path that is driven anyway, an earlier stop is always the safer one.
+        It needs no certificate: on the same path an earlier stop is never less safe.
 
         Args:
             motion: the active trajectory, braked from a time after ``now`` on.
-            reason: why.
-            now: [s].
+            reason: why it brakes.
+            now: time [s].
+
+        Returns:
+            Whether it was taken; not where it does not continue the active trajectory, or stops no earlier.
         """
         if self._fault(motion, now) or motion.end_time > self.active.end_time - _SOONER:
             self.reject(reason, now)
@@ -114,7 +131,7 @@ class Supervisor:
         return True
 
     def reject(self, reason: str, now: float) -> None:
-        """No new motion: the active trajectory goes on to its end, for this reason."""
+        """Note that there is no new motion, and why; the active trajectory goes on to its end."""
         self._rejection = reason
         self.log(now, "refused", reason)
         if self.state is RunState.STOPPED:
@@ -123,19 +140,19 @@ class Supervisor:
                 self.stops[-1] = (self.stops[-1][0], reason)
 
     def hold(self, now: float, reason: str) -> None:
-        """The active trajectory is still certified, and nothing better is to be had: the robot stops at its end."""
+        """Note that the active trajectory is still certified, and why the robot will stop at its end."""
         self._rejection, self._holding = "", reason
 
     def reference(self, t: float) -> ReferenceState:
-        """What to follow at time ``t`` [s]: the active trajectory once it has begun, until then the one before."""
+        """State to follow at time ``t`` [s]: of the active trajectory once it has begun, until then of the previous."""
         return self._until[self._executed(t)].at(t)
 
     def at_rest(self, t: float) -> bool:
-        """Whether the active trajectory has ended."""
+        """Whether the active trajectory has ended by time ``t`` [s]."""
         return t >= self.active.end_time
 
     def update(self, t: float) -> RunState:
-        """Bring the state up to date."""
+        """Update the state to time ``t`` [s], and return it."""
         if self.at_rest(t):
             if self.at_goal:
                 self._enter(RunState.REACHED, "at rest at the goal", t)
@@ -152,12 +169,12 @@ class Supervisor:
         self._until = [*self._until[self._executed(now) :], motion]
 
     def _executed(self, t: float) -> int:
-        """Which motion is executed at a time [s]."""
+        """Index of the motion that is executed at a time [s]."""
         begun = [k for k, motion in enumerate(self._until) if motion.start_time <= t + 1e-9]
         return begun[-1] if begun else 0
 
     def _fault(self, motion: Trajectory, now: float) -> str:
-        """Why nobody could drive a motion after the active one; empty where it can be driven."""
+        """Why a motion cannot follow the active one; empty where it can."""
         if not motion.at_rest_at_end:
             return "the new motion does not end at rest"
         if motion.start_time < now - 1e-9:

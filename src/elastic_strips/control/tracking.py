@@ -1,4 +1,4 @@
-"""Tracking: commands that keep a robot on its reference."""
+"""Tracking: commands that keep a robot on its reference trajectory."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class TrackingController:
     Where a rim would have to exceed its limit (times the headroom), all drive speeds are scaled alike: the base
     slows down and keeps its curvature. Joints are limited one by one.
 
-    A reference that rests commands exactly zero, whatever the error: nothing that stands is made to move.
+    A reference at rest gives exactly zero speeds, whatever the error: a robot at rest does not start to move.
 
     Args:
         robot: the robot; any kind of base.
@@ -84,8 +84,8 @@ class TrackingController:
         """The command for the period that begins now.
 
         Args:
-            reference: where the robot should be now.
-            estimate: (nv,) coordinate row where it seems to be now.
+            reference: state to follow now.
+            estimate: (nv,) estimated coordinate row now.
         """
         v, a = reference.v, reference.a
         if max(v.max(), -v.min(), a.max(), -a.min()) <= _REST:
@@ -114,7 +114,7 @@ class TrackingController:
         lead = g.wheel_lag + g.hold
         if self._k == 2:
             forward = (vx + lead * ax) * cos_e + _bounded(g.along * e_x, g.most_base)
-            # at e_theta beyond 90 degrees the sine would let go of the error that is largest
+            # beyond 90 degrees the sine would decrease with the error
             correction = g.heading * (sin_e if cos_e > 0.0 else math.copysign(1.0, e_turn)) + g.across * vx * e_y
             omega = turn + lead * spin + _bounded(correction, g.most_turn)
             half = 0.5 * self.limits.track * omega

@@ -1,5 +1,5 @@
-"""Simulation: what stands for the world: machines, sensors, movers, faults, the loop around a controller, scenarios,
-the evaluation of a run. Nothing here runs on a robot."""
+"""Simulation: plants, sensors, moving obstacles, faults, the closed loop, scenarios and the evaluation of runs.
+Nothing here runs on a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A controller in a world that moves: what is true, what is sensed of it, the record."""
+"""Closed loop: a controller, a plant and perception in a simulated world, with a record."""
 
 from __future__ import annotations
 
@@ -8,106 +8,42 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
 from time import perf_counter, sleep
-from typing import Generic, ParamSpec, Protocol, TypeVar, cast
+from typing import Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.control import DriveParams, Tolerance
-from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
-from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
-from elastic_strips.control.record import DriveResult, Recorder, TickStatistics
+from elastic_strips.control import DriveParams
+from elastic_strips.control.controller import KEPT_EVENTS, Controller, ControlLoop, Tick
+from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
-from elastic_strips.trajectory import MotionLimits, ReferenceState
+from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_able, check_count, check_number, check_type
 
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
-from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams, Sensing
 from .plant import KinematicPlant, Plant, PlantParams
 
 _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
-"""A machine that can do exactly what its limits say; motions are planned with less (``DriveParams.ease_*``)."""
-_PATIENCE = 30.0  # [s] a controller that does not come to rest is not simulated for ever
-_RESTS = 1e-3  # [m/s, rad/s] a machine that is slower than this stands
+"""A plant that reaches exactly its limits; motions are planned with less (``DriveParams.speed_scale``)."""
+_PATIENCE = 30.0  # [s] longest simulation after the time limit, for a controller that does not come to rest
+_RESTS = 1e-3  # [m/s, rad/s] a plant slower than this stands
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-class _Senses(Protocol):
-    """What tells a controller about the world; see :class:`Perception`."""
-
-    @property
-    def contact(self) -> str: ...
-
-    def observe(self, t: float, coordinates: Array, estimate: Array) -> None: ...
-
-    def sense(self, t: float) -> object:
-        """What a controller takes: a scene, or readings."""
-        ...
-
-
-class _Controls(Protocol):
-    """What is simulated: a :class:`Controller`, or another one that takes steps as it does."""
-
-    robot: RobotModel
-    params: DriveParams
-    limits: MotionLimits
-    goal: Array
-    estimate: Array
-    tick: Tick | None
-    statistics: TickStatistics
-
-    @property
-    def method(self) -> str: ...
-
-    @property
-    def tolerance(self) -> Tolerance: ...
-
-    @property
-    def state(self) -> RunState: ...
-
-    @property
-    def reason(self) -> str: ...
-
-    @property
-    def events(self) -> list[Event]: ...
-
-    @property
-    def stops(self) -> list[tuple[float, str]]: ...
-
-    @property
-    def replans(self) -> int: ...
-
-    @property
-    def reference(self) -> ReferenceState | None: ...
-
-    @property
-    def plans_next(self) -> bool: ...
-
-    @property
-    def ended(self) -> bool: ...
-
-    def stop(self, reason: str = ...) -> None: ...
-
-    def resume(self) -> None: ...
-
-    def log(self, kind: str, reason: str) -> None: ...
-
-    @property
-    def step(self) -> Callable[..., Command]: ...
-
-
-_Driver = TypeVar("_Driver", bound=_Controls)
+_Driver = TypeVar("_Driver", bound=ControlLoop)
 _StripDriver = TypeVar("_StripDriver", bound=Controller)
 
 
 class InlineExecutor(Executor):
-    """Runs what it is given at once: in simulated time, planning takes as long as the parameters say."""
+    """Runs functions at once; in simulated time, planning takes as long as the parameters define."""
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
         future: Future[_T] = Future()
@@ -119,23 +55,23 @@ class InlineExecutor(Executor):
 
 
 class Simulation(Generic[_Driver]):
-    """Workspace: advances truth, movers and sensors, hands the controller what it may know, and writes everything down.
+    """Workspace: advances plant, moving obstacles and sensors, steps the controller, and records the run.
 
-    Obstacles of the world that yield begin anew, and from then on this simulation sets their clocks.
+    Obstacles of the world that yield are reset, and this simulation sets their clocks.
 
     Args:
-        controller: what drives.
+        controller: of the robot.
         world: the true obstacles over time.
-        plant: the machine, which stands at the controller's start.
-        perception: what the controller gets to know of the world.
-        goal: (nv,) coordinate row that is the last one to be reached.
-        watch: called after every planning tick, with this simulation; what it raises is logged and goes no further.
+        plant: the machine, at the controller's start.
+        perception: what the controller senses of the world.
+        goal: (nv,) coordinate row of the last goal.
+        watch: called after every planning tick, with this simulation; its exceptions are logged.
         realtime: whether to wait for the wall clock.
-        record: whether to write down every step; without it a result has a record of the last step only.
+        record: whether to record every step; without it a result has a record of the last steps only.
         metadata: plain JSON values to keep with the record.
 
     Attributes:
-        time: of the step under way [s].
+        time: of the present step [s].
     """
 
     def __init__(
@@ -143,7 +79,7 @@ class Simulation(Generic[_Driver]):
         controller: _Driver,
         world: World,
         plant: Plant,
-        perception: _Senses,
+        perception: Sensing,
         *,
         goal: Array | None = None,
         watch: Callable[[Simulation[_Driver]], object] | None = None,
@@ -173,11 +109,15 @@ class Simulation(Generic[_Driver]):
         self._measurement: Measurement | None = None
 
     def stop(self) -> None:
-        """Ask the loop to end: the robot comes to rest first."""
+        """End the run as soon as the robot has come to rest."""
         self.controller.stop()
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called."""
+        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called.
+
+        Args:
+            time_limit: longest run [s]; ``params.time_limit`` where None.
+        """
         params, controller = self.params, self.controller
         limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
         began, first, over = perf_counter(), self._step, False
@@ -200,9 +140,9 @@ class Simulation(Generic[_Driver]):
         return self._result(perf_counter() - began)
 
     def _control(self, t: float) -> Command:
-        """One step of the controller, on what it may know."""
+        """One step of the controller, on measured and sensed data alone."""
         controller, measurement = self.controller, self._measurement
-        if measurement is None and self.perception.contact:  # it stands in something from the beginning
+        if measurement is None and self.perception.contact:  # in contact from the beginning
             joints = self.plant.coordinates[self.robot.space.base_nv :]
             still = np.zeros(len(self.limits.drive_speed))
             measurement = Measurement(t, still, joints, contact=self.perception.contact)
@@ -219,7 +159,7 @@ class Simulation(Generic[_Driver]):
         return command
 
     def _advance(self, t: float, command: Command) -> None:
-        """Write down what is true and what was meant, and let the world go on for a control period."""
+        """Record the step, and advance the world by a control period."""
         controller, plant = self.controller, self.plant
         if not self._recording and len(self.recorder) > 100:
             self.recorder = self._new_recorder()
@@ -238,7 +178,7 @@ class Simulation(Generic[_Driver]):
         self._measurement = replace(measurement, contact=contact) if contact else measurement
 
     def _settled(self) -> bool:
-        """Whether the robot truly stands: only to know when to stop recording."""
+        """Whether the robot truly stands; only to end the recording."""
         return bool(np.abs(self.plant.v).max(initial=0.0) < _RESTS)
 
     def _after_tick(self, tick: Tick) -> None:
@@ -257,7 +197,7 @@ class Simulation(Generic[_Driver]):
         if self.watch is not None:
             try:
                 self.watch(self)
-            except Exception:  # a viewer that dies does not stop the robot
+            except Exception:  # a failing viewer does not stop the robot
                 _log.exception("the watcher failed")
                 self.watch = None
                 self.controller.log("fault", "viewer lost")
@@ -287,17 +227,20 @@ def prepare(
     *,
     shared: bool = False,
 ) -> tuple[World, Plant, np.random.Generator]:
-    """What each simulation begins with: its world, its machine, and the source of its perception's noise.
+    """World, plant and random generator of a simulation.
 
-    The world is the simulation's own: two simulations of one world do not touch each other. It is the one given where
-    somebody else, a machine with contact or a perception, was made for that one.
+    The world is copied, so that simulations of one world are independent, unless a given perception, or plant with
+    contact, refers to it.
 
     Args:
-        robot, limits: of the machine that is made where none is given.
+        robot, limits: of the plant that is made where none is given.
         world: the true obstacles.
         plant: the machine, or None.
-        seed: of machine and perception.
-        shared: whether a perception was made for this very world.
+        seed: of plant and perception.
+        shared: whether a perception refers to this world.
+
+    Returns:
+        The world, the plant, and the random generator of the perception's noise.
     """
     check_able("plant", plant, "reset", "step")
     check_count("seed", seed)
@@ -332,21 +275,21 @@ def simulation(
 
     Args:
         robot: the robot.
-        world: the true obstacles over time; a :class:`Scene` stands still or moves as its obstacles say. Obstacles that
-            yield do so in a copy of it, ``Simulation.world``, which is what the result has to be evaluated in.
+        world: the true obstacles over time; those of a :class:`Scene` move by their motions. Obstacles yield in a copy
+            of it, ``Simulation.world``, in which the result has to be evaluated.
         start: configuration (nq,).
         goal: configuration (nq,), or several of them (G, nq), one after the other.
         limits, params, **options: of the :class:`Controller`.
         plant: the machine; a :class:`KinematicPlant` where None.
-        perception: noise and delay of the sensed scene; or what senses it.
-        faults: what goes wrong on purpose.
-        seed: of the first plan, of the plant and of what is sensed.
+        perception: noise and delay of the sensed scene, or a perception of one's own.
+        faults: injected faults.
+        seed: of the first plan, the plant and the perception.
         watch, realtime, record, metadata: of the :class:`Simulation`.
-        make: makes the controller, from the scene that is known and its other arguments; a :class:`Controller` of
-            ``start`` and ``goal`` where None.
+        make: makes the controller, from the known scene and its other arguments; a :class:`Controller` of ``start``
+            and ``goal`` where None.
 
     Raises:
-        ConfigurationError: start or goal is not sound, or in collision.
+        ConfigurationError: start or goal is not valid, or in collision.
     """
     check_type("robot", robot, RobotModel, RobotError)
     check_type("params", params, DriveParams, none=True)

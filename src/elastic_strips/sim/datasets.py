@@ -1,4 +1,4 @@
-"""Data sets: worlds, starts and goals of benchmark files of others: BARN, DynaBARN and the bridge.
+"""Data sets: worlds, starts and goals from published benchmarks: BARN, DynaBARN and the bridge.
 
 BARN (static worlds of cylinders) and DynaBARN (arenas of moving discs) were made for a Jackal
 (github.com/Daffan/the-barn-challenge). At the bridge, a base with an arm has to duck under an obstacle; its numbers are
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,19 +41,19 @@ class DriveProblem(Summary):
     """Drive from a start to one goal after another.
 
     Attributes:
-        name: What it is called.
-        world: Obstacles, and how they move.
-        start: Where the robot starts.
-        goals: Where it has to go, in this order.
-        goal_tolerance: How far [m] from a goal's position the base may be when it counts as reached.
+        name: Of the problem.
+        world: The obstacles over time.
+        start: Of the robot.
+        goals: Of the robot, in this order.
+        goal_tolerance: Largest distance [m] of the base from a reached goal's position.
         heading_free: Whether a goal is reached with any heading; its yaw is then a suggestion.
         timeout: Longest time [s], or None.
-        robot: Name of the robot that the problem is about.
-        path: A path (K, 2) [m] from start to goal that comes with the problem, or None.
-        path_length: Length [m] by which the problem measures time, or None.
+        robot: Name of the problem's robot.
+        path: Given path (K, 2) [m] from start to goal, or None.
+        path_length: Length [m] by which the problem's score measures time, or None.
         difficulty: The problem's own class, or None.
-        limits: What the problem states of the robot's limits and the robot's description cannot hold, by the names of
-            the arguments of ``MotionLimits.for_robot``.
+        limits: Limits stated by the problem that the robot's description cannot hold, by the names of the arguments of
+            ``MotionLimits.for_robot``.
     """
 
     name: str
@@ -73,7 +73,7 @@ class DriveProblem(Summary):
         """Start and goals as configurations (nq,) of a robot, the start first.
 
         Raises:
-            ConfigurationError: A joint that the robot has not, or a value outside its limits.
+            ConfigurationError: A joint that the robot lacks, or a value outside its limits.
         """
         return tuple(robot.home(p.x, p.y, p.yaw, p.joints) for p in (self.start, *self.goals))
 
@@ -91,10 +91,10 @@ def barn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
 
 
 def load_barn(path: str | os.PathLike[str], id: int) -> DriveProblem:
-    """One of the static worlds. Every cylinder is an obstacle of its own, with its true shape.
+    """One of the static worlds; every cylinder is an obstacle with its true shape.
 
-    The goal is reached with any heading; its yaw is that of the last piece of the world's own path, which goes with the
-    problem without the repeated points that the file has.
+    The goal is reached with any heading; its yaw is that of the last segment of the world's path, which is part of the
+    problem, without the repeated points of the file.
 
     Args:
         path: The file, or the folder that holds ``barn_worlds.json``.
@@ -103,29 +103,15 @@ def load_barn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     Raises:
         ScenarioError: As for `barn_ids`, or there is no world of that id.
     """
-    root = load_json(path, _BARN_FILE)
-    world = _world_of_id(root["worlds"], id)
-    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
-    z = root["cylinder_center_z"].number()
+    root, world, radius, length, z = _read(path, _BARN_FILE, id)
     centers = world["cylinders_xy"].rows(2, limit=MAX_LENGTH)
     scene = Scene([Cylinder(radius, length, at=(x, y, z), name=f"cylinder-{k}") for k, (x, y) in enumerate(centers)])
-    start, goal = world["start"].vector(3, limit=MAX_LENGTH), world["goal"].vector(2, limit=MAX_LENGTH)
-    path_given = world["path"].rows(2, limit=MAX_LENGTH)
-    route = path_given[np.concatenate([[True], np.any(np.diff(path_given, axis=0) != 0.0, axis=1)])]
-    route.flags.writeable = False
-    last = route[-1] - route[-2] if len(route) > 1 else goal - start[:2]
-    return DriveProblem(
-        name=f"barn-{id}",
-        world=World(scene),
-        start=PoseSpec(*start.tolist()),
-        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(last[1], last[0])),),
-        goal_tolerance=root["goal_tolerance"].number(low=0.0),
-        heading_free=True,
-        timeout=root["timeout"].number(low=0.0, unit="s"),
-        robot="jackal-box",
-        path=route,
-        path_length=world["path_length"].number(low=0.0),
-    )
+    given = world["path"].rows(2, limit=MAX_LENGTH)
+    path_xy = given[np.concatenate([[True], np.any(np.diff(given, axis=0) != 0.0, axis=1)])]
+    path_xy.flags.writeable = False
+    heading = path_xy[-1] - path_xy[-2] if len(path_xy) > 1 else None
+    problem = _jackal_problem(f"barn-{id}", root, world, scene, heading)
+    return replace(problem, path=path_xy, path_length=world["path_length"].number(low=0.0))
 
 
 def dynabarn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
@@ -145,8 +131,8 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
 
     Nearly all loops jump: at the end of its period a disc is back at its first keyframe, often on the other side of
     the arena. `World.speed_bound` is infinite for an interval of time with such a jump in it. (Gazebo, for which the
-    files were made, puts a spline through the keyframes; it leaves the straight pieces by up to 2.5 m and is up to
-    69 m/s fast where keyframes stand close, so that the discs' stated speeds hold for the straight pieces only.)
+    files were made, interpolates the keyframes by a spline; it leaves the straight segments by up to 2.5 m and is up to
+    69 m/s fast where keyframes are close, so that the discs' stated speeds hold for the straight segments only.)
 
     Args:
         path: The file, or the folder that holds ``dynabarn_worlds.json``.
@@ -155,10 +141,7 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     Raises:
         ScenarioError: As for `dynabarn_ids`, or there is no world of that id.
     """
-    root = load_json(path, _DYNABARN_FILE)
-    world = _world_of_id(root["worlds"], id)
-    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
-    z = root["cylinder_center_z"].number()
+    root, world, radius, length, z = _read(path, _DYNABARN_FILE, id)
     obstacles: list[Obstacle] = [_wall(wall) for wall in world["walls"]]
     for disc in world["obstacles"]:
         frames = disc["keyframes"].rows(3, limit=MAX_LENGTH)
@@ -169,17 +152,31 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
         positions = np.column_stack((frames[:, 1:], np.full(len(frames), z)))
         motion = disc.checked(Keyframes, frames[:, 0], positions, loop=True)
         obstacles.append(disc.checked(Cylinder, radius, length, name=disc["name"].text(), motion=motion))
+    problem = _jackal_problem(f"dynabarn-{id}", root, world, world.checked(Scene, obstacles))
+    return replace(problem, difficulty=world["difficulty"].text())
+
+
+def _read(path: str | os.PathLike[str], file: str, id: int) -> tuple[Node, Node, float, float, float]:
+    """Root and world of a file; radius, length, and height of the middle [m] of its cylinders."""
+    root = load_json(path, file)
+    world = _world_of_id(root["worlds"], id)
+    radius, length = root["cylinder_radius"].number(low=1e-3), root["cylinder_length"].number(low=1e-3)
+    return root, world, radius, length, root["cylinder_center_z"].number()
+
+
+def _jackal_problem(name: str, root: Node, world: Node, scene: Scene, heading: Array | None = None) -> DriveProblem:
+    """The problem of a world; ``heading`` (2,) is a direction at the goal, that from the start to it where None."""
     start, goal = world["start"].vector(3, limit=MAX_LENGTH), world["goal"].vector(2, limit=MAX_LENGTH)
+    x, y = goal - start[:2] if heading is None else heading
     return DriveProblem(
-        name=f"dynabarn-{id}",
-        world=World(world.checked(Scene, obstacles)),
+        name=name,
+        world=World(scene),
         start=PoseSpec(*start.tolist()),
-        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(goal[1] - start[1], goal[0] - start[0])),),
+        goals=(PoseSpec(*goal.tolist(), yaw=math.atan2(y, x)),),
         goal_tolerance=root["goal_tolerance"].number(low=0.0),
         heading_free=True,
         timeout=root["timeout"].number(low=0.0, unit="s"),
         robot="jackal-box",
-        difficulty=world["difficulty"].text(),
     )
 
 
@@ -196,7 +193,7 @@ def _wall(entry: Node) -> Box:
 
 
 def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
-    """The bridge: from the start to the goals, one after the other; the arm is held at each as at the start.
+    """The bridge: from the start to the goals, one after the other, each with the arm as at the start.
 
     Args:
         path: The file, or the folder that holds ``bridge.json``.
@@ -207,10 +204,7 @@ def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
     root = load_json(path, _BRIDGE_FILE)
     boxes = [
         entry.checked(
-            Box,
-            entry["size"].vector(3),
-            at=entry["position"].vector(3, limit=MAX_LENGTH),
-            name=entry["name"].text(),
+            Box, entry["size"].vector(3), at=entry["position"].vector(3, limit=MAX_LENGTH), name=entry["name"].text()
         )
         for entry in root["boxes"]
     ]
@@ -246,7 +240,7 @@ def _world_of_id(worlds: Node, number: int) -> Node:
     """The world of a list whose ``id`` is ``number``.
 
     Raises:
-        ScenarioError: None has that id; the message says which there are.
+        ScenarioError: None has that id; the message lists near ids.
     """
     if isinstance(number, bool) or not isinstance(number, (int, np.integer)):
         raise ScenarioError(f"{worlds.source.path}: id={shown(number)} must be an integer")

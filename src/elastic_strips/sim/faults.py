@@ -1,6 +1,6 @@
-"""What can go wrong around a controller, put in on purpose to see that the robot ends at rest.
+"""Faults that are injected around a controller, to test that the robot comes to rest.
 
-Each is a wrapper around what the controller meets: perception, plant, and the planning of a tick.
+They are wrappers around perception, plant and planning tick.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Fault:
 
 
 class FaultPlan:
-    """The faults of a run, asked by name and time."""
+    """The faults of a run, looked up by kind and time."""
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         if not isinstance(faults, Iterable) or isinstance(faults, (str, bytes)):
@@ -90,7 +90,7 @@ class FaultPlan:
 
 
 class FaultyPerception:
-    """Workspace: what senses, with scenes that are frozen, late, or no scenes at all; all else is as it was."""
+    """Workspace: a perception whose scenes are frozen, late or invalid at times; else the wrapped one."""
 
     def __init__(self, inner: Perception, faults: FaultPlan) -> None:
         self._inner, self._faults = inner, faults
@@ -108,7 +108,7 @@ class FaultyPerception:
 
 
 class FaultyPlant:
-    """Workspace: a machine whose odometry is lost at times; all else is as it was."""
+    """Workspace: a plant whose odometry is lost at times; else the wrapped one."""
 
     def __init__(self, inner: Plant, faults: FaultPlan) -> None:
         self._inner, self._faults = inner, faults
@@ -123,7 +123,7 @@ class FaultyPlant:
 
 
 def faulty_planning(plan_tick: PlanTick, faults: FaultPlan, *, slow: float) -> PlanTick:
-    """The planning of a tick, with exceptions, or with results that are ready only ``slow`` [s] later."""
+    """The planning tick with exceptions, or with results that are late by ``slow`` [s], at times."""
 
     def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):

@@ -1,6 +1,6 @@
-"""Pedestrians: those who move on their own and stop for a robot that stands in their way.
+"""Pedestrians: moving obstacles that stop for a robot at rest in their path.
 
-They belong to the physical world: they see the robot as it truly is, and nobody who plans knows what they will do.
+They belong to the simulated world: they react to the robot's true state, and no planner has access to their policy.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from elastic_strips.scene import Obstacle, PedestrianMotion, World
 from elastic_strips.validation import Fraction, NonNegative, Positive, check_fields
 
 _OVERLAP = 0.05
-"""What passes above or below by less than this [m] counts as being at the same height."""
+"""Vertical gaps below this [m] count as overlap of heights."""
 _ROUND = (ShapeKind.SPHERE, *LONG_ROUND)
 
 
@@ -30,7 +30,7 @@ class _Discs:
     Attributes:
         centre: (D, 3) [m].
         radius: (D,) [m].
-        half: (D, 3) half sizes of the pieces that the discs stand for [m].
+        half: (D, 3) half sizes of the discs' pieces [m].
     """
 
     centre: Array
@@ -39,7 +39,7 @@ class _Discs:
 
     @staticmethod
     def of(obstacle: Obstacle) -> _Discs:
-        """The discs of an obstacle: one for each round part, of others as many as lie side by side along it."""
+        """The discs of an obstacle: one for each round part, several side by side along other parts."""
         rows: list[tuple[Array, float, Array]] = []
         upright = abs(float(obstacle.pose[2, 2])) > 0.999
         for part in obstacle.parts:
@@ -79,9 +79,9 @@ def _distances(footprint: PlanarFootprint, base: Array, discs: _Discs, poses: Ar
 
 
 _ROUNDING = 1e-6  # [s] rounding of times
-_BRAKING = 0.05  # [s] step in which a stop is looked ahead
-_LONGEST = 200  # steps of a stop that is looked ahead
-_SLOW = 0.1  # [m/s] the clock of what is slower than this changes no faster than if it were as fast
+_BRAKING = 0.05  # [s] step of a predicted stop
+_LONGEST = 200  # steps of a predicted stop
+_SLOW = 0.1  # [m/s] least speed that bounds the change of a clock's rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,16 +117,15 @@ class YieldingPolicy:
 
 
 class Pedestrians:
-    """Workspace: sets the clocks of a world's yielding obstacles, one control step after another.
+    """Workspace: sets the clocks of a world's yielding obstacles, in every control step.
 
-    They yield to a robot that stands: who would come too near to it brakes, in time if it can, waits, and goes on when
-    the way is free. They yield neither to a robot that moves nor to each other. Making this workspace makes their
-    histories begin anew.
+    They yield to a robot at rest: one that would come too near brakes, in time if it can, waits, and continues when its
+    path is free. They yield neither to a moving robot nor to each other. The constructor resets their histories.
 
     Args:
-        robot: who they yield to.
-        world: what moves; most worlds hold nothing that yields, then a step costs nothing.
-        policy: how they do it.
+        robot: that they yield to.
+        world: of the obstacles; without yielding ones a step does nothing.
+        policy: of yielding.
     """
 
     def __init__(self, robot: RobotModel, world: World, policy: YieldingPolicy | None = None) -> None:
@@ -145,8 +144,8 @@ class Pedestrians:
 
         Args:
             t: later than at the last step.
-            coordinates: where the robot truly is (nv,).
-            v: how it truly moves (nv,).
+            coordinates: (nv,) true coordinate row of the robot.
+            v: (nv,) its true velocity.
         """
         if self._footprint is None:
             return
@@ -168,7 +167,7 @@ class Pedestrians:
 
 
 class _Mover:
-    """Workspace: an obstacle that yields, since when it does [s], and the rate that it is about to take."""
+    """Workspace: a yielding obstacle, the time since when it yields [s], and the wanted rate of its clock."""
 
     def __init__(self, obstacle: Obstacle, motion: PedestrianMotion) -> None:
         self.name, self.motion, self.wish = obstacle.name or "", motion, 1.0
@@ -178,21 +177,21 @@ class _Mover:
         self._cell = max(float(np.diff(motion.track.times).min(initial=1.0)), 1e-3)
 
     def turn(self, t: float, dt: float) -> None:
-        """Change the rate from ``t`` [s] on as is wished for and possible, if the last change was ``dt`` before."""
+        """Change the rate from ``t`` [s] on towards the wanted one, ``dt`` [s] after the last change."""
         rate = self.motion.rate(t)
         if rate != self.wish:
             self.motion.advance(t, self._towards(self.wish, self.motion.place(t), rate, dt))
 
     def decide(self, t: float, stands: bool, footprint: PlanarFootprint, base: Array, policy: YieldingPolicy) -> None:
-        """Whether to go on, to stop, or to step back."""
+        """Decide to go on, to stop, or to step back."""
         if self._since is None and not stands:
             return
         place, rate = self.motion.place(t), self.motion.rate(t)
-        way = self._stop(place, rate, policy.look)
+        path = self._stop(place, rate, policy.look)
         if self._since is not None:
-            pace = max(self._speed(way[-1]), _SLOW)
-            way += (way[-1] + np.linspace(0.1, 1.0, 10) * (policy.onward / pace)).tolist()
-        near = _distances(footprint, base, self._discs, self._poses(way))
+            pace = max(self._speed(path[-1]), _SLOW)
+            path += (path[-1] + np.linspace(0.1, 1.0, 10) * (policy.onward / pace)).tolist()
+        near = _distances(footprint, base, self._discs, self._poses(path))
         here = float(near[0])
         limit = min(policy.distance, here - policy.aside)  # too near already: at least not nearer
         if near.min() >= limit:
@@ -207,7 +206,7 @@ class _Mover:
                 self.wish = -policy.pace
 
     def _stop(self, place: float, rate: float, late: float) -> list[float]:
-        """Places on the track [s], from the present one to where a stop ends that begins ``late`` [s] from now."""
+        """Places on the track [s], from the present one to the end of a stop that begins in ``late`` [s]."""
         places = [place, place + rate * late]
         while rate != 0.0 and len(places) < _LONGEST:
             places.append(places[-1] + rate * _BRAKING)
@@ -215,15 +214,15 @@ class _Mover:
         return places
 
     def _towards(self, wish: float, place: float, rate: float, dt: float) -> float:
-        """The rate [s/s] that is possible after ``dt`` [s] if another one is wished for."""
+        """The rate [s/s] that is reached after ``dt`` [s] towards a wanted one."""
         down, up = self._changes(place, rate)
         return min(max(wish, rate + dt * down), rate + dt * up)
 
     def _changes(self, place: float, rate: float) -> tuple[float, float]:
         """Least and largest change of the rate [1/s] that keep the obstacle within its acceleration.
 
-        At the rate r along a track p the acceleration is r' p' + r² p''; p'' is looked at on both sides of the place. A
-        track that alone is harder than what is allowed can only be braked on.
+        At the rate r along a track p the acceleration is r' p' + r² p''; p'' is taken on both sides of the place. Where
+        the track alone exceeds the acceleration, the rate can only decrease.
         """
         limit, h = self.motion.acceleration, self._cell
         before, v, after = (self.motion.track.velocity(self._anchor, place + d)[0] for d in (-h, 0.0, h))

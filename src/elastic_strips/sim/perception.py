@@ -1,4 +1,4 @@
-"""What the planner gets to see of the world: late, with noise, and sometimes wrong."""
+"""Perception: what the planner senses of the world, with delay and noise."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from elastic_strips.validation import Bound, Checked, Fraction
 
 
 class PerceptionError(ElasticStripsError):
-    """No usable scene came; the message says why."""
+    """There is no usable scene; the message has the reason."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,60 +31,64 @@ class PerceptionParams(Checked):
     noise: Fraction = 1.0
 
 
-class Perception(Protocol):
-    """What tells a planner about the world."""
-
-    params: PerceptionParams
+class Sensing(Protocol):
+    """What a simulated robot senses: a scene (:class:`Perception`), or readings."""
 
     @property
     def contact(self) -> str:
-        """What the robot feels that it touches, in words; empty where nothing, or where it feels nothing."""
-        ...
-
-    def known(self) -> Scene:
-        """What is known before the robot sets out."""
+        """Description of a felt contact; empty without one, or without a contact sensor."""
         ...
 
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
-        """Look at the world, at every control step.
+        """Update simulated sensors; called at every control step.
 
         Args:
             t: time [s].
-            coordinates: (nv,) where the robot truly is; for what simulates sensors, and nobody else.
-            estimate: (nv,) where it believes to be.
+            coordinates: (nv,) true coordinate row of the robot; for simulated sensors only.
+            estimate: (nv,) estimated coordinate row.
         """
         ...
 
+    def sense(self, t: float) -> object:
+        """What a controller takes at time ``t`` [s]."""
+        ...
+
+
+class Perception(Sensing, Protocol):
+    """A source of scenes for a planner."""
+
+    params: PerceptionParams
+
+    def known(self) -> Scene:
+        """The scene that is known before the first step."""
+        ...
+
     def sense(self, t: float) -> Scene:
-        """The newest scene at time ``t`` [s]; its ``time`` says how old it is.
+        """The newest scene at time ``t`` [s], with the time at which it was sensed.
 
         Raises:
-            PerceptionError: what came is no scene.
+            PerceptionError: there is no usable scene.
         """
         ...
 
 
 class NoisyGroundTruth:
-    """Workspace: turns a world into what is sensed of it.
+    """Workspace: senses the true world with delay and noise.
 
-    Static obstacles are known (a map); of moving ones position and velocity are sensed, each off by a constant within
-    the assumed bounds.
+    Static obstacles are known (a map); position and velocity of moving ones are sensed with a constant error within the
+    assumed bounds.
 
     Args:
-        world: the true one.
+        world: the true obstacles.
         assumptions: bounds of the errors.
         params: of the noise.
         rng: source of the noise.
     """
 
-    contact = ""  # nobody feels anything
+    contact = ""  # there is no contact sensor
 
     def __init__(
-        self,
-        world: World,
-        assumptions: ObstacleAssumptions,
-        params: PerceptionParams,
-        rng: np.random.Generator,
+        self, world: World, assumptions: ObstacleAssumptions, params: PerceptionParams, rng: np.random.Generator
     ) -> None:
         self.world: World = world
         self.params: PerceptionParams = params
@@ -95,19 +99,19 @@ class NoisyGroundTruth:
                 (self._position, assumptions.position_error),
                 (self._velocity, assumptions.velocity_error),
             ):
-                way = rng.normal(size=3)
-                way[2] = 0.0
-                store[name] = way / np.linalg.norm(way) * size * params.noise * rng.uniform()
+                error = rng.normal(size=3)
+                error[2] = 0.0
+                store[name] = error / np.linalg.norm(error) * size * params.noise * rng.uniform()
 
     def known(self) -> Scene:
-        """All that is there at time 0."""
+        """The true scene at time 0."""
         return self.world.at(0.0)
 
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
-        """Nothing: this perception knows the world."""
+        """Nothing to do: there are no simulated sensors."""
 
     def sense(self, t: float) -> Scene:
-        """The world at time ``t`` [s] less the delay: of what moves a pose and a velocity, both a little off."""
+        """The scene one delay before time ``t`` [s]; moving obstacles have noise in pose and velocity."""
         scene, seen = self.world.at(t - self.params.delay), []
         for obstacle in scene:
             if obstacle.motion is None:

@@ -1,5 +1,5 @@
-"""The machine that is driven: its interface, its encoders and its localization, and a fast kinematic one with the
-faults of real drives."""
+"""Plants: the interface of simulated machines, their odometry and localization, and a fast kinematic plant with lag,
+slip and jitter."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _standard_normals(rng: np.random.Generator, block: int = 1024) -> Iterator[f
 
 
 class Odometry:
-    """Turns true states into measurements; shared by all plants.
+    """Workspace: measurements of true states; shared by all plants.
 
     Args:
         params: sizes of the errors.
@@ -74,14 +74,14 @@ class Odometry:
         self.reset(0.0, (0.0,) * self._drives)
 
     def reset(self, time: float, travel: Sequence[float]) -> None:
-        """Start anew at a time [s] with the drive's travel (k,) so far; a loss of odometry is over."""
+        """Restart at a time [s] with the drive's travel (k,) so far; a loss of odometry ends."""
         self._reading = list(travel)
         self._next_fix = time + self.params.fix_period
         self._pending: deque[tuple[float, float, float, float]] = deque()
         self._lost_until = -math.inf
 
     def lose_odometry(self, until: float) -> None:
-        """No encoder travel and no fix comes up to the time ``until`` [s]; fixes on their way are lost too."""
+        """Measure no encoder travel and no fix up to the time ``until`` [s]; delayed fixes are lost, too."""
         self._lost_until = until
         self._pending.clear()
 
@@ -129,11 +129,11 @@ class Odometry:
         return Measurement(time, drive, joints)
 
 
-_STICTION = 5e-4  # [m/s, rad/s] below it, a motor that is told to stand stands
+_STICTION = 5e-4  # [m/s, rad/s] a motor with zero command stands below this speed
 
 
 def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[float, float]:
-    """Speed and way after ``h`` [s] of ``dv/dt = clip((u − v)/lag, ±push)``, exactly."""
+    """Speed and travel after ``h`` [s] of ``dv/dt = clip((u − v)/lag, ±push)``, exactly."""
     way, gap = 0.0, u - v
     if gap == 0.0:
         return v, v * h
@@ -157,7 +157,7 @@ def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[f
     return v, way
 
 
-_ARC = 0.005  # [s] longest piece of time that is driven as one arc
+_ARC = 0.005  # [s] longest time that is integrated as one arc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,11 +203,11 @@ class PlantParams:
 
 
 class Plant(Protocol):
-    """A machine that takes commands and gives measurements; the truth is there for the evaluation."""
+    """A simulated machine: commands in, measurements out; its true state is for the evaluation."""
 
     @property
     def time(self) -> float:
-        """[s]."""
+        """Time of the state [s]."""
         ...
 
     @property
@@ -226,19 +226,19 @@ class Plant(Protocol):
         ...
 
     def reset(self, coordinates: Array, time: float = 0.0) -> None:
-        """Put the robot somewhere, at rest."""
+        """Put the robot at a coordinate row (nv,), at rest, at a time [s]."""
         ...
 
     def step(self, command: Command, dt: float) -> Measurement:
-        """Hold a command for ``dt`` [s] and measure at the end."""
+        """Apply a command for ``dt`` [s] and measure at the end."""
         ...
 
     def lost_odometry(self, until: float) -> None:
-        """From now on to the time ``until`` [s], no encoder travel and no fix comes."""
+        """Measure no encoder travel and no fix up to the time ``until`` [s]."""
         ...
 
     def close(self) -> None:
-        """Give back what the plant holds."""
+        """Release resources."""
         ...
 
 
@@ -323,7 +323,7 @@ class KinematicPlant:
         self._odometry.reset(self._time, self._travel)
 
     def step(self, command: Command, dt: float) -> Measurement:
-        """Hold a command for ``dt`` [s]; it arrives late by the jitter.
+        """Apply a command for ``dt`` [s]; it arrives late by the jitter.
 
         Raises:
             ParameterError: a command of the wrong size or not finite.
@@ -351,11 +351,11 @@ class KinematicPlant:
         return self._odometry.measure(self._time, self._travel, np.array(self._joints), pose)
 
     def lost_odometry(self, until: float) -> None:
-        """From now on to the time ``until`` [s], no encoder travel and no fix comes."""
+        """Measure no encoder travel and no fix up to the time ``until`` [s]."""
         self._odometry.lose_odometry(until)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Nothing to release."""
 
     def _change_slip(self, dt: float) -> None:
         p = self.params
@@ -366,7 +366,7 @@ class KinematicPlant:
         self._slip = [s + p.slip_noise * next(normal) for s in self._wander]
 
     def _advance(self, h: float) -> None:
-        """Drive for ``h`` [s] under the present command."""
+        """Integrate for ``h`` [s] under the present command."""
         if h <= 0.0:
             return
         p = self.params
@@ -397,7 +397,7 @@ class KinematicPlant:
 
 
 def check_limits(robot: RobotModel, limits: MotionLimits) -> None:
-    """Whether limits have the robot's numbers of drive coordinates and joints.
+    """Check that limits have the robot's numbers of drive coordinates and joints.
 
     Raises:
         ParameterError: they have not.

@@ -1,4 +1,4 @@
-"""The scene that a robot's own range sensors show, and whether it touches something."""
+"""Sensor perception: scenes from a robot's simulated range sensors, and a contact sensor."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from elastic_strips.scene import Scene, World
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
 
-_NEAR = 0.02  # [m] what is further off is not measured
+_NEAR = 0.02  # [m] larger distances are not measured
 
 
 class ContactSensor:
-    """Workspace: what a robot touches.
+    """Workspace: finds the obstacle that a robot touches.
 
     Args:
         robot: the robot.
@@ -41,38 +41,39 @@ class ContactSensor:
 
 
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
-"""What tracks of a laser at 20 Hz are taken to be wrong by at most; tests compare it with what they are wrong by."""
+"""Bounds of the errors of tracks from a laser at 20 Hz; tests compare them with the true errors."""
 LASER_EASE = 0.6
-"""Share of its speeds that a robot drives with that sees by a laser alone: what comes out from behind something is
-known to move only some tenths of a second later, and the robot has to stand by the time it is there."""
+"""Part of the largest speeds for a robot with a laser alone: an obstacle that appears from behind another one is
+tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
 _LOW = 0.3
-"""A piece that reaches lower than this [m] is where a laser of a base looks."""
-_STEP = 0.01  # [s] between looks while the robot stands at its start
-_FEEL = 0.05  # [s] between questions to the bumper
+"""Pieces that reach below this height [m] are in the plane of a base's laser."""
+_STEP = 0.01  # [s] between sensor updates while the robot stands at its start
+_FEEL = 0.05  # [s] between queries of the contact sensor
 
 
 class SensorPerception:
-    """Workspace: simulated sensors, and a scene of what they have seen.
+    """Workspace: simulated sensors, and the scene that is estimated from their readings.
 
-    Before the robot sets out it stands at its start for a while and looks about.
+    Before the first step the sensors read from the start for a while.
 
     Args:
         robot: with the sensors' frames.
         world: that the sensors see.
         start: configuration (nq,).
-        sensors: what they are like.
+        sensors: their parameters.
         params: of the scene; defaults with the robot's `body_radius` where None.
         seed: of the sensors' noise.
-        look: how long the robot looks about first [s].
-        bumper: whether the robot feels what it touches; while it does, it stands, and no reading counts: what runs
-            into a standing robot covers its laser.
+        look: time of reading before the first step [s].
+        bumper: whether the robot has a contact sensor; during a contact it stands, and readings are ignored: an
+            obstacle that touches the robot covers its laser.
 
     Attributes:
-        suite, estimator: the sensors, and what becomes of their readings.
+        suite: the sensors.
+        estimator: of the scene.
         params: the sensors' delay, for figures that depend on it.
 
     Raises:
-        RobotError: the robot has not the frames that the sensors sit on.
+        RobotError: the robot lacks a frame of a sensor.
     """
 
     def __init__(
@@ -102,20 +103,20 @@ class SensorPerception:
 
     @property
     def contact(self) -> str:
-        """What the robot feels."""
+        """Description of a felt contact; empty without one."""
         return "the bumper is pressed" if self._touched else ""
 
     def known(self) -> Scene:
-        """What was seen from the start."""
+        """The scene that was sensed from the start."""
         return self.sense(0.0)
 
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
-        """Take the readings that have come by the time ``t`` [s] into the scene."""
+        """Add the readings that are available at time ``t`` [s] to the scene; see :meth:`Perception.observe`."""
         self._past.add(t, estimate)
         if self._contact_sensor is not None and t - self._looked >= _FEEL - 1e-9:
             self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), coordinates)
         readings = self.suite.observe(t, coordinates)
-        if self._touched:  # what covers the sensors would stay in the map where they cannot see
+        if self._touched:  # an obstacle on the sensors would stay in the map
             return
         for reading in readings:
             self.estimator.update(reading, self._past.at(reading.time))
@@ -124,7 +125,7 @@ class SensorPerception:
         """The newest scene.
 
         Raises:
-            PerceptionError: no reading has come yet.
+            PerceptionError: there is no reading yet.
         """
         if not self.estimator.times:
             raise PerceptionError(f"none of the sensors {', '.join(self.suite.config.names)} has read anything yet")
@@ -132,5 +133,5 @@ class SensorPerception:
 
 
 def body_radius(robot: RobotModel) -> float:
-    """Radius of the largest disc about the base's origin that the robot fills where a laser of its base looks [m]."""
+    """Radius [m] of the largest disc about the base's origin within the robot at the height of a base's laser."""
     return PlanarFootprint.of(robot, robot.home()).inner_below(_LOW)

@@ -1,4 +1,4 @@
-"""The three layers do a task in a world."""
+"""Task simulation: the three layers do a task in a simulated world."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .perception import Perception, PerceptionParams
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TaskResult(Summary):
-    """What became of a task.
+    """Result of a task.
 
     Attributes:
         done: whether all its steps were reached.
         reason: why it ended.
         deliberation: its steps.
-        drive: what was driven, or None where the task could not be begun.
-        orders: (time [s], order, reason) of the sequencing layer, wherever they changed.
-        task_events: how a task that was to be kept to was suspended and resumed.
+        drive: result of the drive; None where the task could not be started.
+        orders: (time [s], order, reason) of the sequencing layer, at every change.
+        task_events: suspensions and resumptions of the constraint.
     """
 
     done: bool
@@ -49,17 +49,17 @@ class TaskSimulation:
         robot: the robot.
         world: the obstacles over time.
         start: configuration (nq,).
-        task: what to do.
-        keep: what the strip is to keep to meanwhile.
+        task: to be done.
+        keep: constraint on the strip.
         params: of the drive.
-        perception: what tells all three layers about the world; see :func:`simulation`.
-        seed: of all that is sampled, and of the machine.
+        perception: of all three layers; see :func:`simulation`.
+        seed: of the search for goals, the plans, the plant and the perception.
         look: called after every planning tick, with the :class:`HybridControl`.
         **options: of :func:`simulation`.
 
     Attributes:
         deliberation: the task's steps.
-        control: sequencing and reactive layer, or None where the task cannot be begun.
+        control: sequencing and reactive layer; None where the task cannot be started.
         simulation: of it, or None.
 
     Raises:
@@ -102,7 +102,7 @@ class TaskSimulation:
         self.control = self.simulation.controller
 
     def run(self, *, time_limit: float | None = None) -> TaskResult:
-        """Do the task, or find out why not."""
+        """Do the task; at most for ``time_limit`` [s], that of the drive's parameters where None."""
         control = self.control
         if self.simulation is None or control is None:
             return TaskResult(False, self.deliberation.reason, self.deliberation, None, (), ())

@@ -1,4 +1,4 @@
-"""Tracking bound: how far any point of the robot is from where its reference has it."""
+"""Tracking bound: largest distance of any point of the robot from its place by the reference."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ from elastic_strips.collision.bounds import BodySet
 from elastic_strips.robot import Kinematics, RobotModel
 
 DEFAULT_TRACKING_ERROR = 0.02
-"""How far [m] any point of the robot may be from its reference, with the default plant, gains and estimator.
+"""Bound of that distance [m] with the default plant, gains and estimator; default of ``DriveParams.tracking_error``.
 
 Measured on planned and retimed corridors (Silvermate: 26, every other one ending with an outstretched arm; TIAGo: 13),
 at all of the limits and at 95 % of the speeds and 75 % of the accelerations, 220 seeds each, 880 runs or 3.5 hours of
 driving: half of all samples within 0.0029 m, 99 % within 0.0091 m, the largest 0.0179 m (Silvermate: 0.0169 m). It is
-the slip of the wheels that makes it: without noise and slip 0.0014 m is left. What else a machine may do, largest of 60
-runs: twice the slip 0.025 m, motors that lag half as long again or half as long as believed 0.025 m, fixes twice as
-noisy 0.021 m. On the MuJoCo plant, largest of 30 runs: Silvermate 0.0203 m, TIAGo with wheels sped up by at most
-0.8 m/s² 0.028 m.
+caused by the slip of the wheels: without noise and slip it is 0.0014 m. With other plants, largest of 60 runs: twice
+the slip 0.025 m, motors with 1.5 or 0.5 times the assumed lag 0.025 m, fixes twice as noisy 0.021 m. On the MuJoCo
+plant, largest of 30 runs: Silvermate 0.0203 m, TIAGo with wheels sped up by at most 0.8 m/s² 0.028 m.
 """
 
 
 class Displacement:
-    """Bounds how far any point of the robot's bodies is between two configurations.
+    """Workspace: upper bounds of the displacement of any point of a robot between two configurations.
 
     A body lies within its capsule. A point of it is a point of the capsule's segment plus a vector of at most its
-    radius r: between two poses it moves by at most the larger way of the segment's two ends, plus ``2 r sin(φ/2)``
-    where φ is the angle between the poses. It is an upper bound, loose by at most that second part.
+    radius r: between two poses it moves by at most the larger displacement of the segment's two ends, plus
+    ``2 r sin(φ/2)``, φ the angle between the poses. It is an upper bound, loose by at most that second part.
     """
 
     def __init__(self, robot: RobotModel) -> None:

@@ -81,7 +81,7 @@ def test_the_clearance_is_that_of_brute_force(name, case, rng, request):
         min(brute(robot, time, coordinates, world, t) for t in (moment - 1e-9 if moment > 0 else 0.0, moment)), abs=2e-5
     )
     assert bool(evaluation.contacts) == (evaluation.min_clearance_m <= 0.0)
-    assert evaluation.asked < 81 * len(robot.geometries) * len(scene_pieces(world.scene)) / 10
+    assert evaluation.queries < 81 * len(robot.geometries) * len(scene_pieces(world.scene)) / 10
 
 
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry"])
@@ -328,13 +328,13 @@ def test_many_small_parts_are_asked_about_only_where_they_are_near(silvermate, r
     sampled = [brute(silvermate, time, coordinates, world, t) for t in moments]
     assert evaluation.min_clearance_m == pytest.approx(sampled[-1], abs=2e-5)
     assert evaluation.min_clearance_m <= min(sampled) + 1e-3
-    assert evaluation.asked < 3000
+    assert evaluation.queries < 3000
 
 
 def test_an_ordinary_run_costs_few_questions(silvermate):
     record = straight_run(silvermate, moving_world(), wave=0.3)
     evaluation = evaluate(record, silvermate)
-    assert evaluation.asked < 300  # of 1,100 samples × 16 links × 15 obstacles
+    assert evaluation.queries < 300  # of 1,100 samples × 16 links × 15 obstacles
     assert 0.0 < evaluation.min_clearance_m < 0.2
     assert evaluation.closest.obstacle == "person"
 

@@ -1,4 +1,4 @@
-"""Hybrid control: the paper's three layers at work on one task."""
+"""Hybrid control: the paper's three layers for one task."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .sequencing import Blackboard, Order, SequencingLayer
 from .tasks import DeliberativeLayer, DriveAndReach, DriveTo, ReachHand, Task, TaskPlan
 
 _LONGEST = 8
-"""Attempts to resume come at most so many times as rarely as the first."""
+"""Largest factor by which the time between attempts to resume grows."""
 
 
 class ConstraintState(str, Enum):
-    """``KEPT``: every node keeps to the task. ``TRYING``: it pushes, and is not kept yet. ``SUSPENDED``: it does not
-    push, so that the strip can do what the obstacles ask for."""
+    """``KEPT``: every node satisfies the constraint. ``TRYING``: its forces act, and it is not satisfied yet.
+    ``SUSPENDED``: its forces are off, so that the strip can avoid obstacles."""
 
     KEPT = "kept"
     TRYING = "trying"
@@ -42,7 +42,7 @@ class ConstraintState(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class ConstraintEvent:
-    """The state of a task from a time [s] on, and why."""
+    """A change of a constraint's state at a time [s], and the reason."""
 
     time: float
     state: ConstraintState
@@ -50,19 +50,18 @@ class ConstraintEvent:
 
 
 class ConstraintMonitor:
-    """Workspace: switches a deformer's task off and on, tick by tick.
+    """Workspace: switches a deformer's constraint off and on, tick by tick.
 
-    With its task a certified strip stays certified, since no step may lose that; so an attempt to resume it risks
-    nothing, and is simply made.
+    No step of a deformer loses the certificate of a strip, so that resuming the constraint is safe.
 
     Args:
         force: ``deformer.constraint``.
-        patience: so many ticks in a row a task may be missed, or the strip be broken, before it is suspended.
-        retry: so many ticks after that it is tried again, and twice as many after every attempt in vain.
+        patience: successive ticks in which the constraint may be violated, or the strip broken, before it is suspended.
+        retry: ticks from then to the next attempt; twice as many after every failed one.
 
     Attributes:
-        state, reason: of the task.
-        events: how they changed.
+        state, reason: of the constraint.
+        events: their changes.
     """
 
     def __init__(self, force: ConstraintForce, *, patience: int = 10, retry: int = 20) -> None:
@@ -80,11 +79,14 @@ class ConstraintMonitor:
         self._wait = retry
 
     def update(self, t: float, report: DeformReport) -> ConstraintState:
-        """Look at a tick's report and set the switch for the next one.
+        """Switch the constraint for the next tick, by the report of this one.
 
         Args:
             t: time [s].
-            report: of the deformer that has the task.
+            report: of the deformer with the constraint.
+
+        Raises:
+            ParameterError: the report is of a deformer without a constraint.
         """
         errors = report.constraint_errors
         if errors is None:
@@ -123,7 +125,7 @@ class ConstraintMonitor:
 
 
 class PathService(Replanner):
-    """Workspace: a replanner that finds out what is wrong with a strip, and waits until another is requested.
+    """Workspace: a replanner that reports why a strip cannot be followed, and plans another one only on request.
 
     Attributes:
         trouble: why the strip cannot be followed; empty where it can.
@@ -149,11 +151,11 @@ class PathService(Replanner):
         return report
 
     def request(self) -> None:
-        """Another path is wanted."""
+        """Request another path."""
         self._requested = True
 
     def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
-        """Look at a tick's strip; returns why another one is planned, once that has been requested, or ""."""
+        """Check a tick's strip; returns why another one is planned, once it has been requested, or ""."""
         found = super().watch(t, result, scene, at_rest=at_rest)
         self.pending = False
         if found:
@@ -182,15 +184,21 @@ def deliberate(
     params: DriveParams | None = None,
     seed: int = 0,
 ) -> TaskPlan:
-    """Decompose a task into steps; where it cannot be done there are none, and the reason says why.
+    """Decompose a task into steps.
 
     Args:
         robot: the robot.
         start: configuration (nq,).
-        task: what to do.
-        scene: what is known of the obstacles.
+        task: to be done.
+        scene: known obstacles; moving ones are ignored.
         params: of the drive: goals keep a little more than its clearance.
-        seed: of all that is sampled.
+        seed: of the search for goals.
+
+    Returns:
+        The plan; without steps where the task cannot be done, with the reason.
+
+    Raises:
+        ParameterError: not a task.
     """
     check_type("robot", robot, RobotModel, RobotError)
     check_type("params", params, DriveParams, none=True)
@@ -202,18 +210,18 @@ def deliberate(
 
 
 class HybridControl(Controller):
-    """Workspace: sequencing and reactive layer for the steps of a task; it takes steps as every :class:`Controller`.
+    """Workspace: a :class:`Controller` with a sequencing layer, for the steps of a task.
 
     The deliberative layer decomposes the task (:func:`deliberate`); the sequencing layer orders its steps; the reactive
-    layer, the controller with its strip and its supervisor, moves the robot. Steps and paths come down, the blackboard
-    goes up.
+    layer, the controller with its strip and its supervisor, moves the robot. Steps and paths are passed down, the
+    blackboard up.
 
     Args:
         robot: the robot.
         start: configuration (nq,).
-        plan: what the deliberative layer made of the task; at least one step.
-        scene: what is known before the robot sets out; nothing where None.
-        keep: what the strip is to keep to meanwhile; suspended where that cannot be, and resumed.
+        plan: of the deliberative layer; at least one step.
+        scene: obstacles known before the first step; none where None.
+        keep: constraint on the strip; suspended while it cannot be satisfied.
         params: of the drive.
         seed: of the planner.
         look: called after every planning tick, with this control.
@@ -222,12 +230,12 @@ class HybridControl(Controller):
     Attributes:
         paths: plans paths when the sequencing layer requests them.
         sequencing: the layer.
-        monitor: watches what is to be kept to, or None.
-        orders: (time [s], order, reason) of the sequencing layer, wherever they changed.
+        monitor: of the constraint, or None.
+        orders: (time [s], order, reason) of the sequencing layer, at every change.
 
     Raises:
         MissingExtraError: py_trees (extra ``control``) is not installed.
-        ConfigurationError: there is no step, or start is not sound, or in collision.
+        ConfigurationError: there is no step, or start is not valid, or in collision.
     """
 
     def __init__(
@@ -270,14 +278,14 @@ class HybridControl(Controller):
         self._report: object = None
 
     def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
-        """One control period, and after a planning tick the layers above have their turn: :meth:`Controller.step`."""
+        """One control period, as :meth:`Controller.step`; the layers above run after every planning tick."""
         command = super().step(t, measurement, scene, trouble=trouble)
         if self.tick is not None and self.tick.time == t:
             self._watch()
         return command
 
     def decide(self) -> Order:
-        """What the sequencing layer makes of the blackboard."""
+        """Tick the sequencing layer with the present blackboard."""
         board = Blackboard(
             scene_age=self.time - self.scene.time,
             localized=self.estimator.lost_for <= 0.1,

@@ -1,7 +1,7 @@
-"""Sequencing layer: a behaviour tree orders the steps, watches how they go, and deals with failure.
+"""Sequencing layer: a behaviour tree that orders the steps of a task, monitors them, and handles failure.
 
-It decides nothing about motion: below it the reactive layer moves the robot, or does not, in every tick; above it the
-deliberative layer is asked for a path where there is none that can be followed.
+It does not decide on motion: the reactive layer below moves the robot. From the deliberative layer above it requests a
+path where there is none that can be followed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _Answer = tuple["bool | None", str]
 
 
 class Order(str, Enum):
-    """What is to be done next: follow the strip, wait, ask for another path, or end."""
+    """The next action: follow the strip, wait, request another path, or end."""
 
     FOLLOW = "follow"
     WAIT = "wait"
@@ -32,15 +32,15 @@ class Order(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class Blackboard:
-    """What the sequencing layer gets to know, tick by tick.
+    """Inputs of the sequencing layer in a tick.
 
     Attributes:
         scene_age: of the newest scene [s].
-        localized: whether the robot knows where it is.
+        localized: whether the robot is localized.
         trouble: why the strip cannot be followed; empty where it can.
-        planning: whether a path has been asked for and is not there yet.
-        attempts: paths asked for in this step so far.
-        reached: how many steps have been reached.
+        planning: whether a requested path is being planned.
+        attempts: paths requested in this step so far.
+        reached: number of reached steps.
     """
 
     scene_age: float = 0.0
@@ -55,9 +55,9 @@ class SequencingLayer:
     """Workspace: the behaviour tree of a task with these steps.
 
     Args:
-        steps: what they are, for people; at least one.
-        max_scene_age: an older scene [s] is waited out.
-        max_attempts: so many paths are asked for in one step before the task is given up.
+        steps: descriptions of the steps; at least one.
+        max_scene_age: largest age [s] of a scene; the robot waits while it is older.
+        max_attempts: paths that are requested in one step before the task is given up.
 
     Attributes:
         order, reason: of the last tick.
@@ -93,7 +93,7 @@ class SequencingLayer:
         return self._tree.text(unicode=unicode)
 
     def dot(self) -> str:
-        """The tree in Graphviz' language; ``dot -Tsvg`` draws it."""
+        """The tree in the language of Graphviz; ``dot -Tsvg`` draws it."""
         return self._tree.dot()
 
     def _build(self, steps: Sequence[str]) -> Tree:
@@ -105,11 +105,11 @@ class SequencingLayer:
             [(name, partial(self._there, k)) for k, name in enumerate(steps)],
             [("scene is fresh", self._fresh), ("robot knows where it is", self._localized)],
             usable=self._usable,
-            ask=self._ask,
+            request=self._request,
             follow=self._follow,
         )
 
-    # the leaves' questions
+    # the leaves
 
     def _there(self, index: int) -> _Answer:
         done = self._board.reached > index
@@ -126,7 +126,7 @@ class SequencingLayer:
         board = self._board
         return not board.trouble and not board.planning, board.trouble
 
-    def _ask(self) -> _Answer:
+    def _request(self) -> _Answer:
         board = self._board
         if board.planning:
             return self._wait("the deliberative layer is planning")

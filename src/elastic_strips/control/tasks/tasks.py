@@ -1,7 +1,7 @@
-"""Tasks: what a robot is told to do, and how the deliberative layer decomposes it into steps and goals.
+"""Tasks of a robot, and the deliberative layer, which decomposes them into steps with goals.
 
-The layer knows the map and the robot, and takes its time. The paths of its steps come from the motion planner, before
-the robot sets out, and again where the layers below cannot go on.
+The layer has the map and the robot, and no deadline. The paths of its steps come from the motion planner, before the
+first step and again where the layers below cannot go on.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from elastic_strips.validation import Checked, Finite, check_array, check_fields
 
 @dataclass(frozen=True, slots=True)
 class DriveTo(Checked):
-    """Drive the base to a pose, the arm as it is.
+    """Drive the base to a pose, with the arm as it is.
 
     Attributes:
         x, y: [m]; yaw: [rad], in the world.
@@ -41,7 +41,7 @@ class DriveTo(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ReachHand:
-    """Bring a frame of the robot to a pose; the base drives there where the arm alone does not reach.
+    """Bring a frame of the robot to a pose; the base moves where the arm alone does not reach.
 
     Attributes:
         position: (x, y, z) in the world [m].
@@ -81,13 +81,13 @@ Task = DriveTo | ReachHand | DriveAndReach
 
 
 _POSITION_TOLERANCE = 2e-3
-"""A frame is where it is to be within so much [m]."""
+"""Tolerance of a frame's position [m]."""
 _ANGLE_TOLERANCE = 1e-2
 """[rad]"""
-_LEVER = 0.3  # [m/rad] what an angle counts beside a distance
-_PULL = 1e-3  # how strongly joints are drawn to where they are, beside the target
-_HOLD = 0.03  # how strongly a base is held where it was seen to have room: it moves only for what the arm cannot do
-_RING = (0.4, 0.55, 0.7, 0.85)  # [m] distances of a base from what it reaches for, to begin with
+_LEVER = 0.3  # [m/rad] weight of an angle against a distance
+_PULL = 1e-3  # weight of the joints' displacement against the target
+_HOLD = 0.03  # weight of the base's displacement from a free place: it moves only where the arm does not reach
+_RING = (0.4, 0.55, 0.7, 0.85)  # [m] first distances of a base from the target
 _DIRECTIONS = 12  # on each ring
 _POSTURES = 4  # of the arm, at each
 _STARTS = 24  # postures of the arm where the base stays
@@ -95,12 +95,13 @@ _STARTS = 24  # postures of the arm where the base stays
 
 @dataclass(frozen=True, slots=True)
 class ReachResult:
-    """A configuration that reaches, or None, and how near the best one came.
+    """Result of inverse kinematics.
 
     Attributes:
-        q: (nq,) or None.
-        distance: of the frame from its target [m]; angle: [rad], 0 where the orientation is free.
-        reason: what happened, for people.
+        q: (nq,) configuration that reaches the target, or None.
+        distance: least one of the frame from its target [m].
+        angle: of its orientation from the target's [rad]; 0 where the orientation is free.
+        reason: what happened, in words.
     """
 
     q: Array | None
@@ -110,11 +111,11 @@ class ReachResult:
 
 
 class InverseKinematics:
-    """Workspace: looks for configurations of one robot that reach.
+    """Workspace: searches collision-free configurations of a robot that reach a target.
 
     Args:
         robot: the robot.
-        rng: of the places to begin at.
+        rng: of the start values.
         margin: distance to keep to obstacles [m].
     """
 
@@ -125,17 +126,16 @@ class InverseKinematics:
         self._data = robot.model.createData()
 
     def with_arm(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
-        """Move the joints alone, the base stays where ``q`` (nq,) has it."""
+        """Search with the joints alone; the base stays where ``q`` (nq,) has it."""
         coordinates = self.robot.space.to_coordinates(self.robot.check_q(q))
         return self._search(
             scene, task, [coordinates, *self._postures(coordinates, _STARTS - 1)], coordinates, base=False
         )
 
     def with_base(self, scene: Scene, q: npt.ArrayLike, task: ReachHand) -> ReachResult:
-        """Move base and joints; the base begins on rings about the target, those near ``q`` (nq,) first.
+        """Search with base and joints; start values are on rings about the target, those near ``q`` (nq,) first.
 
-        With the joints as ``q`` has them, the base must have room where it begins and where it ends: it drives there
-        first.
+        With the joints as in ``q``, the base must be free at its start value and at the result: it drives there first.
         """
         coordinates = self.robot.space.to_coordinates(self.robot.check_q(q))
         if not self.robot.space.planar:
@@ -148,8 +148,11 @@ class InverseKinematics:
                 row = coordinates.copy()
                 row[:2] = target + radius * np.array([np.cos(angle), np.sin(angle)])
                 row[2] = angle + np.pi + self.rng.uniform(-0.6, 0.6)
-                if free(self._q(row)):
-                    begins += [row, *(r for r in self._postures(row, _POSTURES) if free(self._q(r)))][:2]
+                if free(self.robot.space.from_coordinates(row)):
+                    begins += [
+                        row,
+                        *(r for r in self._postures(row, _POSTURES) if free(self.robot.space.from_coordinates(r))),
+                    ][:2]
         if not begins:
             return ReachResult(None, np.inf, 0.0, f"{task}: the base has no room about it")
         begins.sort(key=lambda row: float(np.hypot(*(row[:2] - coordinates[:2]))))
@@ -182,19 +185,14 @@ class InverseKinematics:
                     best = ReachResult(None, distance, angle, f"{task}: the nearest that was found misses it by "
                                    f"{distance:.3f} m and {angle:.2f} rad")  # fmt: skip
                 continue
-            q = self._q(row)
-            if valid(q) and (not base or valid(self._driven(near, row))):
+            q = self.robot.space.from_coordinates(row)
+            if valid(q) and (not base or valid(_with_base_of(self.robot, row, near))):
                 return ReachResult(q, distance, angle, f"{task}: within {1e3 * distance:.1f} mm")
             touching += 1
             best = ReachResult(
                 None, distance, angle, f"{task}: all {touching} configurations that reach it touch something"
             )
         return best
-
-    def _driven(self, near: Array, row: Array) -> Array:
-        """(nq,) the base of ``row``, the joints of ``near``."""
-        b = self.robot.space.base_nv
-        return self._q(np.concatenate((row[:b], near[b:])))
 
     def _solve(self, begin: Array, near: Array, frame: int, target: Array, turn: Array | None, *, base: bool) -> Array:
         from scipy.optimize import least_squares  # late: slow to import
@@ -220,7 +218,7 @@ class InverseKinematics:
 
     def _off(self, row: Array, frame: int, target: Array, turn: Array | None) -> Array:
         """Position error [m] and, where it matters, orientation error times a lever [m]."""
-        pin.forwardKinematics(self.robot.model, self._data, self._q(row))
+        pin.forwardKinematics(self.robot.model, self._data, self.robot.space.from_coordinates(row))
         placement = pin.updateFramePlacement(self.robot.model, self._data, frame)
         off = placement.translation - target
         return off if turn is None else np.concatenate((off, _LEVER * pin.log3(turn.T @ placement.rotation)))
@@ -228,7 +226,7 @@ class InverseKinematics:
     def _slopes(self, row: Array, frame: int, turn: Array | None) -> Array:
         """Derivatives (3 or 6, nv) of :meth:`_off` by the coordinates."""
         model, data = self.robot.model, self._data
-        q = self._q(row)
+        q = self.robot.space.from_coordinates(row)
         pin.computeJointJacobians(model, data, q)
         placement = pin.updateFramePlacement(model, data, frame)
         J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
@@ -247,9 +245,6 @@ class InverseKinematics:
         off = self._off(row, frame, target, turn)
         return float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]) / _LEVER)
 
-    def _q(self, row: Array) -> Array:
-        return self.robot.space.from_coordinates(row[None])[0]
-
     def _frame(self, name: str) -> int:
         index = find_frame(self.robot.model, name)
         if index is None:
@@ -259,7 +254,7 @@ class InverseKinematics:
 
 
 class StepKind(str, Enum):
-    """What a step is for; the strip moves the whole body in any case."""
+    """Purpose of a step; the strip moves the whole body in any case."""
 
     NAVIGATION = "navigation"
     MANIPULATION = "manipulation"
@@ -268,12 +263,12 @@ class StepKind(str, Enum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TaskStep(Summary):
-    """One goal on the way to a task.
+    """A step of a task.
 
     Attributes:
-        kind: what it is for.
-        q: (nq,) the goal.
-        text: for people.
+        kind: its purpose.
+        q: (nq,) its goal.
+        text: description.
     """
 
     kind: StepKind
@@ -286,7 +281,7 @@ class TaskStep(Summary):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TaskPlan(Summary):
-    """What the layer made of a task: its steps, none where it cannot be done, and why."""
+    """Steps of a task, none where it cannot be done, and the reason."""
 
     task: Task
     steps: tuple[TaskStep, ...]
@@ -298,7 +293,7 @@ class DeliberativeLayer:
 
     Args:
         robot: the robot.
-        seed: of all that is sampled.
+        seed: of the search for goals.
         margin: distance that goals keep to obstacles [m].
     """
 
@@ -307,12 +302,15 @@ class DeliberativeLayer:
         self._kinematics = InverseKinematics(robot, np.random.default_rng(seed), margin=margin)
 
     def decompose(self, task: Task, q: npt.ArrayLike, scene: Scene) -> TaskPlan:
-        """Decompose a task into steps that begin at a configuration.
+        """Decompose a task into steps.
 
         Args:
-            task: what to do.
-            q: (nq,) where the robot is.
-            scene: what stands in the way of its goals.
+            task: to be done.
+            q: (nq,) present configuration.
+            scene: static obstacles.
+
+        Returns:
+            The plan; without steps where no goal is found.
         """
         robot = self.robot
         here = robot.check_q(q, what="q")
@@ -332,13 +330,11 @@ class DeliberativeLayer:
         if found.q is None:
             return TaskPlan(task, (), found.reason)
         row = robot.space.to_coordinates(found.q)
-        b = robot.space.base_nv
-        before = robot.space.to_coordinates(here)
-        before[:b] = row[:b]
         x, y, yaw = (float(value) for value in row[:3])
         drive = DriveTo(x, y, yaw)
+        before = _with_base_of(robot, row, robot.space.to_coordinates(here))
         steps = (
-            TaskStep(StepKind.NAVIGATION, robot.space.from_coordinates(before[None])[0], str(drive)),
+            TaskStep(StepKind.NAVIGATION, before, str(drive)),
             TaskStep(StepKind.MANIPULATION, found.q, str(task)),
         )
         return TaskPlan(task, steps, f"the arm does not reach from here: {drive} first; {found.reason}")
@@ -346,4 +342,10 @@ class DeliberativeLayer:
     def _driven(self, q: Array, drive: DriveTo) -> Array:
         row = self.robot.space.to_coordinates(q)
         row[:3] = drive.x, drive.y, drive.yaw
-        return self.robot.space.from_coordinates(row[None])[0]
+        return self.robot.space.from_coordinates(row)
+
+
+def _with_base_of(robot: RobotModel, row: Array, joints: Array) -> Array:
+    """(nq,) the base of one coordinate row, the joints of another one (nv,)."""
+    b = robot.space.base_nv
+    return robot.space.from_coordinates(np.concatenate((row[:b], joints[b:])))

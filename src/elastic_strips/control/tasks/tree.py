@@ -1,4 +1,4 @@
-"""Tree: leaves and shape of the sequencing layer's behaviour tree; the only file that knows py_trees."""
+"""Tree: the sequencing layer's behaviour tree; the only file that imports py_trees."""
 
 from __future__ import annotations
 
@@ -10,52 +10,52 @@ from py_trees.common import Status
 from py_trees.composites import Selector
 from py_trees.composites import Sequence as All
 
-_Question = Callable[[], tuple["bool | None", str]]
-"""Whether something holds (None: not yet), and what is going on."""
+_Check = Callable[[], tuple["bool | None", str]]
+"""Whether a condition holds or an action is done (None: it goes on), and a feedback message."""
 
 
 class _Leaf(Behaviour):
-    """A question that is asked anew in every tick."""
+    """A condition or an action that is evaluated in every tick."""
 
-    def __init__(self, name: str, question: _Question) -> None:
+    def __init__(self, name: str, check: _Check) -> None:
         super().__init__(name)
-        self._question = question
+        self._check = check
 
     def update(self) -> Status:
-        """Ask."""
-        holds, self.feedback_message = self._question()
+        """Evaluate."""
+        holds, self.feedback_message = self._check()
         return Status.RUNNING if holds is None else Status.SUCCESS if holds else Status.FAILURE
 
     def terminate(self, new_status: Status) -> None:
-        """Forget what went on where it no longer does."""
+        """Clear the message of an action that has been interrupted."""
         if new_status is Status.INVALID:
             self.feedback_message = ""
 
 
 class Tree:
-    """The steps one after the other: each is done where the robot is there, else it goes there.
+    """The steps in sequence: each is done where the robot is there, else the robot goes there.
 
     Args:
-        steps: name of each, in their order, and the question whether the robot is there.
-        conditions: name and question of what has to hold before the strip can be followed.
-        usable: whether there is a strip to follow.
-        ask: what is done where there is none.
-        follow: what is done where there is one.
+        steps: name of each, in order, and the condition that the robot is there.
+        conditions: name and condition of what has to hold before the strip can be followed.
+        usable: condition that there is a strip to follow.
+        request: action where there is none.
+        follow: action where there is one.
     """
 
     def __init__(
         self,
-        steps: Sequence[tuple[str, _Question]],
-        conditions: Sequence[tuple[str, _Question]],
+        steps: Sequence[tuple[str, _Check]],
+        conditions: Sequence[tuple[str, _Check]],
         *,
-        usable: _Question,
-        ask: _Question,
-        follow: _Question,
+        usable: _Check,
+        request: _Check,
+        follow: _Check,
     ) -> None:
         self.root = All("task", memory=True)
         for number, (name, there) in enumerate(steps, 1):
             strip = Selector("a strip to follow", memory=False)
-            strip.add_children([_Leaf("strip is usable", usable), _Leaf("ask the deliberative layer", ask)])
+            strip.add_children([_Leaf("strip is usable", usable), _Leaf("ask the deliberative layer", request)])
             go = All("go there", memory=False)
             go.add_children([_Leaf(*condition) for condition in conditions])
             go.add_children([strip, _Leaf("follow the strip", follow)])
@@ -64,7 +64,7 @@ class Tree:
             self.root.add_child(both)
 
     def tick(self) -> bool | None:
-        """One tick from the root: True where all is done, False where it has failed, None where it goes on."""
+        """Tick the root once; True where all is done, False where it has failed, None where it goes on."""
         self.root.tick_once()
         return {Status.SUCCESS: True, Status.FAILURE: False}.get(self.root.status)
 
@@ -74,5 +74,5 @@ class Tree:
         return draw(self.root, show_status=True)
 
     def dot(self) -> str:
-        """The tree in Graphviz' language."""
+        """The tree in the language of Graphviz."""
         return display.dot_tree(self.root).to_string()

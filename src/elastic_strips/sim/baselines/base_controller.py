@@ -1,4 +1,4 @@
-"""The base methods by name, a controller of a base by one of them, and its simulation, on readings alone."""
+"""Base methods by name, a controller that uses one of them, and its simulation, on sensor readings alone."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from elastic_strips.control.controller import ControlLoop, Tick
 from elastic_strips.control.estimation import PoseBuffer
 from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
 from elastic_strips.control.params import DriveParams, Tolerance
+from elastic_strips.control.supervisor import RunLog
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
 from elastic_strips.perception import Reading
 from elastic_strips.robot import BaseKind, RobotModel
@@ -37,7 +38,7 @@ def _band(limits: BaseLimits) -> BaseMethod:
 BASE_METHODS: Mapping[str, Callable[[BaseLimits], BaseMethod]] = MappingProxyType(
     {"apf": PotentialField, "vff": VirtualForceField, "vfh": VectorFieldHistogram, "band": _band}
 )
-"""Name → factory of the method with its default parameters; the band's planner knows what is sensed, and no more."""
+"""Name → factory of the method with its default parameters; the band's planner uses sensed points alone."""
 
 
 def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
@@ -52,15 +53,15 @@ def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
 
 
 PATIENCE = 15.0
-"""A method that has been blocked for so long [s] is given up."""
+"""Time [s] after which a blocked method is given up."""
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
 
-class BaseController(ControlLoop):
+class BaseController(ControlLoop[Sequence[Reading]]):
     """Workspace: the counterpart of :class:`~elastic_strips.control.Controller` for base methods.
 
-    The method gets readings, each with the pose that it was taken at; it knows no map. The arm stays as it is. It ends
-    at the goal, at a contact, or after the method has been blocked for long.
+    The method gets readings, each with the estimated pose at its time; it has no map. The arm does not move. The run
+    ends at the goal, at a contact, or when the method has been blocked for :attr:`patience`.
 
     Args:
         robot: with a differential drive.
@@ -69,20 +70,15 @@ class BaseController(ControlLoop):
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
         params: periods of the drive.
         limits: of the motors; read off the robot where None.
-        base: what the method knows of the base; read off the limits where None.
-        patience: a method that has been blocked for so long [s] is given up.
+        patience: time [s] after which a blocked method is given up.
 
     Raises:
-        ConfigurationError: the robot has no differential drive, or start or goal is not sound.
+        ConfigurationError: the robot has no differential drive, or start or goal is not valid.
         ParameterError: an unknown method.
     """
 
     tolerance: Tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
     """How near counts as reached; of the base alone."""
-    plans_next = True
-    """Readings are wanted in every step."""
-    replans = 0
-    reference = None
 
     def __init__(
         self,
@@ -93,7 +89,6 @@ class BaseController(ControlLoop):
         *,
         params: DriveParams | None = None,
         limits: MotionLimits | None = None,
-        base: BaseLimits | None = None,
         patience: float = PATIENCE,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
@@ -102,45 +97,31 @@ class BaseController(ControlLoop):
                 f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"
             )
         super().__init__(robot, start, params, limits)
-        self.goal: Array = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
-        self.steering: BaseMethod = make_base_method(method, BaseLimits.of(self.limits) if base is None else base)
+        self.goal = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
+        self.steering = make_base_method(method, BaseLimits.of(self.limits))
+        self.method = self.steering.name
         self.patience = patience
-        self.command: BaseCommand = BaseCommand(0.0, 0.0, "moving")
-        self.state: RunState = RunState.STOPPED
-        self.reason: str = "not started"
-        self.stops: list[tuple[float, str]] = []
-        self.events: list[Event] = []
+        self.command = BaseCommand(0.0, 0.0, "moving")
+        self._run = RunLog()
         self._past = PoseBuffer()
         self._past.add(0.0, self.estimate)
         self._blocked = 0.0
 
     @property
-    def method(self) -> str:
-        """Its name."""
-        return self.steering.name
-
-    @property
     def ended(self) -> bool:
-        """Whether it has arrived, has touched something, or was to stop and has let go."""
+        """Whether the robot has arrived, is in contact, or stands after :meth:`stop`."""
         if self._contact or self.state is RunState.REACHED:
             return True
         return bool(self._stopping) and not (self.command.v or self.command.omega)
 
     def log(self, kind: str, reason: str) -> None:
-        """Write down an event of now."""
+        """Write down an event at the present time: its kind in one word, and a reason."""
         self.events.append(Event(self.time, kind, reason))
 
     def step(
         self, t: float, measurement: Measurement | None, readings: Sequence[Reading] | None, *, trouble: str = ""
     ) -> Command:
-        """One control period; as :meth:`Controller.step`, on readings.
-
-        Args:
-            t: time [s].
-            measurement: what has been measured since the last step; None at the first.
-            readings: those that have come since the last step.
-            trouble: why none came.
-        """
+        """One control period, on the readings since the last step; see :meth:`ControlLoop.step`."""
         self.time = t
         if measurement is not None:
             self._take_in(measurement)
@@ -179,22 +160,11 @@ class BaseController(ControlLoop):
             if state is RunState.STOPPED or state is RunState.BRAKING:
                 self.stops.append((self.time, reason))
             self.log(state.label, reason)
-        self.state, self.reason = state, reason
+        self._run.state, self._run.reason = state, reason
 
 
 class _RawReadings:
-    """Workspace: what a robot's simulated sensors read, as it is; and whether the robot touches something.
-
-    Args:
-        robot: with the sensors' frames.
-        world: that the sensors see.
-        plant: where the robot truly is.
-        sensors: what they are like; the Silvermate's where None.
-        seed: of their noise.
-
-    Raises:
-        RobotError: the robot has not the frames that the sensors sit on.
-    """
+    """Workspace: readings of a robot's simulated sensors, and the obstacle that it touches."""
 
     def __init__(
         self,
@@ -214,10 +184,10 @@ class _RawReadings:
         return self._contact_sensor.touched(self._world.at(self._plant.time), self._plant.coordinates)
 
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
-        """Nothing: what is read is handed over as soon as it comes."""
+        """Nothing to do: :meth:`sense` reads the sensors."""
 
     def sense(self, t: float) -> Sequence[Reading]:
-        """Readings that have come by the time ``t`` [s]."""
+        """Readings that are available at time ``t`` [s], and were not before."""
         return self.suite.observe(t, self._plant.coordinates)
 
 
@@ -230,7 +200,6 @@ def base_simulation(
     *,
     params: DriveParams | None = None,
     limits: MotionLimits | None = None,
-    base: BaseLimits | None = None,
     patience: float = PATIENCE,
     sensors: SensorConfig | None = None,
     plant: Plant | None = None,
@@ -239,18 +208,21 @@ def base_simulation(
     realtime: bool = False,
     metadata: dict[str, object] | None = None,
 ) -> Simulation[BaseController]:
-    """A method for a base alone in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
+    """A base method in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
-        robot, start, goal, method, params, limits, base, patience: of the :class:`BaseController`.
+        robot, start, goal, method, params, limits, patience: of the :class:`BaseController`.
         world: the true obstacles over time.
-        sensors: what the sensors are like.
+        sensors: their parameters; the Silvermate's where None.
         plant: the machine; a :class:`KinematicPlant` where None.
-        seed: of the machine and the sensors.
+        seed: of the plant and the sensors.
         watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
+
+    Raises:
+        RobotError: the robot lacks a frame of a sensor.
     """
     check_able("watch", watch)
-    controller = BaseController(robot, start, goal, method, params=params, limits=limits, base=base, patience=patience)
+    controller = BaseController(robot, start, goal, method, params=params, limits=limits, patience=patience)
     world, machine, rng = prepare(robot, world, controller.limits, plant, seed)
     machine.reset(controller.estimate)
     senses = _RawReadings(robot, world, machine, sensors, seed=rng)

@@ -1,6 +1,6 @@
-"""What the base methods share: their interface, limits of the base, and a limiter of their commands.
+"""Base methods: their interface, limits of the base, and a limiter of their commands.
 
-All of them steer the *base*: a disc on the floor that rolls as a differential drive. The arm is tucked in or ignored.
+They steer the base alone: a disc with a differential drive. The arm is ignored.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ class BaseLimits(Checked):
 
     @staticmethod
     def of(motion: MotionLimits, *, radius: float = 0.27, max_speed: float = 0.6, max_turn: float = 1.5) -> BaseLimits:
-        """What the wheels of a differential drive allow, at most ``max_speed`` [m/s] and ``max_turn`` [rad/s].
+        """Limits of a differential drive's wheels, at most ``max_speed`` [m/s] and ``max_turn`` [rad/s].
 
-        Speed and yaw rate are bounded by themselves: both at once may ask more of a rim than it can do; whoever drives
-        the wheels scales them alike then.
+        Speed and yaw rate are bounded separately. Both together may exceed the limit of a rim; the controller scales
+        them alike then.
 
         Raises:
             ParameterError: no differential drive, or a value out of range.
@@ -63,14 +63,14 @@ class BaseLimits(Checked):
 
 @dataclass(frozen=True, slots=True)
 class BaseCommand:
-    """What the base is told to do.
+    """Command of a base method.
 
     Attributes:
         v: speed forwards [m/s].
         omega: yaw rate [rad/s].
-        status: ``"moving"``; ``"arrived"``: at the goal, at rest; ``"blocked"``: no way is known, or for some time the
-            base came no nearer. A blocked method goes on trying.
-        reason: why, in words; may be empty.
+        status: ``"moving"``; ``"arrived"``: at the goal, at rest; ``"blocked"``: no path is known, or there is no
+            progress for some time. A blocked method goes on trying.
+        reason: of the status, in words; may be empty.
     """
 
     v: float
@@ -81,7 +81,7 @@ class BaseCommand:
 
 @runtime_checkable
 class BaseMethod(Protocol):
-    """A method that steers a base to a goal among obstacles that its sensors see."""
+    """A method that steers a base to a goal among sensed obstacles."""
 
     name: str
 
@@ -95,7 +95,7 @@ class BaseMethod(Protocol):
         ...
 
     def command(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand:
-        """What to do now.
+        """The command for now.
 
         Args:
             t: time [s]; it must not go back.
@@ -107,7 +107,7 @@ class BaseMethod(Protocol):
 
 
 _FIRST_PERIOD = 0.1  # [s] taken as time since the last command where there was none, or none for long
-_LONG = 0.5  # [s] since the last command
+_LONG = 0.5  # [s] longest time since the last command
 _LAG = 0.3  # [s] the last command may be ahead of the measured velocity by what the base can gain in this time
 _TURN_GAIN = 2.0  # [1/s] of the heading's error when turning in place
 
@@ -135,7 +135,7 @@ class GoalParams(Checked):
 
 
 class CommandLimiter:
-    """Turns what a method wants into a command that the base can follow.
+    """Workspace: limits the wanted speeds of a method to those that the base can follow.
 
     Args:
         limits: of the base.
@@ -166,7 +166,7 @@ class CommandLimiter:
         return min(self.limits.max_speed, math.sqrt(self.limits.acceleration * max(distance, 0.0)))
 
     def at_goal(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand | None:
-        """The command of a base that has reached the goal's position, or None where it has not."""
+        """The command at the goal's position, until the heading is reached, too; None elsewhere."""
         marked = tuple(np.nan_to_num(np.asarray(goal, dtype=float), nan=1e9).tolist())
         if marked != self._goal:
             self._goal, self._there = marked, False
@@ -186,7 +186,7 @@ class CommandLimiter:
     def drive(
         self, t: float, velocity: Array, v: float, omega: float, remaining: float, reason: str = ""
     ) -> BaseCommand:
-        """The command for a wanted speed and yaw rate, with the remaining way [m], by which progress is measured."""
+        """The command for a wanted speed and yaw rate; the remaining path [m] measures progress."""
         if remaining < self._best - self.params.progress:
             self._best, self._since = remaining, t
         stuck = t - self._since > self.params.patience
@@ -196,7 +196,7 @@ class CommandLimiter:
         return BaseCommand(*self._limited(t, velocity, v, omega), status, reason)
 
     def halt(self, t: float, velocity: Array, reason: str, omega: float = 0.0) -> BaseCommand:
-        """The command of a base that knows no way: it brakes, and may turn."""
+        """The command of a base without a path: it brakes, and may turn."""
         return BaseCommand(*self._limited(t, velocity, 0.0, omega), "blocked", reason)
 
     def _limited(self, t: float, velocity: Array, v: float, omega: float) -> tuple[float, float]:

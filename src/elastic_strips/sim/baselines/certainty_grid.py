@@ -1,4 +1,4 @@
-"""Certainty grids: what readings make probable of every cell.
+"""Certainty grids: probability of occupancy of every cell, from readings.
 
 Sources:
     H. P. Moravec, A. Elfes (1985), High resolution maps from wide angle sonar, IEEE ICRA: the sonar's cone.
@@ -28,7 +28,7 @@ _CONE, _DEPTH = 0.05, 0.15  # [rad, m] how far a scanned point may be off a sona
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanarRays:
-    """Rays of one reading, seen from above, in the world's frame; rays of which nothing is known are left out.
+    """Rays of one reading, seen from above, in the world frame; without those that gave no answer.
 
     Attributes:
         start: (R, 2) where they begin [m].
@@ -71,10 +71,10 @@ def planar_rays(reading: Reading, pose: Array) -> PlanarRays:
 
 
 class SensedPoints:
-    """The points that each sensor saw last, in the world's frame. A reading without any answer changes nothing.
+    """Workspace: last points of each sensor, in the world frame. A reading without any answer changes nothing.
 
-    A sonar does not say where in its cone something is. Where a scan shows a point in the cone at about the sonar's
-    range, that point explains the echo; else it is taken to be on the axis, for the scan may not see it: it may be low.
+    A sonar does not measure the direction within its cone. A scan's point in the cone at about the sonar's range
+    explains the echo; else the obstacle is assumed on the axis, as it may be below the scan's plane.
     """
 
     def __init__(self) -> None:
@@ -83,7 +83,7 @@ class SensedPoints:
         self._points: Array | None = np.zeros((0, 2))
 
     def update(self, reading: Reading, pose: Array) -> None:
-        """Replace what its sensor saw last; ``pose`` is the base's (x, y, yaw) at the time of the reading."""
+        """Replace the points of a reading's sensor; ``pose`` is the base's (x, y, yaw) at its time."""
         rays = planar_rays(reading, pose)
         if not len(rays.hit):
             return
@@ -117,7 +117,7 @@ def _explained(rays: PlanarRays, half_angle: float, points: Array) -> Flags:
 CV_MAX = 15
 """Largest certainty value of a cell."""
 _ON, _OFF = 3, 1  # what a reading adds at its end, and takes off before it
-_LOG_ODDS_MOST = 6.0  # a cell is never surer than this, so that it can change its mind
+_LOG_ODDS_MOST = 6.0  # bound of a cell's log-odds, so that it can change
 _LEAST_RANGE = 1e-6
 _BelowOne = Annotated[float, Bound(above=0.0, below=1.0)]
 
@@ -143,7 +143,7 @@ class GridParams(Checked):
 
 
 class CertaintyGrid:
-    """A square window of cells about the base, aligned with the world: cell k spans [k·cell, (k + 1)·cell).
+    """Workspace: a square window of cells about the base, aligned with the world: cell k spans [k·cell, (k + 1)·cell).
 
     Args:
         params: sizes.
@@ -162,7 +162,7 @@ class CertaintyGrid:
         return np.floor(np.asarray(points) / self.params.cell).astype(int)
 
     def follow(self, position: Array) -> None:
-        """Move the window, by whole cells, so that its middle cell holds the position; what leaves it is forgotten."""
+        """Move the window, by whole cells, so that its middle cell holds the position; other cells are dropped."""
         size = len(self.values)
         first = self.cells_of(position[:2]) - size // 2
         shift = first - self.first
@@ -176,7 +176,7 @@ class CertaintyGrid:
         self.first, self._placed = first, True
 
     def update(self, reading: Reading, pose: Array) -> None:
-        """Take in a reading, taken at the pose (x, y, yaw) of the base; the window follows the base."""
+        """Add a reading that was taken at a pose (x, y, yaw) of the base; the window follows the base."""
         self.follow(pose)
         rays = planar_rays(reading, pose)
         if not len(rays.hit):
@@ -191,7 +191,7 @@ class CertaintyGrid:
         raise NotImplementedError
 
     def active(self, position: Array, cells: int) -> tuple[Array, Array]:
-        """The active region C*: its cells that are not empty.
+        """Cells of the active region C* that are not empty.
 
         Args:
             position: (2,) of the base [m].
@@ -245,7 +245,7 @@ class CertaintyGrid:
 class HistogramGrid(CertaintyGrid):
     """Counts from 0 to 15: +3 where a range ends on the sensor's axis, −1 in the cells on the axis before it.
 
-    Nothing within a sensor's reach empties the axis up to its reach. A laser scan, of which many rays meet the same
+    A range without an echo empties the axis up to the sensor's reach. A laser scan, of which many rays meet the same
     cell, changes a cell once: +3 where any ray ends, else −1 where one goes through.
     """
 
@@ -281,7 +281,7 @@ class HistogramGrid(CertaintyGrid):
 class BayesGrid(CertaintyGrid):
     """Log-odds of being occupied, summed over readings (Bayes' rule with independent readings and cells).
 
-    A sonar at range R says of a cell at distance δ and angle θ off its axis, with half-angle ω/2:
+    Model of a sonar at range R for a cell at distance δ and angle θ off its axis, with half-angle ω/2:
     empty E = (1 − ((δ − R_min)/(R − ε − R_min))²)(1 − (2θ/ω)²) for δ in [R_min, R − ε];
     occupied O = (1 − ((δ − R)/ε)²)(1 − (2θ/ω)²) for δ in [R − ε, R + ε].
     Then p(occupied | reading) = ½ (1 + hit·O − free·E), and ln(p/(1 − p)) is added to the cell.
@@ -292,7 +292,7 @@ class BayesGrid(CertaintyGrid):
         return CV_MAX * np.maximum(np.tanh(0.5 * self.values), 0.0)
 
     def _add(self, signed: Array, block: tuple[slice, slice] = (slice(None), slice(None))) -> None:
-        """Add readings that say 2p − 1 = ``signed``: ln(p/(1 − p)) = 2 artanh(2p − 1)."""
+        """Add readings with 2p − 1 = ``signed``: ln(p/(1 − p)) = 2 artanh(2p − 1)."""
         total = self.values[block] + 2.0 * np.arctanh(signed)
         self.values[block] = np.clip(total, -_LOG_ODDS_MOST, _LOG_ODDS_MOST)
 

@@ -1,4 +1,4 @@
-"""Elastic bands: bubbles of free space, and a band of them that gives way.
+"""Elastic band: a deformable path of bubbles of free space.
 
 Source: S. Quinlan, O. Khatib (1993), Elastic bands: connecting path planning and control, IEEE ICRA. The base follows
 the band by pure pursuit: R. C. Coulter (1992), Implementation of the pure pursuit path tracking algorithm, CMU.
@@ -29,7 +29,7 @@ class FreeDistance:
     Args:
         points: (P, 2) sensed points [m].
         radius: of the base [m].
-        most: where nothing is near, ρ is this [m].
+        most: largest ρ [m].
     """
 
     def __init__(self, points: Array, radius: float, most: float) -> None:
@@ -84,8 +84,8 @@ def without_tangent(force: Array, chain: Array) -> Array:
 def relaxed(chain: Array, free: FreeDistance, *, contraction: float, repulsion: float, influence: float) -> Array:
     """The chain (N, 2) after one step along its forces; its ends stay.
 
-    A bubble moves by its size times its force. Ours: a neighbour that is nearer bounds the step instead of the size,
-    and no step is longer than half of that; else small bubbles among large ones would swing.
+    A bubble moves by its size times its force. Added here: a nearer neighbour bounds the step instead of the size, and
+    no step is longer than half of that; else small bubbles among large ones would oscillate.
     """
     if len(chain) < 3:
         return chain
@@ -102,7 +102,7 @@ def relaxed(chain: Array, free: FreeDistance, *, contraction: float, repulsion: 
 
 
 def connected(chain: Array, free: FreeDistance, *, least: float, overlap: float, most: int) -> Array | None:
-    """The chain with bubbles put in where neighbours do not overlap; None where it is broken.
+    """The chain with inserted bubbles where neighbours do not overlap; None where it is broken.
 
     It is broken where a bubble (but for the first, where the base is) is smaller than ``least``, or where it would
     need more than ``most`` bubbles.
@@ -152,7 +152,7 @@ _RESOLUTION = 0.1  # [m] edge of its cells; larger where the goal is so far that
 _SPARE = 0.04  # [m] clearance that a path must have
 _COMFORT = 0.3  # [m] clearance beyond that from which on more of it is worth nothing
 _WIDEN = 2.0  # [m] how far beyond start and goal the grid reaches
-_THIN = 0.75  # bubbles are taken out where the others overlap by more than is asked for
+_THIN = 0.75  # bubbles are removed where the others overlap by more than required
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +201,7 @@ class ElasticBandParams:
 
 
 class SensedPath:
-    """Plans a way on a grid among the sensed points alone; what was not seen counts as free.
+    """Plans a path on a grid among the sensed points; unseen space counts as free.
 
     Args:
         radius: of the base [m].
@@ -223,16 +223,15 @@ class SensedPath:
 
 
 class ElasticBand:
-    """Quinlan and Khatib's elastic band for a round base.
+    """Workspace: Quinlan and Khatib's elastic band for a round base.
 
-    The band starts as a straight line to the goal. Where it is broken (a bubble has no room, or neighbours cannot be
-    made to overlap) the planner is asked for another; without one, or if it knows none, the base stands, is blocked,
-    and tries again.
+    The band starts as a straight line to the goal. Where it is broken (a bubble is too small, or neighbours cannot be
+    made to overlap) another path is planned; without one the base stands, is blocked, and tries again.
 
     Args:
         limits: of the base.
         params: of the band.
-        planner: asked where the band is broken.
+        planner: plans a path where the band is broken.
         goal: when a goal is reached.
     """
 
@@ -253,15 +252,11 @@ class ElasticBand:
         self._sensed = SensedPoints()
         self.chain: Array | None = None
         self._goal: Array | None = None
-        self._asked = -math.inf
+        self._planned_at = -math.inf
 
     def update(self, reading: Reading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
         self._sensed.update(reading, pose)
-
-    def free_distance(self) -> FreeDistance:
-        """ρ of the sensed points."""
-        return FreeDistance(self._sensed.points, self.limits.radius, self.params.largest)
 
     def command(self, t: float, pose: Array, velocity: Array, goal: Array) -> BaseCommand:
         """Speed and yaw rate now."""
@@ -272,7 +267,7 @@ class ElasticBand:
         if self._goal is not None and not np.allclose(self._goal, target, rtol=0.0, atol=1e-6):
             self.chain = None
         self._goal = target
-        free = self.free_distance()
+        free = FreeDistance(self._sensed.points, self.limits.radius, self.params.largest)
         self.chain = self._deformed(position, target, free)
         if self.chain is None:
             self.chain = self._planned(t, position, target, free)
@@ -281,7 +276,7 @@ class ElasticBand:
         return self._follow(t, pose, velocity, self.chain, free)
 
     def _deformed(self, position: Array, target: Array, free: FreeDistance) -> Array | None:
-        """The band from where the base is, after some steps along its forces; None where it is broken."""
+        """The band from the base on, after some steps along its forces; None where it is broken."""
         if self.chain is not None:
             chain = np.concatenate((position[None], self.chain[1:]))
         else:
@@ -300,14 +295,14 @@ class ElasticBand:
         return joined
 
     def _planned(self, t: float, position: Array, target: Array, free: FreeDistance) -> Array | None:
-        if self._planner is None or t - self._asked < _RETRY:
+        if self._planner is None or t - self._planned_at < _RETRY:
             return None
-        self._asked = t
-        way = self._planner(self._sensed.points, position, target)
-        if way is None:
+        self._planned_at = t
+        path = self._planner(self._sensed.points, position, target)
+        if path is None:
             return None
         self._limiter.restart_watch()
-        return self._settled(np.concatenate((position[None], way[1:-1], target[None])), free)
+        return self._settled(np.concatenate((position[None], path[1:-1], target[None])), free)
 
     def _follow(self, t: float, pose: Array, velocity: Array, chain: Array, free: FreeDistance) -> BaseCommand:
         """Pure pursuit: the curvature 2 sin α / L of the arc to the point on the band at the distance L."""

@@ -1,4 +1,4 @@
-"""Artificial potential field and virtual force field: the goal attracts, what is near repels; the base follows the
+"""Artificial potential field and virtual force field: the goal attracts, near obstacles repel; the base follows the
 resultant.
 
 Sources:
@@ -24,7 +24,7 @@ from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, an
 from .certainty_grid import CertaintyGrid, GridParams, SensedPoints, make_grid
 
 _BINS = 72  # sectors of 5 degrees in which only the nearest point counts
-_APART = 9  # sectors (45 degrees) within which a point must be the nearest to count as an obstacle's nearest
+_APART = 9  # sectors (45 degrees) within which a point must be the nearest one
 _MIN_DISTANCE = 0.01  # [m] a smaller distance to an obstacle counts as this one
 
 
@@ -70,8 +70,8 @@ def repulsive_force(away: Array, distance: Array, params: PotentialFieldParams) 
 def nearest_points(offsets: Array) -> Array:
     """(K, 2) of points (P, 2) about the origin, those that are the nearest within 45° of their bearing.
 
-    They stand for the obstacles' nearest points: Khatib's obstacles are known bodies, ours are points. In a corridor
-    each wall has one; two at the same distance both count.
+    They replace the nearest points of Khatib's obstacles, which are known bodies. In a corridor each wall has one; two
+    at the same distance both count.
     """
     from scipy.ndimage import minimum_filter1d  # late: slow to import
 
@@ -89,11 +89,10 @@ def nearest_points(offsets: Array) -> Array:
 
 
 class PotentialField:
-    """Khatib's artificial potential field for a base.
+    """Workspace: Khatib's artificial potential field for a base.
 
-    The force is turned into a velocity as by Khatib's damping: at rest in it, the base moves with F/k_v, where k_v is
-    such that the far goal alone asks for the largest speed. The base turns towards that velocity and drives by its
-    part along the heading.
+    By Khatib's damping the wanted velocity is F/k_v, with k_v such that a far goal alone gives the largest speed. The
+    base turns towards that velocity and drives by its component along the heading.
 
     Args:
         limits: of the base.
@@ -197,14 +196,14 @@ def cosine(a: Array, b: Array) -> float:
 def damped(force: Array, heading: Array, weight: float) -> Array:
     """(2,) F′ = w F + (1 − w)(−cos θ) F, θ the angle from the heading to the force.
 
-    What is beside the base repels it by w only, so that it oscillates less along walls. So does, here, what is behind
-    it: by the formula alone it would attract.
+    Obstacles beside the base repel it by w only, so that it oscillates less along walls. Those behind it, too: by the
+    formula alone they would attract.
     """
     return (weight + (1.0 - weight) * max(-cosine(heading, force), 0.0)) * force
 
 
 class VirtualForceField:
-    """Borenstein and Koren's virtual force field.
+    """Workspace: Borenstein and Koren's virtual force field.
 
     The base is steered by Ω = K_s (δ − θ), δ the direction of the resultant of the attraction and the damped
     repulsion, through a low-pass filter; its speed is V_max (1 − |cos|) of the angle between velocity and repulsion,

@@ -226,11 +226,11 @@ class HistogramParams:
 
 
 class VectorFieldHistogram:
-    """VFH+ of Ulrich and Borenstein, or, by its parameters, the original of Borenstein and Koren.
+    """Workspace: VFH+ of Ulrich and Borenstein, or, by its parameters, the original of Borenstein and Koren.
 
-    Cells further away than the goal are left out (ours), so that a goal in front of a wall can be reached. The base
-    stands, and counts as blocked, where no direction is open; where one is open, but not to be reached by a turn at
-    its present speed, it stops and turns in place.
+    Added here: cells further away than the goal are ignored, so that a goal in front of a wall can be reached. The base
+    stands, and counts as blocked, where no direction is open; where one is open but cannot be reached by a turn at the
+    present speed, it stops and turns in place.
 
     Args:
         limits: of the base.

@@ -1,4 +1,4 @@
-"""Driving benchmarks: many seeded runs among moving obstacles; reaction times; an endurance run."""
+"""Driving benchmarks: seeded runs among moving obstacles, faults, reaction times, and an endurance run."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ _FAULT_SECONDS = {"lost_odometry": 0.5, "scene_frozen": 2.0, "slow_tick": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class _DriveTask:
-    """One run: scenario, seed, robot, plant, perhaps a fault, whether it evades, its longest time [s], method, sensors
-    (the robot knows the scene where None)."""
+    """One run; the scene is known where ``sensors`` is None."""
 
     scenario: str
     seed: int
@@ -222,27 +221,21 @@ def _doomed_viewer(time: float) -> Callable[[Simulation[Controller]], None]:
 
 
 _AHEAD = 1.8
-"""Time [s] ahead on the way, where the obstacle is put."""
+"""Time [s] ahead on the path, where the obstacle appears."""
 _RADIUS = 0.15
 _HALF_WIDTH = 0.27
-"""Of the base [m]: the obstacle reaches into the way of the base from its side."""
+"""Of the base [m]; the obstacle reaches into its path from the side."""
 
 
-def bench_reaction(
-    robot: RobotModel,
-    seeds: Sequence[int],
-    step: Note = silent,
-    *,
-    depth: float = 0.1,
-) -> Figures:
+def bench_reaction(robot: RobotModel, seeds: Sequence[int], step: Note = silent, *, depth: float = 0.1) -> Figures:
     """Planning at 100 Hz: a post appears on the strip; ticks until a motion along a new certified strip is followed.
 
-    The post stands beside the way and reaches ``depth`` [m] into what the base sweeps, left or right by seed; every
-    other one is low (0.3 m), the rest as high as the robot.
+    The post stands beside the path and reaches ``depth`` [m] into the area that the base sweeps, left or right by seed;
+    every other one is low (0.3 m), the rest as high as the robot.
 
-    The scene is sensed without delay, so that the time is the planner's own. In ticks: from the tick that first sees
-    the post to the one whose command follows the new motion. In milliseconds: those ticks, the last one up to the end
-    of the computation by the wall clock.
+    The scene is sensed without delay, so that the time is the planner's own. In ticks: from the first tick with the
+    post to the one whose command follows the new motion. In milliseconds: those ticks, the last one up to the end of
+    the computation by the wall clock.
     """
     rows = []
     for seed in seeds:
@@ -268,12 +261,7 @@ def bench_reaction(
 def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
     params = replace(DriveParams(), plan_every=1, latency=1)
     scenario = get_scenario("corridor", seed=seed)
-    options: Figures = {
-        "robot": robot,
-        "seed": seed,
-        "params": params,
-        "perception": PerceptionParams(delay=0.0),
-    }
+    options: Figures = {"robot": robot, "seed": seed, "params": params, "perception": PerceptionParams(delay=0.0)}
     free = make_simulation(scenario, **options)
     track = free.run(time_limit=7.0).record.control
     appears = float(np.random.default_rng(seed).uniform(2.0, 4.0))
@@ -306,11 +294,11 @@ def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
 
 
 _WINDOW = 120.0
-"""Simulated time [s] that one row of figures stands for."""
+"""Simulated time [s] of one row of figures."""
 
 
 def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, seed: int = 0) -> Figures:
-    """Drive to and fro for ``hours`` of simulated time.
+    """Drive back and forth for ``hours`` of simulated time.
 
     Returns:
         Resident memory [MB] and percentiles of the ticks, window by window; ``growth`` is that of the memory from the
@@ -357,7 +345,7 @@ def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, se
 
 
 def _world(seed: int) -> World:
-    """A hall with pillars, and people who cross it on loops for ever."""
+    """A hall with pillars, and pedestrians that cross it on endless loops."""
     rng = np.random.default_rng(seed)
     obstacles: list[Obstacle] = [
         Box((0.4, 0.4, 1.2), at=(x, y, 0.6)) for x, y in ((-2.0, 1.1), (-0.7, -1.0), (0.8, 1.2), (2.2, -1.1))

@@ -1,4 +1,4 @@
-"""What the benchmarks share: percentiles, the machine, a pool of processes."""
+"""Measurement: percentiles, a description of the machine, and a pool of processes for the benchmarks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from elastic_strips._version import __version__
 
 Figures: TypeAlias = dict[str, Any]
-"""What was measured: names and numbers, texts, lists and figures in it, ready for JSON."""
+"""Measured values by name: numbers, texts, lists and further figures, ready for JSON."""
 Note: TypeAlias = Callable[[str], object]
 """Called after each piece of work with a few words, for a progress bar."""
 _Task = TypeVar("_Task")
@@ -34,7 +34,7 @@ def percentiles(values: Sequence[float] | npt.NDArray[np.float64], *, scale: flo
 
 
 def head(benchmark: str, **what: object) -> Figures:
-    """How the figures of a benchmark begin: its name, what they were measured on, and what was measured."""
+    """First figures of a benchmark: its name, the machine, and the values of ``what``."""
     import coal
     import pinocchio as pin
 
@@ -81,7 +81,7 @@ def _quiet() -> None:
 
 
 def cached(key: str, make: Callable[[], _Made]) -> _Made:
-    """What a worker keeps from task to task: made once under a key."""
+    """A value that a worker keeps from task to task, made once per key."""
     if key not in _WORK:
         _WORK[key] = make()
     return _WORK[key]

@@ -1,4 +1,4 @@
-"""Planning and replanning benchmarks: from nothing to a certified strip, and after an obstacle was pushed at it."""
+"""Planning and replanning benchmarks: time to a certified strip, from scratch and after an obstacle has moved."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def bench_plan(
         seeds: number of corridors.
         step: called after each with a note, for a progress bar.
         scenario: name of the scenario.
-        grid: whether a way over a grid is tried before OMPL.
+        grid: whether a path over a grid is tried before OMPL.
     """
     runs = []
     for seed, scene, report in _planned_corridors(robot, seeds, step, scenario=scenario, grid=grid):
@@ -160,7 +160,7 @@ def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: floa
     """The scene with the obstacle nearest to the strip moved ``distance`` [m] towards it; None where none is near."""
     deformer.assess(strip, scene)
     contacts = deformer.workspace.obstacles.contacts()
-    # what is nearest to the ends, which cannot give way, is left alone
+    # not those nearest to the ends, which cannot move
     inner = (contacts.node > 0) & (contacts.node < len(strip) - 1)
     ends = {int(p) for p in contacts.part[~inner]}
     free = np.array([i and int(p) not in ends for i, p in zip(inner, contacts.part, strict=True)], dtype=bool)

@@ -1,4 +1,4 @@
-"""Problems of others: BARN, DynaBARN and the bridge, driven in the closed loop and evaluated from the true states."""
+"""Benchmarks of published problems: BARN, DynaBARN and the bridge, driven in the closed loop and evaluated."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .measure import Figures, Note, cached, head, parallel_map, percentiles, sil
 _BARN_SPEED = 2.0
 """Largest speed [m/s] of the robot of BARN's record, which its score is made for."""
 _DWA = {"success": 0.85, "collisions": 0.056, "score": 0.159}
-"""What the reference planner of the data's own log reaches on the official worlds."""
+"""Results of the reference planner on the official worlds, from the data's own log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def _drive_problem(task: _ProblemTask) -> Figures:
 
 
 def _problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DriveParams, MotionLimits]:
-    """Parameters for a problem: as fast as the robot is, and a clearance that narrow ways allow."""
+    """Parameters for a problem: the robot's full speed, and a clearance for narrow passages."""
     speed = _BARN_SPEED if robot.name.startswith("jackal") else None
     values: Figures = {"wheel_speed": speed, "wheel_acceleration": 2.0, **problem.limits}
     limits = MotionLimits.for_robot(robot, **values)

@@ -1,4 +1,4 @@
-"""Robots benchmark: loads every robot, plans a small problem with it, settles the strip; a table of what came of it."""
+"""Robots benchmark: load every robot, plan a small problem, settle the strip; a table of the results."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from .measure import Figures, Note, head, silent
 
 _DRIVEN = (1.5, 0.2)
-"""Where a base that moves is sent [m]."""
+"""Goal of a moving base [m]."""
 TURN = 0.6
-"""A joint is sent at most this far [rad], or as large a part of its range."""
+"""Largest displacement of a joint [rad], or part of its range."""
 _RADII = (0.1, 0.06, 0.03, 0.015)
-"""Radii [m] of the sphere in the way; the first that leaves start and goal free."""
+"""Radii [m] of the sphere in the path, in order of preference; start and goal must be free."""
 _PATIENCE = 20.0
 """Longest time [s] that a strip gets to settle."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotCase:
-    """A robot to try: what ``load_robot`` takes, and what to call it."""
+    """A robot to test: its name, and arguments of ``load_robot``."""
 
     name: str
     source: str
@@ -70,7 +70,7 @@ def robot_cases(names: Sequence[str] = (), data: str | Path | None = None) -> li
 
 
 def bench_robots(cases: Sequence[RobotCase], step: Note = silent, *, timeout: float = 10.0) -> Figures:
-    """Load each robot, plan from home to another posture with a sphere in the way, settle the strip.
+    """Load each robot, plan from home to another posture with a sphere in the path, settle the strip.
 
     Args:
         cases: the robots.
@@ -91,7 +91,7 @@ _BEGIN, _END = "<!-- table: elastic-strips bench robots -->\n", "<!-- end of tab
 
 
 def with_table(page: str, table: str) -> str:
-    """A page with its table replaced: what stands between the two comments; the table alone for another page."""
+    """A page with the table between its two comments replaced; the table alone for another page."""
     before, begin, rest = page.partition(_BEGIN)
     _, end, after = rest.partition(_END)
     return f"{before}{_BEGIN}{table}{_END}{after}" if begin and end else table
@@ -116,14 +116,7 @@ def robots_table(figures: Figures) -> str:
 
 
 def _tried(case: RobotCase, timeout: float) -> Figures:
-    row: Figures = {
-        "name": case.name,
-        "refused": None,
-        "plan": "–",
-        "plan_ms": None,
-        "settle": "–",
-        "settle_ms": None,
-    }
+    row: Figures = {"name": case.name, "refused": None, "plan": "–", "plan_ms": None, "settle": "–", "settle_ms": None}
     begin = perf_counter()
     try:
         robot = load_robot(case.source, base=case.base, srdf=case.srdf)
@@ -150,7 +143,7 @@ def _tried(case: RobotCase, timeout: float) -> Figures:
 
 
 class _Impatient(Exception):
-    """A strip has had its time."""
+    """The time of a strip is over."""
 
 
 def _settled(robot: RobotModel, strip: Strip, scene: Scene) -> Figures:
@@ -171,7 +164,7 @@ def _settled(robot: RobotModel, strip: Strip, scene: Scene) -> Figures:
 
 
 def _small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
-    """A sphere in the way from home, and a goal (nq,): the sphere sits where the part that moves most passes.
+    """A scene with a sphere in the path of the piece that moves most, and a goal (nq,), from home.
 
     Raises:
         ConfigurationError: home is not free, or no goal is found.

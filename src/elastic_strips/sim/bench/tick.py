@@ -65,7 +65,7 @@ def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = silent, *, scal
 
 
 def _far(count: int) -> list[Obstacle]:
-    """Boxes that stand far from the corridor."""
+    """Boxes far from the corridor."""
     rng = np.random.default_rng(0)
     at = rng.uniform(-40.0, 40.0, (count, 3))
     at[:, 1] += np.where(at[:, 1] > 0, 8.0, -8.0)
@@ -100,7 +100,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
     deformer = Deformer(robot, _params(len(strip)))
     name, direction = _mover(deformer, strip, scene)
     every_pair = _EveryPair(robot, scene) if baseline else None
-    seconds, base, certified, asked = [], [], 0, 0
+    seconds, base, certified, queries = [], [], 0, 0
     phases: dict[str, list[float]] = {}
     warm = 20
     for k in range(warm + ticks):
@@ -108,7 +108,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
         pose = scene.obstacle(name).pose.copy()
         pose[:3, 3] += sign * STEP * direction
         scene = scene.moved(name, pose)
-        _ = scene.table  # the snapshot is made by whoever senses it, not by the tick
+        _ = scene.table  # made by the perception, not by the tick
         began = perf_counter()
         report = deformer.step(strip, scene)
         elapsed = perf_counter() - began
@@ -117,7 +117,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
             continue
         seconds.append(elapsed)
         certified += report.certified
-        asked += report.queries
+        queries += report.queries
         for phase, value in report.timings.items():
             phases.setdefault(phase, []).append(value)
         if every_pair is not None and k % _EVERY == 0:
@@ -125,7 +125,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
     out: Figures = {
         "tick_ms": percentiles(seconds, scale=1e3),
         "certified": certified / ticks,
-        "queries_per_tick": asked / ticks,
+        "queries_per_tick": queries / ticks,
         "phases_ms": {p: float(np.sum(v) / ticks * 1e3) for p, v in phases.items()},
         "phases_sum_ms": float(sum(np.sum(v) for v in phases.values()) / ticks * 1e3),
         "tick_mean_ms": float(np.mean(seconds) * 1e3),

@@ -1,11 +1,9 @@
-"""Where every link of the robot was, and how near it came to obstacles, at all times between.
+"""Clearance search: least distance between a recorded motion of the robot and obstacles, at and between samples.
 
-By Pinocchio alone, without the batched kinematics and the motion bounds that plans are made with.
-
-Branch and bound over time, for all pairs of a link and an obstacle's part at once. Between two moments at which a pair
-is d_a and d_b apart it cannot come nearer than (d_a + d_b − w) / 2, where w bounds what both travelled in between.
-Distances are Coal's at Pinocchio's placements. This room checks what proximity and certificate promised, so it shares
-no code with them: not the culling, not the motion bounds, not the way Coal is asked.
+Branch and bound over time, for all pairs of a link and an obstacle's part at once. Between two moments with distances
+d_a and d_b the distance of a pair is at least (d_a + d_b − w) / 2, where w bounds the displacements of both. Distances
+are Coal's at Pinocchio's placements. It checks the results of proximity and certificate, so it shares no code with
+them: not the kinematics, the culling, the motion bounds, or the queries to Coal.
 """
 
 from __future__ import annotations
@@ -170,7 +168,7 @@ def _with_samples(robot: RobotModel, time: Array, coordinates: Array, more: Arra
 
 
 _TOUCH = 1e-5
-"""Nearer than this [m] counts as touching: Coal may see shapes that touch this far apart."""
+"""Distances up to this [m] count as contact, by the accuracy of Coal."""
 _BLOCK = 32  # samples that are bounded at once
 _FINEST = 1e-6  # share of a sample interval that is not split any more, as where an obstacle jumps
 
@@ -190,16 +188,16 @@ class ClosestApproach:
 
 
 class ClearanceSearch:
-    """Workspace: a motion among obstacles, and the exact distances that were asked for.
+    """Workspace: a motion among obstacles, and its measured exact distances.
 
     Attributes:
         motion: the robot's motion, with samples added where obstacles appear or vanish.
-        asked: exact distances measured so far.
+        queries: number of exact distances measured so far.
     """
 
     def __init__(self, robot: RobotModel, time: Array, coordinates: Array, world: World) -> None:
         """Place the robot at times (T,) [s], strictly ascending, and coordinates (T, nv); bound all distances."""
-        self.asked: int = 0
+        self.queries = 0
         self._world, self._obstacles = world, tuple(world.scene)
         self._parts = [part for o in self._obstacles for part in o.parts]
         self._owner = np.repeat(np.arange(len(self._obstacles)), [len(o.parts) for o in self._obstacles]).astype(int)
@@ -276,10 +274,10 @@ class ClearanceSearch:
         known = self._known.get(key)
         if known is None:
             T = self._pose(int(self._owner[part]), place) @ self._parts[part].T_obstacle_part
-            known = self._known[key] = self._ask(self.motion.links[link], self.motion.pose(link, place), part, T)
+            known = self._known[key] = self._measure(self.motion.links[link], self.motion.pose(link, place), part, T)
         return known
 
-    def _ask(self, link: _Link, at: coal.Transform3s, part: int, T: Array) -> float:
+    def _measure(self, link: _Link, at: coal.Transform3s, part: int, T: Array) -> float:
         members = self._parts[part]
         if members.geometry is not None:
             return self._exact(link, at, members.geometry, T)
@@ -287,7 +285,7 @@ class ClearanceSearch:
             half = [np.array(shape.aabb_local.max_) for shape, _ in members.boxes]
             self._boxes[part] = np.array([offset for _, offset in members.boxes]), np.array(half)
         offsets, half = self._boxes[part]
-        # the nearest member of a block: those first that a sphere about the link says may be it
+        # the nearest member of a block, in order of the distance from a sphere about the link
         centre = (at.getRotation() @ link.centre + at.getTranslation() - T[:3, 3]) @ T[:3, :3]
         apart = _outside(np.abs(centre - offsets) - half) - link.radius
         best = np.inf
@@ -302,10 +300,10 @@ class ClearanceSearch:
     def _exact(self, link: _Link, at: coal.Transform3s, other: coal.CollisionGeometry, T: Array) -> float:
         shape = link.shape
         if isinstance(other, coal.Cylinder):
-            shape = link.rounded  # Coal's closed form for a sphere and a cylinder forgets the caps
+            shape = link.rounded  # Coal's closed form for a sphere and a cylinder ignores the caps
         elif isinstance(other, coal.Sphere) and isinstance(shape, coal.Cylinder):
             other = coal.Capsule(other.radius, 0.0)
-        self.asked += 1
+        self.queries += 1
         self._result.clear()  # an older, smaller distance would stay
         return float(coal.distance(shape, at, other, transform(T), self._request, self._result))
 
@@ -324,7 +322,7 @@ class ClearanceSearch:
         return pose
 
     def _moved(self, g: int, p: int, a: float, b: float) -> float:
-        """Most that any points of link and part travelled between two places [m]."""
+        """Bound of the displacement of link and part between two places [m]."""
         return self.motion.moved(g, a, b) + self._obstacle_moved(int(self._owner[p]), a, b)
 
     def _obstacle_moved(self, k: int, a: float, b: float) -> float:
@@ -343,7 +341,7 @@ class ClearanceSearch:
         centre = np.matmul(rotation, np.array([link.centre for link in links])[..., None])[..., 0] + translation
         radius = np.array([link.radius for link in links])
         for p, part in enumerate(self._parts):
-            apart[..., p] = _apart(centre, self._course_of(int(self._owner[p]), cuts), part) - radius
+            apart[..., p] = _apart(centre, self._obstacle_poses(int(self._owner[p]), cuts), part) - radius
         places = np.searchsorted(cuts, first), np.searchsorted(cuts, last)
         own = np.array([motion.travelled(a, b) for a, b in self._blocks])
         way = np.array([[self._obstacle_moved(k, a, b) for k in range(len(self._obstacles))] for a, b in self._blocks])
@@ -352,7 +350,7 @@ class ClearanceSearch:
         lower = 0.5 * (apart[places[0]] + apart[places[1]] - moved)
         return np.where(there[:, None, self._owner], lower, np.inf)
 
-    def _course_of(self, k: int, cuts: Indices) -> Array:
+    def _obstacle_poses(self, k: int, cuts: Indices) -> Array:
         """Poses (1 or cuts, 4, 4) of an obstacle."""
         if self._obstacles[k].motion is None:
             return self._obstacles[k].pose[None]
@@ -376,7 +374,7 @@ def _outside(beyond: Array) -> Array:
 
 
 def _middle(a: float, b: float) -> float | None:
-    """A place in the middle, a sample as long as there is one; None where it is not worth while."""
+    """The middle of two places, at a sample where there is one; None below the finest resolution."""
     if b - a > 1.0:
         return float((int(a) + int(b)) // 2)
     return 0.5 * (a + b) if b - a > _FINEST else None

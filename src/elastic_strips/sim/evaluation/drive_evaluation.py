@@ -1,4 +1,4 @@
-"""What a run really did, checked densely and independently of everything that planned it."""
+"""Evaluation of a run from its true states, dense in time and independent of the planner's code."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Contact:
 
     Attributes:
         time, end: its first and last moment [s].
-        link: the link that went deepest; obstacle: what was touched.
-        depth: deepest penetration [m] among the recorded samples (and moments between them that were looked at).
-        speed: largest speed of any of the robot's control points from the sample before to the one after it [m/s].
+        link: the link with the deepest penetration; obstacle: that was touched.
+        depth: deepest penetration [m] among the recorded samples, and measured moments between them.
+        speed: largest speed of any control point of the robot from the sample before to the one after it [m/s].
     """
 
     time: float
@@ -47,20 +47,20 @@ class Contact:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the robot stood: the obstacle came to it."""
+        """Whether the robot stood: the obstacle moved into it."""
         return self.speed <= REST_SPEED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Evaluation(Summary):
-    """What a run did.
+    """Evaluation of a run.
 
     Attributes:
-        min_clearance_m: least distance of the robot to an obstacle, at a moment that was measured; at most
-            ``accuracy_m`` above the least at any time; negative in penetration, infinite without obstacles.
+        min_clearance_m: least measured distance of the robot to an obstacle; at most ``accuracy_m`` above the least at
+            any time; negative in penetration, infinite without obstacles.
         accuracy_m: see there.
         closest: that moment, with link and obstacle; None without obstacles.
-        contacts: all of them in the order of time, those of a robot at rest among them.
+        contacts: all of them in order of time, including those of a robot at rest.
         max_lateral_slip_m: most sideways travel between two successive reference samples that do not both stand still;
             differential drives only.
         excess: by how much a limit was exceeded at most, relative to it, by name; 0 where it was kept. ``drive`` is
@@ -70,8 +70,8 @@ class Evaluation(Summary):
         time_s: between the first and the last sample.
         rest_s: of it at rest, see `REST_SPEED`.
         reached: whether the last sample is at the goal; None without a goal.
-        reached_s: from when on the robot was at the goal until the end, since the first sample; None if it was not.
-        asked: exact distances that were measured.
+        reached_s: time since the first sample from which on the robot was at the goal; None if it is not at the end.
+        queries: number of measured exact distances.
     """
 
     min_clearance_m: float
@@ -85,7 +85,7 @@ class Evaluation(Summary):
     rest_s: float
     reached: bool | None
     reached_s: float | None
-    asked: int
+    queries: int
 
     @property
     def collisions(self) -> tuple[Contact, ...]:
@@ -99,7 +99,7 @@ class Evaluation(Summary):
 
     def as_dict(self) -> Document:
         """Plain values, ready for JSON; None for a clearance without obstacles."""
-        names = ("max_lateral_slip_m", "path_m", "time_s", "rest_s", "reached", "reached_s", "accuracy_m", "asked")
+        names = ("max_lateral_slip_m", "path_m", "time_s", "rest_s", "reached", "reached_s", "accuracy_m")
         closest = self.closest
         return {
             "min_clearance_m": None if closest is None else self.min_clearance_m,
@@ -108,6 +108,7 @@ class Evaluation(Summary):
             "rest_contacts": [_contact(c) for c in self.rest_contacts],
             "excess": dict(self.excess),
             **{name: getattr(self, name) for name in names},
+            "asked": self.queries,
         }
 
 
@@ -137,15 +138,15 @@ def evaluate(
 ) -> Evaluation:
     """Check the true motion of a run against the true obstacles, and its commands against the limits.
 
-    The robot's pieces are measured against all parts of all obstacles while these exist. Between two samples the
-    robot is where ``pin.interpolate`` puts it, and the time between is divided until the least distance is known.
+    Distances are measured between all pieces of the robot and all parts of existing obstacles. Between two samples the
+    robot moves by ``pin.interpolate``, and the interval is bisected until the least distance is known.
 
     Args:
         run: a record, or the true motion alone: time (T,) [s], coordinate rows (T, nv), velocities (T, nv).
-        robot: who drove.
+        robot: that drove.
         world: the true obstacles; the record's where None.
-        limits: limits to compare with; None compares nothing.
-        goal: coordinate row (nv,) that was to be reached; the record's where None.
+        limits: to compare with; not compared where None.
+        goal: coordinate row (nv,) of the goal; the record's where None.
         tolerance: how near counts as reached.
         accuracy: of the least distance [m].
 
@@ -187,7 +188,7 @@ def evaluate(
         rest_s=float(np.diff(time)[resting[:-1] & resting[1:]].sum()),
         reached=None if goal is None else arrived is not None,
         reached_s=arrived,
-        asked=search.asked,
+        queries=search.queries,
     )
 
 
@@ -248,7 +249,7 @@ def _episodes(search: ClearanceSearch, time: Array, speed: Array) -> list[Contac
 def _contact_of(moments: list[ClosestApproach], time: Array, speed: Array) -> Contact:
     first, last = moments[0].time, moments[-1].time
     deepest = min(moments, key=lambda m: m.distance)
-    begin = max(int(np.searchsorted(time, first, side="left")) - 1, 0)  # what stops the robot may stop it at once
+    begin = max(int(np.searchsorted(time, first, side="left")) - 1, 0)  # an obstacle may stop the robot at once
     end = int(np.searchsorted(time, last, side="left")) + 1
     return Contact(
         time=first,
@@ -264,7 +265,7 @@ def _slip(robot: RobotModel, rows: ControlRows) -> float:
     if robot.base_kind is not BaseKind.DIFF_DRIVE or len(rows) < 2:
         return 0.0
     sideways = np.abs(robot.space.difference(rows.reference[:-1], rows.reference[1:])[:, 1])
-    stands = (rows.reference_v == 0.0).all(axis=1)  # a reference that stands may be moved to where the robot stands
+    stands = (rows.reference_v == 0.0).all(axis=1)  # a reference at rest may be moved to the estimate
     return _largest(sideways[~(stands[:-1] & stands[1:])])
 
 
@@ -276,7 +277,7 @@ def _excess(limits: MotionLimits, robot: RobotModel, v: Array, record: Record | 
     found = {"drive": _over(drive, limits.drive_speed), "joints": _over(v[:, base:], limits.joint_speed)}
     if record is not None:
         step = np.diff(record.control.time)[:, None]
-        if drive is record.control.motors:  # over the ground every slip of a wheel would count
+        if drive is record.control.motors:  # speeds over the ground include slip
             found["drive_acceleration"] = _over(np.diff(drive, axis=0) / step, limits.drive_acceleration)
         found["joints_acceleration"] = _over(np.diff(v[:, base:], axis=0) / step, limits.joint_acceleration)
         found["command_drive"] = _over(record.control.drive, limits.drive_speed)
@@ -285,17 +286,17 @@ def _excess(limits: MotionLimits, robot: RobotModel, v: Array, record: Record | 
 
 
 def _over(values: Array, limit: Array) -> float:
-    """By how much rows of values exceed a limit at most, relative to it."""
+    """Largest relative excess of rows of values over a limit."""
     return _largest(np.abs(values) / limit - 1.0)
 
 
 def _largest(values: Array) -> float:
-    """The largest value, at least 0, whatever is NaN."""
+    """The largest value, at least 0; NaNs are ignored."""
     return float(np.asarray(np.fmax.reduce(values.ravel(), initial=0.0)))
 
 
 def _arrival(robot: RobotModel, time: Array, coordinates: Array, goal: ArrayLike, tolerance: Tolerance) -> float | None:
-    """When the robot came to the goal to stay [s since the first sample]; None if it is not there at the end."""
+    """Time [s] since the first sample from which on the robot stays at the goal; None if it is not there at the end."""
     target = np.asarray(goal, dtype=float)
     if target.shape != (robot.nv,):
         raise ParameterError(f"the goal has shape {target.shape}; a coordinate row of {robot.name!r} has ({robot.nv},)")
@@ -313,7 +314,7 @@ def _arrival(robot: RobotModel, time: Array, coordinates: Array, goal: ArrayLike
 
 
 _WALKING_SPEED = 1.6
-"""Speed of an approaching person [m/s] that the figure is made for (ISO/TS 15066 takes it from ISO 13855)."""
+"""Speed of an approaching person [m/s], by ISO/TS 15066 (from ISO 13855)."""
 
 
 def protective_separation(
@@ -326,8 +327,8 @@ def protective_separation(
 ) -> float:
     """S_p = S_h + S_r + S_s + C + Z_d + Z_r [m] of ISO/TS 15066, with C = 0.
 
-    What a person walks until the robot stands, what the robot drives until it brakes, its braking distance, the error
-    of the sensed position and that of its own. It is a figure to compare with, not a claim of conformity.
+    These are the path of a person until the robot stands, that of the robot until it brakes, its braking distance, and
+    the errors of the sensed position and of its own. It is for comparison, not a claim of conformity.
 
     Args:
         limits: of the motors.

@@ -1,7 +1,7 @@
-"""What a robot's lasers can see of the true world, and whether what it touched had been in their view.
+"""Visibility: which obstacles of the true world a robot's lasers can see, and which contacts were with unseen ones.
 
-A planar laser sees one plane. What hangs over it (a table's top) or lies below it (a pallet, a kerb) is not in its
-readings, and nothing that is made of them knows about it; it has to come from elsewhere: a map, another sensor.
+A planar laser sees one plane. Obstacles above it (a table's top) or below it (a pallet, a kerb) are not in its
+readings; they have to be known from a map or another sensor.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from .drive_evaluation import Contact, Evaluation
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """What a laser can see of an obstacle.
+    """Visibility of an obstacle to a laser.
 
     Attributes:
         name: of the obstacle.
-        low, high: what heights it takes up [m].
+        low, high: its range of heights [m].
         in_plane: whether the scan's plane cuts it.
         in_view: share of its parts that the plane cuts of which the middle or a corner of the bounding box
             lies within field of view and range, 0 to 1.
@@ -42,7 +42,7 @@ class Visibility:
 
 
 def visible_to(points: Array, scan: LaserScan, base_pose: ArrayLike, *, thickness: float = 0.02) -> Mask:
-    """Which points a scan could have seen, were nothing else there.
+    """Which points a scan could have seen without occlusion.
 
     Args:
         points: (n, 3) in the world [m].
@@ -62,7 +62,7 @@ def visible_to(points: Array, scan: LaserScan, base_pose: ArrayLike, *, thicknes
 def seen_obstacles(
     scene: Scene, scan: LaserScan, base_pose: ArrayLike, *, tolerance: float = 0.05
 ) -> tuple[Visibility, ...]:
-    """What of a true scene a scan can see, obstacle by obstacle, by the bounding boxes of their parts.
+    """Visibility of each obstacle of a true scene to a scan, by the bounding boxes of their parts.
 
     Args:
         scene: the true one, at the scan's time.
@@ -108,25 +108,24 @@ def _hit(ends: Array, center: Array, half: Array, tolerance: float) -> bool:
     )
 
 
-_LOOK_BACK = 1.0  # [s] before a contact
+_HISTORY = 1.0  # [s] before a contact
 _STEP = 0.1  # [s]
 
 
 def unseen_contacts(
     record: Record, evaluation: Evaluation, robot: RobotModel, world: World, sensors: SensorConfig
 ) -> tuple[Contact, ...]:
-    """The contacts with what had not been in view, noise aside.
+    """Contacts with obstacles that had not been in view, without regard to noise.
 
-    In view is what a ray of a laser met in at least half of the looks in the second before the contact; of what moves,
-    only the looks count in which its middle lay within the laser's field of view as well. What a planar scan cannot see
-    (what hangs over its plane, lies below it, or comes from behind) is no failure of what is made of the scan; it is to
-    be told apart.
+    An obstacle was in view if a ray of a laser hit it in at least half of the scans in the second before the contact;
+    the middle of a moving one has to be within the laser's field of view, too. Obstacles that a planar scan cannot see
+    (above or below its plane, or behind the robot) are no failures of its processing.
 
     Args:
         record, evaluation: of the run.
         robot: that drove.
         world: the true obstacles.
-        sensors: the robot's; only its lasers count.
+        sensors: of the robot; only its lasers count.
     """
     lasers = tuple(
         replace(sensor, noise=0.0, noise_ratio=0.0, dropout=0.0, latency=0.0)
@@ -140,7 +139,7 @@ def unseen_contacts(
     unseen = []
     for contact in evaluation.contacts:
         name, first = contact.obstacle, contact.time
-        times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _STEP)
+        times = np.arange(max(first - _HISTORY, float(rows.time[0])), first + 1e-9, _STEP)
         looks = []
         for t in times.tolist():
             coordinates = rows.coordinates[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]

@@ -30,8 +30,8 @@ FLOOR, ROLLING, LINK, OBSTACLE = range(4)
 _WITH_OBSTACLES, _WITH_FLOOR = 1, 2  # bits of contype and conaffinity
 _TYRE = 0.02  # [m] half the width of a driven wheel
 _TYRE_CONTACT = (0.006, 1.0)  # solref: time constant [s], damping ratio
-# Softer, as if on springs: the driven wheels carry nine tenths of the weight. On four rigid points its share is left
-# to chance, and in fast curves the inner wheel lifted and lost its grip.
+# Softer, as with springs, so that the driven wheels carry nine tenths of the weight. On four rigid points their share
+# is undetermined, and in fast curves the inner wheel lifted and lost its grip.
 _CASTER_CONTACT = (0.02, 1.0)
 _CONE_SIDES = 64
 

@@ -1,4 +1,4 @@
-"""The robot as a rigid-body machine on two driven wheels and casters, with contact."""
+"""MuJoCo plant: rigid-body simulation of a robot on two driven wheels and casters, with contact."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from .model import FLOOR, LINK, OBSTACLE, ROLLING, MujocoModel, build_model, imp
 
 _SETTLE = 0.3  # [s] that a robot is given to sink into its tyres at a reset
 _FRICTION_EDGE = 0.02  # [rad/s or m/s] speed above which the drives make up for all of their friction
-_SAME_TOUCH = 0.1  # [s] a contact that is broken for less goes on
+_SAME_TOUCH = 0.1  # [s] shorter interruptions do not end a contact
 
 
 @dataclass(frozen=True, slots=True)
 class Touch:
-    """A robot's link touches something now.
+    """A present contact of a robot's link.
 
     Attributes:
         link: of the robot.
         other: obstacle, or ``"floor"``.
         depth: how deep they are in one another [m].
-        speed: of the link at the point of contact [m/s]; 0 where the robot stands and is run into.
+        speed: of the link at the point of contact [m/s]; 0 for a robot at rest.
     """
 
     link: str
@@ -42,10 +42,10 @@ class Touch:
 
 @dataclass(frozen=True, slots=True)
 class TouchEvent:
-    """A contact from its begin to its end.
+    """A contact from its beginning to its end.
 
     Attributes:
-        link, other: what touched.
+        link, other: in contact.
         start, end: first and last time [s].
         depth: largest depth [m].
         speed: of the link at the point of contact when it began [m/s].
@@ -60,26 +60,26 @@ class TouchEvent:
 
 
 class MujocoPlant:
-    """A rigid-body simulation of a robot on a differential drive.
+    """Workspace: a rigid-body simulation of a robot on a differential drive.
 
     The robot stands on its driven wheels (friction 1) and frictionless casters; other joints than the planned ones and
     the wheels are welded. Wheels and joints are turned by speed loops with the URDF's effort limits, tuned so that
     speeds follow with the lags of ``params``; the drives make up for their own drag and friction, and the joints for
-    gravity and the forces of motion, as an arm's controller does: none of it pushes the base from outside. Slip is what
-    the contacts give; ``params.slip``, ``slip_noise`` and ``acceleration_margin`` do not act. Obstacles are solid,
-    moving ones are carried along their motion whatever they meet. The robot touches obstacles, and its arm the
-    floor, but never itself.
+    gravity and the forces of motion, as an arm's controller does: none of it acts on the base from outside. Slip comes
+    from the contacts; ``params.slip``, ``slip_noise`` and ``acceleration_margin`` have no effect. Obstacles are solid;
+    moving ones follow their motion whatever they touch. The robot collides with obstacles, and its arm with the floor,
+    but never with itself.
 
     Args:
         robot: a robot from a URDF, with a differential drive.
         limits: what its motions are planned with.
-        scene: obstacles, or a world that says when they exist; None for an empty floor.
+        scene: obstacles, or a world of them over time; None for an empty floor.
         params: lags, jitter, speed margin and sensors.
         seed: of all noise, or a generator.
         timestep: of the simulation [s].
 
     Raises:
-        ImportError: mujoco is not installed.
+        MissingExtraError: mujoco (extra ``sim``) is not installed.
         ParameterError: a robot or limits that cannot be simulated.
         RobotError: MuJoCo refuses the model.
     """
@@ -154,7 +154,7 @@ class MujocoPlant:
 
     @property
     def contact_events(self) -> tuple[TouchEvent, ...]:
-        """All contacts since the reset, in the order of their begin."""
+        """All contacts since the reset, in order of their beginning."""
         return tuple(self._events)
 
     def reset(self, coordinates: Array, time: float = 0.0) -> None:
@@ -180,7 +180,7 @@ class MujocoPlant:
         self._odometry.reset(self._time, (0.0, 0.0))
 
     def step(self, command: Command, dt: float) -> Measurement:
-        """Hold a command for ``dt`` [s], a multiple of the time step; it arrives late by the jitter, in whole steps.
+        """Apply a command for ``dt`` [s], a multiple of the time step; it arrives late by the jitter, in whole steps.
 
         Raises:
             ParameterError: a command of the wrong size or not finite, or another ``dt``.
@@ -220,7 +220,7 @@ class MujocoPlant:
         return self._odometry.measure(self._time, (turned * self.limits.wheel_radius).tolist(), coordinates[3:], pose)
 
     def contacts(self) -> tuple[Touch, ...]:
-        """What the robot touches now; wheels and casters on the floor aside."""
+        """Present contacts of the robot, without wheels and casters on the floor."""
         mujoco, data, layout = self._mujoco, self._data, self._layout
         if data.ncon == 0:
             return ()
@@ -240,11 +240,11 @@ class MujocoPlant:
         return tuple(found)
 
     def lost_odometry(self, until: float) -> None:
-        """From now on to the time ``until`` [s], no encoder travel and no fix comes."""
+        """Measure no encoder travel and no fix up to the time ``until`` [s]."""
         self._odometry.lose_odometry(until)
 
     def close(self) -> None:
-        """Let go of the simulation; the plant cannot be used any more."""
+        """Release the simulation; the plant cannot be used any more."""
         self._data = self._model = None
 
     def _place(self, coordinates: Array, *, keep_height: bool = False) -> None:
@@ -267,13 +267,13 @@ class MujocoPlant:
         self._yaw, self._turns = float(coordinates[2]), 0
 
     def _exist(self) -> None:
-        """Obstacles that do not exist now touch nothing."""
+        """Switch off contacts of obstacles that do not exist now."""
         for name, geoms in self._layout.obstacle_geoms.items():
             there = self._world is None or self._world.exists(name, self._time)
             self._model.geom_conaffinity[geoms] = int(there)
 
     def _carry(self, time: float) -> None:
-        """Moving obstacles to their poses."""
+        """Set the poses of moving obstacles."""
         for obstacle in self._moving:
             pose, k = obstacle.at(time).pose, self._layout.mocap[obstacle.name or ""]
             self._data.mocap_pos[k] = pose[:3, 3]

@@ -29,8 +29,5 @@ __all__ = [
 ]
 
 __getattr__ = late_names(  # running a scenario needs nothing of what driving needs
-    __name__,
-    {
-        "drive": ("DriveOutcome", "drive_document", "drive_scenario", "make_base_simulation", "make_simulation"),
-    },
+    __name__, {"drive": ("DriveOutcome", "drive_document", "drive_scenario", "make_base_simulation", "make_simulation")}
 )

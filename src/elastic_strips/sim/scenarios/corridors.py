@@ -1,11 +1,10 @@
-"""Seeded corridors: 8 m of clutter whose straight whole-body sweep is blocked; without movers, and with them.
+"""Seeded corridors: 8 m of clutter that blocks the straight line of the whole body; with and without moving obstacles.
 
-In the moving corridor obstacles appear, cross, come head-on and wander. Nobody in it gives way: movers go their ways
-through the robot's, through each other's and through standing clutter. A robot that waits can pass in the end, for
-every mover leaves the corridor, by `DURATION` at the latest.
+In the moving corridor obstacles appear, cross, come head-on and wander. They do not yield: they pass through the robot,
+each other and static clutter. A robot that waits can pass in the end, as every mover leaves the corridor, by `DURATION`
+at the latest.
 
-In the *courteous* corridor the same movers stop for a robot that stands in their way, as people do, and go on when it
-is gone.
+In the *courteous* corridor the same movers stop for a robot at rest in their path, and continue when it is gone.
 """
 
 from __future__ import annotations
@@ -53,8 +52,8 @@ _STEPS = 400
 def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
     """Two walls and boxes, cylinders, capsules, cones, hulls and spheres, standing and hanging, from x = 0 to x = 8 m.
 
-    A smooth random guide curve from start to goal is kept free, so that a way exists; some obstacles stand on the
-    straight line beside it. Start (0, 0) and goal (8, 0) keep a free disc.
+    A smooth random guide curve from start to goal is kept free, so that a path exists; some obstacles are on the
+    straight line beside it. Start (0, 0) and goal (8, 0) have a free disc.
 
     Args:
         seed: of the generator.
@@ -165,31 +164,31 @@ ACCELERATION = 0.4
 FRAME = 0.1
 """Time between two keyframes of a mover [s]."""
 COURTEOUS_SPEEDS = (0.2, 0.6)
-"""Range of the speed class in that corridor [m/s]: people among machines. Who is faster can often not stop in time."""
+"""Range of the speed class in that corridor [m/s]; faster movers can often not stop in time."""
 YIELDING = 0.46
 """Largest acceleration of a mover that yields, its turns included [m/s²].
 
-More than `ACCELERATION`, so that it can brake in a turn, and a little less than the 0.5 m/s² that a robot reckons with.
+More than `ACCELERATION`, so that it can brake in a turn, and a little less than the 0.5 m/s² that a robot assumes.
 """
 DURATION = 60.0
-"""All movers are gone at that time [s]."""
+"""Time [s] at which all movers are gone."""
 _COUNTS = (1, 8)
 """Least and most movers."""
 SPEEDS = (0.2, 1.5)
 """Range that the speed class is drawn from by default [m/s]."""
 APPEAR_DISTANCE = 2.0
-"""A mover appears no nearer than this [m], and what it travels in `REACTION`, to where the robot can be.
+"""Least distance [m] at which a mover appears from where the robot can be, beside its travel in `REACTION`.
 
-What appears out of nothing within a robot's stopping distance cannot be answered. 2 m hold the reach of the robot
-(0.8 m), its braking distance from 1 m/s at 1.2 m/s² (0.42 m) and its way while it notices (0.2 s), and leave 0.58 m.
-Until it stands, 0.83 s later, the mover has come nearer by less than its way in `REACTION`.
+A collision with what appears within the robot's stopping distance cannot be avoided. 2 m hold the reach of the robot
+(0.8 m), its braking distance from 1 m/s at 1.2 m/s² (0.42 m) and its travel during sensing (0.2 s), and leave 0.58 m.
+Until it stands, 0.83 s later, the mover travels less than in `REACTION`.
 """
 REACTION = 1.0
 """See `APPEAR_DISTANCE` [s]."""
 
-_PACE = 0.6  # [m/s] along x: where the robot is assumed to be by those that aim at it
-_GOAL_FREE = 1.0  # [m] between the goal and a mover that is there from the beginning
-_BEYOND = 1.5  # [m] that the walls reach beyond start and goal
+_PACE = 0.6  # [m/s] speed of the robot along x that is assumed by movers that aim at it
+_GOAL_FREE = 1.0  # [m] between the goal and a mover that exists from the beginning
+_BEYOND = 1.5  # [m] length of the walls beyond start and goal
 _OUT = 0.6  # [m] between the corridor and a mover when it is gone
 _ATTEMPTS = 2000
 
@@ -199,7 +198,7 @@ _Target = Callable[[float, _Point], _Point]  # wanted velocity [m/s] at a time [
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """What moves: its kind, its radius seen from above [m], and its shape, made when its track is known."""
+    """Shape of a mover: its kind, its radius from above [m], and a function that makes it along a motion."""
 
     kind: str
     radius: float
@@ -209,7 +208,7 @@ class _Body:
 
 @dataclass(frozen=True, slots=True)
 class _Course:
-    """Where a mover appears, how fast it is then, and where it wants to go."""
+    """Place and velocity at which a mover appears, and its wanted velocities."""
 
     begin: float
     start: _Point
@@ -220,20 +219,19 @@ class _Course:
 def moving_corridor(
     seed: int = 0, count: int | None = None, speed: tuple[float, float] = SPEEDS, *, yielding: bool = False
 ) -> Scenario:
-    """The corridor of that seed with movers; `Scenario.world` holds them, `Scenario.scene` what is there at time 0.
+    """The corridor of that seed with movers; `Scenario.world` holds them, `Scenario.scene` those that exist at time 0.
 
-    A third of the movers aim at where the robot will be, if it advances at 0.6 m/s: they cross its way or come
-    head-on and turn aside afterwards. The others wander. They are persons, carts, balls and hanging loads, of which
-    the last concern only what is above a base. Each is there from the beginning or appears later; see
-    `APPEAR_DISTANCE` for where: from the beginning, away from the start; later, outside the corridor.
+    A third of the movers aim at the robot's place if it advances at 0.6 m/s: they cross its path, or come head-on and
+    turn aside afterwards. The others wander. They are persons, carts, balls and hanging loads, the last at the height
+    of the arm only. Each exists from the beginning, away from the start, or appears later, outside the corridor; see
+    `APPEAR_DISTANCE`.
 
     Args:
-        seed: Of everything.
+        seed: Of the generator.
         count: Number of movers, 1 to 8; drawn where None.
-        speed: Range [m/s] from which the scenario's speed class is drawn: the bound of its movers' speeds, which
-            `Scenario.speed_class` tells.
-        yielding: Whether the movers stop for a robot that stands. Then none vanishes, as nobody knows when it will have
-            left: it comes to rest outside.
+        speed: Range [m/s] from which `Scenario.speed_class` is drawn, the bound of the movers' speeds.
+        yielding: Whether the movers stop for a robot at rest. Then none vanishes, as the time at which it leaves is
+            not known: it comes to rest outside.
 
     Raises:
         ScenarioError: A seed, count or speed outside its range.
@@ -259,16 +257,8 @@ def moving_corridor(
         if not yielding:
             vanishes[obstacle.name] = end
     world = World(Scene(obstacles), appears, vanishes)
-    return Scenario(
-        name=COURTEOUS if yielding else MOVING,
-        summary=SCENARIOS[COURTEOUS if yielding else MOVING],
-        scene=world.at(0.0),
-        start=PoseSpec(0.0, 0.0, 0.0),
-        goal=PoseSpec(LENGTH, 0.0, 0.0),
-        seed=seed,
-        timeline=world,
-        speed_class=fastest,
-    )
+    name, start, goal = COURTEOUS if yielding else MOVING, PoseSpec(0.0, 0.0, 0.0), PoseSpec(LENGTH, 0.0, 0.0)
+    return Scenario(name, SCENARIOS[name], world.at(0.0), start, goal, seed=seed, timeline=world, speed_class=fastest)
 
 
 def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:
@@ -294,7 +284,7 @@ def _mover(
     rng: np.random.Generator,
     yielding: bool,
 ) -> tuple[Obstacle, float, float]:
-    """An obstacle, when it appears and when it is gone [s]; courses are drawn until one keeps the rules."""
+    """An obstacle, and the times [s] at which it appears and vanishes; courses are drawn until one is allowed."""
     role, draw = course
     for _attempt in range(_ATTEMPTS):
         body, top = _body(rng), float(rng.uniform(low, high))
@@ -329,7 +319,7 @@ def _body(rng: np.random.Generator) -> _Body:
 
 
 def _far(course: _Course, radius: float, top: float, guide: Array) -> bool:
-    """Whether a mover appears far enough from where the robot can be then; from the beginning, off the way too."""
+    """Whether a mover appears far enough from where the robot can be then, and at time 0 beside the guide curve."""
     x, y = course.start
     apart = APPEAR_DISTANCE + REACTION * top + radius
     if course.begin > 0.0:  # the robot may be anywhere in the corridor
@@ -359,7 +349,7 @@ def _track(course: _Course, radius: float) -> Array | None:
 
 
 def _crossing(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course:
-    """Straight to where the robot will be, across its way; then a little aside and out."""
+    """Straight across the robot's path to its place then; afterwards a little aside and out."""
     meet = float(rng.uniform(3.0, 12.0))
     begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 0.7 * meet)), 1)
     aim = _on_way(_PACE * meet + float(rng.uniform(-0.4, 0.4)), guide, float(rng.uniform(-0.3, 0.3)))
@@ -391,7 +381,7 @@ def _head_on(top: float, body: _Body, guide: Array, rng: np.random.Generator) ->
 
 
 def _wander(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> _Course:
-    """Here and there at changing speed, with rests of a few seconds; after a while it leaves by the nearer side."""
+    """To random places at changing speed, with rests of a few seconds; after a while out by the nearer side."""
     begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 8.0)), 1)
     start = (float(rng.uniform(-1.0, LENGTH + 1.0)), float(rng.uniform(-HALF_WIDTH, HALF_WIDTH)))
     if begin > 0.0:
@@ -416,7 +406,7 @@ def _wander(top: float, body: _Body, guide: Array, rng: np.random.Generator) -> 
 
 
 def _on_way(x: float, guide: Array, aside: float) -> _Point:
-    """A point of the way that is kept free of clutter, at ``x`` or the nearest that start and goal leave."""
+    """A point of the guide curve, at ``x`` or the nearest one away from start and goal."""
     x = min(max(x, 1.0), LENGTH - 1.0)
     return x, float(np.interp(x, guide[:, 0], guide[:, 1])) + aside
 

@@ -1,4 +1,4 @@
-"""Driving a scenario in the closed loop, evaluated from the true states; its document (docs/drive-format.md)."""
+"""Drives of scenarios in the closed loop, evaluated from the true states; their document (docs/drive-format.md)."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ from .scenario import Scenario
 PLANTS = ("kinematic", "mujoco")
 STRIP = "strip"
 DRIVE_METHODS = (STRIP, *BASE_METHODS)
-"""What steers: the elastic strip, or one of the methods for a base alone that the paper names."""
+"""Names of methods: the elastic strip, and the base methods that the paper names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DriveOutcome(Summary):
-    """What driving a scenario came to.
+    """Result of driving a scenario.
 
     Attributes:
-        scenario, robot, plant, seed: what was driven.
+        scenario, robot, plant, seed: of the drive.
         result: of the loop, with its record.
         evaluation: from the true states.
-        separation: protective separation distance [m] at the robot's largest speed; None of a method that promises no
-            stop.
-        method: what steered, of `DRIVE_METHODS`.
-        sensors: names of the simulated sensors that the robot drove by; empty where it knew the scene.
-        physical_contacts: what a physical plant saw the robot touch, wheels and casters on the floor aside.
-        unseen: obstacles of contacts before which they were not in a laser's view.
-        seen_collisions: contacts at speed with what was in view, or known; see `unseen_contacts`.
+        separation: protective separation distance [m] at the robot's largest speed; None for a method without certified
+            stops.
+        method: one of `DRIVE_METHODS`.
+        sensors: names of the simulated sensors; empty where the scene was known.
+        physical_contacts: contacts in a physical plant, without wheels and casters on the floor.
+        unseen: touched obstacles that had not been in a laser's view.
+        seen_collisions: contacts at speed with obstacles that were in view, or known; see `unseen_contacts`.
     """
 
     scenario: Scenario
@@ -81,7 +81,7 @@ class DriveOutcome(Summary):
 
     @property
     def tracking_error(self) -> float | None:
-        """Bound on the largest distance [m] of any point of the robot from where the reference has it; None without
+        """Bound [m] of the largest distance of any point of the robot from its place by the reference; None without
         one."""
         rows = self.result.record.control
         error = float(Displacement(self.robot)(rows.coordinates, rows.reference).max())
@@ -89,7 +89,7 @@ class DriveOutcome(Summary):
 
     @property
     def reached(self) -> bool:
-        """Whether the robot stands at the goal, by its own account and in truth."""
+        """Whether the robot stands at the goal, by its estimate and in truth."""
         return self.result.reached and bool(self.evaluation.reached)
 
 
@@ -115,13 +115,13 @@ def make_simulation(
         robot: another robot than the scenario's.
         seed: of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
-        evade: whether to leave the strip where something comes, rather than only to brake and wait.
-        sensors: the robot sees what these read, and nothing else of the scene; where None, it knows the scene.
-        alternatives: so many strips on different sides of the obstacles are kept and deformed side by side; a robot
-            that has to give one up follows another.
-        params: of the drive; the scenario's parameters of the strip are put into the default ones where None.
-        faults: what goes wrong on purpose.
-        perception: noise and delay of the scene that a robot without sensors knows.
+        evade: whether to leave the strip to avoid moving obstacles, rather than only to brake and wait.
+        sensors: simulated sensors, from which alone the scene is estimated; a known scene where None.
+        alternatives: number of strips on different sides of the obstacles that are deformed in parallel; the robot
+            switches to another one where its strip is given up.
+        params: of the drive; the defaults with the scenario's parameters of the strip where None.
+        faults: injected faults.
+        perception: noise and delay of a known scene.
         watch, realtime: of :func:`~elastic_strips.sim.simulation`.
 
     Raises:
@@ -162,7 +162,7 @@ def make_base_simulation(
     watch: Callable[[Simulation[BaseController]], object] | None = None,
     realtime: bool = False,
 ) -> Simulation[BaseController]:
-    """A closed loop of a method for a base alone; other arguments as in :func:`make_simulation`.
+    """A closed loop of a base method for a scenario, ready to run.
 
     Args:
         scenario: the problem.
@@ -170,7 +170,7 @@ def make_base_simulation(
         robot: another robot than the scenario's.
         seed: of plant and sensors; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"``.
-        sensors: what the method drives by; the Silvermate's where None.
+        sensors: of the method; the Silvermate's where None.
         patience, watch, realtime: of :func:`~elastic_strips.sim.base_simulation`.
     """
     problem = _Problem.of(scenario, robot, seed, plant)
@@ -183,7 +183,7 @@ def make_base_simulation(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """A scenario with everything that a loop needs."""
+    """A scenario with all parts of a closed loop."""
 
     robot: RobotModel
     world: World
@@ -219,7 +219,7 @@ _Driven = Simulation[Controller] | Simulation[BaseController]
 
 
 def conclude(scenario: Scenario, driven: _Driven, result: DriveResult, *, plant: str, seed: int) -> DriveOutcome:
-    """Evaluate a run."""
+    """Evaluate the finished run of a simulation, with the name of its plant and its seed."""
     controller, perception = driven.controller, driven.perception
     evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
     suite: SensorSuite | None = getattr(perception, "suite", None)
@@ -252,7 +252,7 @@ def drive_scenario(
 
     Args:
         scenario: the problem.
-        method: ``"strip"``, or one for a base alone.
+        method: one of `DRIVE_METHODS`.
         robot, seed, plant, **options: as in :func:`make_simulation` or :func:`make_base_simulation`.
         time_limit: longest run [s of simulated time].
     """

@@ -1,6 +1,6 @@
 """Static scenarios: a cluttered room (seeded), a side that closes, a narrow door, and a dead end.
 
-In the last two, methods that look only at what is near get stuck, as the paper says of them.
+In the last two, local methods get stuck, as the paper states.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ REACH = {
 """The arm at the goal: the hand forward, level, above the table [rad]."""
 _BLOCKERS, _PILLARS, _TABLES, _SHELVES, _BEAMS = 3, 12, 6, 6, 2
 _FREE = {"pillar": 0.38, "table": 0.32, "shelf": 0.36}
-"""Half width [m] of what each kind leaves free about the guide curve."""
+"""Half width [m] that each kind leaves free about the guide curve."""
 _DOOR = (0.72, 0.95)  # least and largest width of the door [m]
 _ENDS = 0.7  # radius [m] about start and goal that is left free, but for the table at the goal
 
 
 def clutter(seed: int = 0) -> Scenario:
-    """From one side of a room to a table on the other, where the hand ends above the table's top.
+    """From one side of a room to a table on the other, with the hand above the table at the goal.
 
-    A partition with a narrow door crosses the room. Pillars stand about, some of them on the straight line; tables and
-    shelves stick out at the heights of the arm; beams hang above the robot's head. A smooth random curve is left free,
-    so that a way exists for the base with the arm tucked.
+    A partition with a narrow door crosses the room. There are pillars, some of them on the straight line, tables and
+    shelves at the heights of the arm, and beams above the robot. A smooth random curve is left free, so that a path
+    exists for the base with the arm tucked.
 
     Args:
         seed: of the generator.
@@ -46,14 +46,8 @@ def clutter(seed: int = 0) -> Scenario:
     Raises:
         ScenarioError: no room was found for the obstacles.
     """
-    return Scenario(
-        name=CLUTTER,
-        summary=SCENARIOS[CLUTTER],
-        scene=clutter_scene(seed),
-        start=PoseSpec(*START, 0.0),
-        goal=PoseSpec(*GOAL, 0.0, joints=REACH),
-        seed=seed,
-    )
+    start, goal = PoseSpec(*START, 0.0), PoseSpec(*GOAL, 0.0, joints=REACH)
+    return Scenario(CLUTTER, SCENARIOS[CLUTTER], clutter_scene(seed), start, goal, seed=seed)
 
 
 def clutter_scene(seed: int) -> Scene:
@@ -162,7 +156,7 @@ def closing_side(seed: int = 0) -> Scenario:
     At the start both sides are open, the left one wider; after 6 s the gap there is too narrow for the base.
 
     Args:
-        seed: not used; nothing here is random.
+        seed: not used.
     """
     obstacles: list[Obstacle] = [
         Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
@@ -176,22 +170,22 @@ def closing_side(seed: int = 0) -> Scenario:
 def _six_metres(name: str, obstacles: list[Obstacle], seed: int) -> Scenario:
     """Straight ahead from the origin to (6, 0) [m]."""
     start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(6.0, 0.0, 0.0)
-    return Scenario(name=name, summary=SCENARIOS[name], scene=Scene(obstacles), start=start, goal=goal, seed=seed)
+    return Scenario(name, SCENARIOS[name], Scene(obstacles), start, goal, seed=seed)
 
 
 BOTTLENECK, DEAD_END = "bottleneck", "dead-end"
 DOOR = 0.75
 """Width of the bottleneck [m]; the Silvermate's base is 0.54 m wide."""
-_HALL = 12.0  # [m] of wall on either side of the door: nobody finds a way around it
+_HALL = 12.0  # [m] of wall on either side of the door: too long to drive around
 _DEPTH, _WIDTH = 1.2, 1.8  # [m] of the dead end, inside
 _HEIGHT, _THICK = 1.2, 0.2  # [m]
 
 
 def bottleneck(seed: int = 0) -> Scenario:
-    """A wall across the way with a door, 0.3 m beside the line from start to goal.
+    """A wall across the path with a door, 0.3 m beside the line from start to goal.
 
     Args:
-        seed: not used; nothing here is random.
+        seed: not used.
     """
     walls: list[Obstacle] = [
         _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
@@ -201,10 +195,10 @@ def bottleneck(seed: int = 0) -> Scenario:
 
 
 def dead_end(seed: int = 0) -> Scenario:
-    """Three walls around the way, open towards the start: the nearest point to the goal is a trap.
+    """Three walls around the path, open towards the start: a local minimum of the distance to the goal.
 
     Args:
-        seed: not used; nothing here is random.
+        seed: not used.
     """
     back = 3.2
     middle = back - 0.5 * (_THICK + _DEPTH)

@@ -1,8 +1,8 @@
 """The paper's seven simulated cases, in metres, from its Tables 1 and 2.
 
-The paper's figures place the obstacles, its text does not; so they stand here where its sentences hold: two round
-obstacles on both sides of the way from (−3, −3) to (6, 6), Table 2's distance apart, staggered along the way, and in
-cases 1, 2 and 7 obstacle 2 comes within the safe distance at (−1.5, −1.5).
+The paper gives the obstacles' places in figures only. Here they are chosen so that its text holds: two round obstacles
+on both sides of the line from (−3, −3) to (6, 6), Table 2's distance apart, staggered along the line, and in cases 1, 2
+and 7 obstacle 2 comes within the safe distance at (−1.5, −1.5).
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def _obstacles(name: str, gap: float | None) -> list[Obstacle]:
 
 
 def _near_obstacle() -> float:
-    """How far along the way obstacle 2 stands so that, with the gap of case 1, it is sensed at (−1.5, −1.5)."""
+    """Distance of obstacle 2 along the line so that, with the gap of case 1, it is sensed at (−1.5, −1.5)."""
     side = 0.5 * np.sqrt((2.1 + 2 * RADIUS) ** 2 - _STAGGER**2)
     reach = TABLE_2["case-1"][1] + RADIUS
     return float(np.dot(_SENSED, _WAY) + np.sqrt(reach**2 - side**2))

@@ -20,14 +20,8 @@ from .scenario import Scenario
 
 
 def _corridor(seed: int) -> Scenario:
-    return Scenario(
-        name="corridor",
-        summary=SCENARIOS["corridor"],
-        scene=corridor_scene(seed),
-        start=PoseSpec(0.0, 0.0, 0.0),
-        goal=PoseSpec(LENGTH, 0.0, 0.0),
-        seed=seed,
-    )
+    start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(LENGTH, 0.0, 0.0)
+    return Scenario("corridor", SCENARIOS["corridor"], corridor_scene(seed), start, goal, seed=seed)
 
 
 def _case(name: str) -> Callable[[int], Scenario]:
@@ -48,7 +42,7 @@ _REGISTRY: dict[str, Callable[[int], Scenario]] = {
 
 
 def scenario_names() -> tuple[str, ...]:
-    """Names that :func:`get_scenario` knows."""
+    """Names of the scenarios of :func:`get_scenario`."""
     return tuple(_REGISTRY)
 
 
@@ -56,7 +50,7 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     """A scenario by name, or from a YAML file (a path that ends in .yaml or .yml, or holds a separator).
 
     Raises:
-        ScenarioError: an unknown name, or a fault in the file.
+        ScenarioError: an unknown name, or an error in the file.
     """
     if not isinstance(name_or_path, (str, Path)):
         raise ScenarioError(f"a scenario has a name or a file, not {shown(name_or_path)}")

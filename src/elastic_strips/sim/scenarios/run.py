@@ -1,4 +1,4 @@
-"""Running a scenario: plan, deform, certify, and measure the result; its document (docs/result-format.md)."""
+"""Runs of scenarios: plan, deform, certify, and measure the result; their document (docs/result-format.md)."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from .scenario import Scenario
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RunResult(Summary):
-    """What came of a scenario.
+    """Result of running a scenario.
 
     Attributes:
-        scenario, robot, params: what was run.
-        initial: the strip that the relaxation started from.
+        scenario, robot, params: of the run.
+        initial: the strip before its deformation.
         report: last report; its strip is the result.
-        method: where the initial strip came from: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
-        reason: what happened, for people.
+        method: source of the initial strip: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
+        reason: of the result, in words.
         passing_side: see :func:`passing_side`.
         seed: of the planner.
         ticks: all ticks; tick_seconds: the duration of each.
-        time_to_certified: from nothing to the first certified strip [s], or None.
+        time_to_certified: time until the first certified strip [s], or None.
         frames: strips along the deformation, for animation (first and last included).
     """
 
@@ -173,7 +173,7 @@ def _run_default(
     if not planned.certified:
         return planned.initial, planned.report, planned.method, planned.reason, None
     report = deformer.settle(planned.strip, scenario.scene, watch=note)
-    if not report.certified:  # what was certified is kept; relaxing further must not lose it
+    if not report.certified:  # settling must not lose the certified strip
         report = planned.report
     return planned.initial, report, planned.method, report.reason, planned.seconds
 
@@ -182,16 +182,15 @@ def _run_paper(
     scenario: Scenario, robot: RobotModel, params: PaperParams, seed: int, note: Callable[[DeformReport], None],
     timeout: float,
 ) -> _Outcome:  # fmt: skip
-    """The initial trajectory comes from a planner, as in the paper.
-
-    It is the straight line, and OMPL's path where the line is not free and does not relax to a certified strip.
+    """As in the paper, the initial trajectory is planned: the straight line, or OMPL's path where the line is not free
+    and does not settle to a certified strip.
     """
     began = perf_counter()
     start, goal = scenario.ends(robot)
     deformer = PaperDeformer(robot, params)
     bounds = DeformParams(influence=params.influence, clearance=params.clearance, self_clearance=params.self_clearance)
     ends = np.stack(check_endpoints(robot, scenario.scene, start, goal, bounds))
-    spacing = 0.216  # what a trial of the paper's equations used; it gives 59 segments for its 12.7 m
+    spacing = 0.216  # [m] 59 segments for the 12.7 m of the paper's line
     rows = straight_line(robot, start, goal, spacing=spacing)
     if robot.space.planar:
         rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
@@ -237,7 +236,7 @@ def _run_paper(
 
 
 def passing_side(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str | None:
-    """``"between"`` two obstacles, ``"around-left"`` or ``"around-right"`` of both (seen along the way), or None.
+    """``"between"`` two obstacles, ``"around-left"`` or ``"around-right"`` of both (seen along the path), or None.
 
     The base's path is followed across the straight line through the obstacles' centres; its last crossing decides.
     """
@@ -258,9 +257,9 @@ def passing_side(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str
     fraction = float((point - one) @ along / (along @ along))
     if 0.0 < fraction < 1.0:
         return "between"
-    way = path[-1] - path[0]
+    course = path[-1] - path[0]
     offset = point - 0.5 * (one + two)
-    return "around-left" if way[0] * offset[1] - way[1] * offset[0] > 0 else "around-right"
+    return "around-left" if course[0] * offset[1] - course[1] * offset[0] > 0 else "around-right"
 
 
 FORMAT = "elastic-strips-result"

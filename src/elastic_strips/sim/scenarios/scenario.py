@@ -21,20 +21,20 @@ class Scenario(Summary):
     """A problem to run.
 
     Attributes:
-        name, summary: what it is called and about.
+        name, summary: its name and description.
         scene: the obstacles that exist at its time.
         start, goal: base poses and joint values.
         robot: name or URDF path of the robot that it was made for.
         base: base kind, or None for the robot's own.
-        preset: preset to use where none is asked for.
+        preset: default preset.
         params: preset → parameter overrides.
         postures: robot name → joint values of both ends, for robots that the joints of ``start`` and ``goal`` do not
             fit.
-        gap: names of two obstacles whose gap tells the passage (between, around-left, around-right), or None.
+        gap: names of two obstacles that define the passing side (between, around-left, around-right), or None.
         seed: of everything random.
-        timeline: all obstacles with when they appear and vanish, or None where ``scene`` holds all there ever is; ask
-            :attr:`world`.
-        speed_class: bound of the movers' speeds [m/s] that the robot may count on, or None where none is stated.
+        timeline: all obstacles with the times at which they appear and vanish; None where ``scene`` holds all of them;
+            use :attr:`world`.
+        speed_class: bound of the speeds of moving obstacles [m/s], or None where none is stated.
     """
 
     name: str
@@ -54,9 +54,9 @@ class Scenario(Summary):
 
     @property
     def world(self) -> World:
-        """What exists when; keep it while time goes on, it makes each snapshot from the one before.
+        """The obstacles over time; keep it during a run, as each snapshot is made from the one before.
 
-        Where obstacles yield, each time another world, in which nobody has yielded yet.
+        With yielding obstacles, each access returns a new world with reset clocks.
         """
         return World(self.scene) if self.timeline is None else self.timeline.copied(history=False)
 
@@ -64,7 +64,7 @@ class Scenario(Summary):
     def from_spec(spec: ScenarioSpec) -> Scenario:
         """The scenario that a file describes."""
         default, paper = ({f.name for f in fields(kind)} for kind in (DeformParams, PaperParams))
-        params = {  # a parameter that one preset alone has says nothing to the other
+        params = {  # a parameter of one preset alone is dropped for the other
             "default": {name: value for name, value in spec.params.items() if name not in paper - default},
             "paper": {name: value for name, value in spec.params.items() if name not in default - paper},
         }
@@ -75,11 +75,10 @@ class Scenario(Summary):
         )  # fmt: skip
 
     def load_robot(self, robot: str | None = None, preset: str | None = None, base: str | None = None) -> RobotModel:
-        """The robot, or another one, perhaps with another base; preset ``paper`` moves a planar base by Eq. 9, so it
-        is ``omni`` there.
+        """Load the scenario's robot, or another one; with preset ``paper`` a planar base is ``omni`` (Eq. 9).
 
         Raises:
-            RobotError: unknown robot or a fault in its files.
+            RobotError: unknown robot or an error in its files.
         """
         base = base or self.base
         if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:

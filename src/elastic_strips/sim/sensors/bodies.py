@@ -1,7 +1,7 @@
-"""Bodies as beams meet them: the obstacles of a world, and the robot that carries the sensors; where its links are.
+"""Bodies that rays are cast against: the obstacles of a world, and the robot that carries the sensors.
 
-Primitive shapes are met by formulas (`rays`). All other obstacles are triangles: those that never move, appear or
-vanish share one tree of boxes, each other one has its own, in its frame, so that no tree is built anew as it moves.
+Primitive shapes are intersected in closed form (`rays`). All other obstacles are triangles: static ones share one tree
+of boxes, each other one has its own in its frame, so that no tree is rebuilt as it moves.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _links(robot: RobotModel) -> list[str]:
 
 
 class Posture:
-    """Workspace: where a robot's joints are in the world, at one coordinate row.
+    """Workspace: poses of a robot's joints in the world, at one coordinate row.
 
     Args:
         robot: the robot.
@@ -131,7 +131,7 @@ class SensorMount:
 _Corners = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (V, 3) [m] and triangles (F, 3)."""
 
-_FARTHEST = 1e30  # [m] Embree says 1e37 where a ray meets nothing
+_FARTHEST = 1e30  # [m] Embree returns 1e37 without a hit
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _BOX_FACES = np.array(
     [
@@ -156,11 +156,7 @@ def _import_embree() -> tuple[Any, Any]:
 
 
 class _TriangleBody:
-    """Workspace: closed meshes in one frame, in one tree of boxes that is built once.
-
-    Args:
-        meshes: their corners; the triangles' order says which side is outside (right-handed).
-    """
+    """Workspace: closed meshes in one frame (outside right-handed), in one tree of boxes that is built once."""
 
     def __init__(self, meshes: Iterable[_Corners]) -> None:
         vertices, faces, count = [], [], 0
@@ -182,18 +178,7 @@ class _TriangleBody:
         )
 
     def cast(self, T: Array, rays: Rays, nearest: Nearest, *, reach: float, inside: float) -> bool:
-        """Look where rays meet the meshes.
-
-        Args:
-            T: (4, 4) pose of the meshes' frame in the rays' frame.
-            rays: the beams.
-            nearest: takes what is nearer than what it has.
-            reach: how far the beams go [m]; what is further may be left out.
-            inside: distance [m] that a beam gets that begins inside a mesh, which it first meets from behind.
-
-        Returns:
-            Whether any beam came near.
-        """
+        """Intersect rays with the meshes, whose frame has the pose T (4, 4); as :meth:`Primitives.cast`."""
         rotation = T[:3, :3]
         center = rotation @ self.center + T[:3, 3]
         _, index = rays.near(center[None], np.array([self.radius]), reach)
@@ -260,10 +245,10 @@ def _hull(points: Array) -> _Corners:
 
 
 class ObstacleRays:
-    """Workspace: the obstacles of a world as beams meet them.
+    """Workspace: the obstacles of a world, to cast rays against.
 
     Args:
-        world: where the obstacles are; what it holds is made ready here.
+        world: of the obstacles.
 
     Raises:
         MissingExtraError: an obstacle is a hull, a mesh, voxels or points, and Embree is not installed.
@@ -290,12 +275,12 @@ class ObstacleRays:
         self._still = _TriangleBody(still) if still else None
 
     def cast(self, t: float, rays: Rays, reach: float, *, normals: bool = False) -> Nearest:
-        """Where rays, given in the world, first meet an obstacle at time ``t`` [s].
+        """First hits of rays in the world frame, at time ``t`` [s].
 
         Args:
             t: the time.
-            rays: the beams; one that begins inside an obstacle has the distance 0.
-            reach: how far they go [m].
+            rays: to cast; one that begins inside an obstacle has the distance 0.
+            reach: their length [m].
             normals: whether the normals of the surfaces are wanted.
 
         Returns:
@@ -315,7 +300,7 @@ class ObstacleRays:
         return nearest
 
     def _of(self, scene: Scene) -> Primitives:
-        """The primitives among a scene's parts; made anew where other obstacles exist than the last time."""
+        """The primitives among a scene's parts; kept while the same obstacles exist."""
         parts = scene.table.parts
         if self._primitives[0] is not parts:
             self._primitives = parts, Primitives.of([p.geometry for p in parts])
@@ -331,19 +316,19 @@ _FAR = 1e3  # [m] beyond any robot
 
 
 class SelfFilter:
-    """Workspace: a robot's own collision bodies before the beams of one sensor or ring.
+    """Workspace: a robot's own collision bodies in the rays of one sensor or ring.
 
-    Bodies that are fixed to the joint that carries a sensor never move before it: they are looked at once, as they are.
-    The others may be thicker by the padding. A body in which a beam begins is the sensor's housing, and hides nothing.
+    Bodies on a sensor's own joint never move relative to it: rays are cast against them once, without padding. The
+    others are thicker by the padding. A body in which a ray begins is the sensor's housing, and ignored.
 
     Args:
         posture: of the robot.
-        joint: (R,) joints that carry the beams.
-        local: the beams in the joints' frames.
+        joint: (R,) joints that carry the rays.
+        local: the rays in the joints' frames.
         padding: of the bodies that move before the sensor [m].
 
     Raises:
-        MissingExtraError: a body has no formulas, and Embree is not installed.
+        MissingExtraError: a body is no primitive, and Embree is not installed.
     """
 
     def __init__(self, posture: Posture, joint: npt.NDArray[np.intp], local: Rays, padding: float) -> None:
@@ -362,12 +347,12 @@ class SelfFilter:
             self._groups.append((rays, [_Bodies(others, thick) for thick in paddings]))
 
     def distances(self, rays: Rays, reach: float) -> Array:
-        """How far (R,) [m] the beams, now given in the world, go before they meet the robot; infinite beyond reach."""
+        """Distances (R,) [m] at which the rays, now in the world frame, hit the robot; infinite beyond reach."""
         out = self._fixed.copy()
         for index, layers in self._groups:
             nearest = Nearest(len(index))
             some = rays if len(index) == len(out) else rays.some(index)
-            for bodies in layers:  # the bare ones for beams that begin within the padding
+            for bodies in layers:  # without padding for rays that begin within it
                 if not bodies.cast(self._posture.T_world_joint, some, nearest, reach):
                     break
             out[index] = np.minimum(out[index], nearest.distance)
@@ -376,7 +361,7 @@ class SelfFilter:
 
 
 class _Bodies:
-    """Some of a robot's collision bodies, thicker by a padding [m], as beams meet them."""
+    """Some of a robot's collision bodies, thicker by a padding [m], to cast rays against."""
 
     def __init__(self, pieces: Sequence[LinkGeometry], padding: float) -> None:
         simple = [p for p in pieces if is_primitive(p.geometry, padding)]
@@ -391,11 +376,7 @@ class _Bodies:
         ]
 
     def cast(self, T_joint: Array, rays: Rays, nearest: Nearest, reach: float) -> bool:
-        """Look where rays meet the bodies, whose joints are at ``T_joint`` (njoints, 4, 4) in the rays' frame.
-
-        Returns:
-            Whether any beam came near any of them.
-        """
+        """Intersect rays with the bodies; their joints are at ``T_joint`` (njoints, 4, 4) in the rays' frame."""
         T = T_joint[self._joint] @ self._local
         near = self._primitives.cast(T[:, :3, :3], T[:, :3, 3], rays, nearest, reach=reach, inside=np.inf)
         for joint, placement, body in self._hulls:

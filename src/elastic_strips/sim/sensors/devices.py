@@ -29,12 +29,12 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
     As many random numbers are drawn whatever the distances are, so that one range does not change the noise of another.
 
     Args:
-        distance: (R,) true ones [m]; infinite where nothing is, NaN where nothing is known.
+        distance: (R,) true ones [m]; infinite without a hit, NaN where unknown.
         params: of the device.
         rng: source of noise and dropouts.
 
     Returns:
-        ``NOTHING`` beyond the longest range, ``NO_ANSWER`` where the range was lost or is not known; else within
+        ``NOTHING`` beyond the longest range, ``NO_ANSWER`` where the range is lost or unknown; else within
         ``range_min`` and ``range_max``.
     """
     white = np.clip(rng.standard_normal(distance.shape), -_CUT, _CUT)
@@ -49,18 +49,7 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
 
 
 class LaserRangefinder:
-    """Workspace: one laser range finder on a robot.
-
-    Args:
-        params: of the device.
-        posture: of the robot; whoever asks for a scan has placed it.
-        obstacles: of the world.
-        rng: source of noise and dropouts.
-        self_padding: of the links that move before the laser [m].
-
-    Raises:
-        RobotError: the robot has no such link.
-    """
+    """Workspace: one laser range finder on a robot; see :class:`SonarArray` for the arguments and errors."""
 
     def __init__(
         self,
@@ -84,10 +73,7 @@ class LaserRangefinder:
         self._own = SelfFilter(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), self_padding)
 
     def measure(self, t: float) -> LaserScan:
-        """The scan at time ``t`` [s] from where the robot was placed.
-
-        A beam that meets the robot before an obstacle says ``NO_ANSWER``.
-        """
+        """The scan at time ``t`` [s] from the robot's posture; ``NO_ANSWER`` where the robot itself is nearest."""
         p = self.params
         T_world_sensor, T_base_sensor = self._mount.poses()
         rays = self._local.moved(T_world_sensor[0])
@@ -118,7 +104,7 @@ class SonarArray:
 
     Args:
         params: of the devices.
-        posture: of the robot; whoever asks for a reading has placed it.
+        posture: of the robot, placed by the caller before a reading.
         obstacles: of the world.
         rng: source of noise, dropouts and crosstalk.
         self_padding: of the links that move before the sensors [m].
@@ -153,9 +139,9 @@ class SonarArray:
         self._next = 0
 
     def measure(self, t: float) -> RangeRing:
-        """The reading at time ``t`` [s] of the group whose turn it is; all other sensors say ``NO_ANSWER``.
+        """The reading at time ``t`` [s] of the group whose turn it is: the nearest echo in each sensor's cone.
 
-        Each sensor reports the nearest echo of its cone. Where that is the robot itself, it says ``NO_ANSWER``.
+        It is ``NO_ANSWER`` for all other sensors, and where the robot itself is nearest.
         """
         p = self.params
         members, own = self._groups[self._next]
@@ -186,7 +172,7 @@ class SonarArray:
         return echo
 
     def _overheard(self, distance: Array) -> Array:
-        """Some sensors hear the echo of a neighbour that fires with them, if it comes before their own."""
+        """Crosstalk: some sensors receive the echo of a neighbour in their group, if it is earlier than their own."""
         n = len(distance)
         side = np.where(self._rng.random(n) < 0.5, -1, 1)
         hears = self._rng.random(n) < self.params.crosstalk
@@ -201,7 +187,7 @@ _SLACK = 1e-9  # [s] times that differ by less are the same
 
 @dataclass(slots=True)
 class _Clocked:
-    """A sensor and when it fires: at whole periods after the start."""
+    """A sensor and its next time; it fires at whole periods after the start."""
 
     device: LaserRangefinder | SonarArray
     period: float
@@ -209,19 +195,19 @@ class _Clocked:
 
 
 class SensorSuite:
-    """Workspace: what a robot's range sensors read of a world.
+    """Workspace: simulated range sensors of a robot in a world.
 
     Args:
         robot: that carries them.
         world: of obstacles.
-        config: what the sensors are like.
+        config: of the sensors.
         seed: of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of its
             own.
         time: at which the sensors begin [s].
 
     Raises:
-        RobotError: the robot has not the links that the sensors sit on.
-        MissingExtraError: the extra ``sensing`` is needed for the shapes there are, and not installed.
+        RobotError: the robot lacks a link of a sensor.
+        MissingExtraError: the extra ``sensing`` is needed for the world's shapes, and not installed.
     """
 
     def __init__(
@@ -250,7 +236,7 @@ class SensorSuite:
         self.reset(time)
 
     def reset(self, t: float) -> None:
-        """Begin at ``t`` [s]: all sensors fire then, and readings on their way are lost. The noise goes on.
+        """Restart at ``t`` [s]: all sensors fire then, delayed readings are lost, and the noise continues.
 
         Raises:
             ParameterError: the time is not finite.
@@ -263,10 +249,10 @@ class SensorSuite:
                 sensor.device.restart()
 
     def observe(self, t: float, coordinates: Array) -> tuple[Reading, ...]:
-        """The readings that can be read at ``t`` [s] and could not before, in the order of their times.
+        """The readings that are available at ``t`` [s] and were not before, in order of time.
 
-        To be called at every step of the control: a sensor fires at the first call at or after each of its times, once
-        if several have passed.
+        To be called in every control step: a sensor fires at the first call at or after each of its times, once if
+        several have passed.
 
         Args:
             t: the time, not before that of the last call.

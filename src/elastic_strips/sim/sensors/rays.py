@@ -1,7 +1,7 @@
-"""Beams in space, and where each first meets a shape that formulas exist for.
+"""Rays, and their first intersections with primitive shapes in closed form.
 
-Boxes, spheres, cylinders, capsules and cones are met by formulas: a function of a shape takes K beams (origin,
-direction) in the frames of K shapes and their sizes (K, 3), and returns where they enter and where they leave [m along
+Primitives are boxes, spheres, cylinders, capsules and cones: a function of a shape takes K rays (origin, direction) in
+the frames of K shapes and their sizes (K, 3), and returns where they enter and where they leave [m along
 the beam]; a beam that misses enters at infinity.
 """
 
@@ -23,10 +23,10 @@ _SLACK = 1e-6  # [m] bounding spheres are taken larger by this, so that rounding
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """Beams.
+    """Rays.
 
     Attributes:
-        origin: (R, 3) where they begin [m]; (1, 3) where all begin at one point.
+        origin: (R, 3) origins [m]; (1, 3) for a common one.
         direction: (R, 3) of unit length.
     """
 
@@ -37,20 +37,20 @@ class Rays:
         return len(self.direction)
 
     def moved(self, T: Array) -> Rays:
-        """Those of a frame, given in another one in which the frame has the pose ``T`` (4, 4)."""
+        """These rays, given in a frame with the pose ``T`` (4, 4), in the frame of that pose."""
         turn = T[:3, :3].T
         return Rays(self.origin @ turn + T[:3, 3], self.direction @ turn)
 
     def seen_from(self, rotation: Array, translation: Array) -> Rays:
-        """These rays in the frame that has this pose."""
+        """These rays in the frame with this pose."""
         return Rays((self.origin - translation) @ rotation, self.direction @ rotation)
 
     def some(self, index: Indices) -> Rays:
-        """Those of these indices."""
+        """The rays of these indices."""
         return Rays(self.origin if len(self.origin) == 1 else self.origin[index], self.direction[index])
 
     def near(self, center: Array, radius: Array, reach: float) -> tuple[Indices, Indices]:
-        """Pairs (sphere, ray), spheres ascending, whose ray may meet the sphere within ``reach`` [m].
+        """Pairs (sphere, ray), spheres ascending, whose ray may hit the sphere within ``reach`` [m].
 
         Args:
             center: (P, 3) centres of the spheres [m].
@@ -76,15 +76,15 @@ class Rays:
 
 
 class Nearest:
-    """Workspace: for each of ``count`` rays the nearest thing that it meets.
+    """Workspace: the nearest hit of each of ``count`` rays.
 
     Args:
         count: number of rays.
         normals: whether the surfaces' normals are wanted.
 
     Attributes:
-        distance: (count,) [m]; infinite where a ray meets nothing.
-        normal: (count, 3) outward normals where rays meet something, in the rays' frame; None if not wanted.
+        distance: (count,) [m]; infinite without a hit.
+        normal: (count, 3) outward normals at the hits, in the rays' frame; None if not wanted.
     """
 
     def __init__(self, count: int, *, normals: bool = False) -> None:
@@ -92,11 +92,11 @@ class Nearest:
         self.normal: Array | None = np.zeros((count, 3)) if normals else None
 
     def closer(self, ray: Indices, distance: Array) -> Indices:
-        """Take what is closer than everything so far, and say which of these it is.
+        """Take hits that are closer than all before; returns the indices of these among the K.
 
         Args:
-            ray: (K,) rays, each as often as it meets something.
-            distance: (K,) where [m]; infinite where it does not.
+            ray: (K,) indices of rays, with repetitions.
+            distance: (K,) [m]; infinite without a hit.
         """
         before = self.distance[ray]
         np.minimum.at(self.distance, ray, distance)
@@ -111,10 +111,10 @@ _BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE = range(5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Primitives:
-    """Shapes that formulas exist for, in the order of their kinds.
+    """Primitive shapes, in the order of their kinds.
 
     Attributes:
-        row: (P,) which of the geometries they were made of each is.
+        row: (P,) index of each among the given geometries.
         kind: (P,) ascending.
         size: (P, 3) half lengths of a box; else radius, half length along z, 0 [m].
         radius: (P,) of spheres about the shapes' origins that hold them [m].
@@ -142,18 +142,18 @@ class Primitives:
     def cast(
         self, rotation: Array, translation: Array, rays: Rays, nearest: Nearest, *, reach: float, inside: float
     ) -> bool:
-        """Look where rays meet these shapes.
+        """Intersect rays with these shapes.
 
         Args:
             rotation: (P, 3, 3) of the shapes' frames in the rays' frame.
             translation: (P, 3) their origins [m].
-            rays: the beams.
-            nearest: takes what is nearer than what it has.
-            reach: how far the beams go [m]; what is further may be left out.
-            inside: distance [m] that a beam gets that begins inside a shape.
+            rays: to intersect.
+            nearest: takes the hits.
+            reach: length of the rays [m]; hits beyond may be left out.
+            inside: distance [m] of a ray that begins inside a shape.
 
         Returns:
-            Whether any beam came near any of them.
+            Whether any ray came near any of them.
         """
         piece, ray = rays.near(translation, self.radius, reach)
         if len(piece) == 0:
@@ -178,12 +178,12 @@ class Primitives:
 
 
 def is_primitive(geometry: coal.CollisionGeometry | None, padding: float = 0.0) -> bool:
-    """Whether a Coal geometry, made thicker by ``padding`` [m], has formulas here."""
+    """Whether a Coal geometry, made thicker by ``padding`` [m], is a primitive here."""
     return bool(_measured(geometry, padding))
 
 
 def _measured(geometry: coal.CollisionGeometry | None, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
-    """Kind and size of a Coal geometry; empty where there are no formulas."""
+    """Kind and size of a Coal geometry; empty if it is no primitive."""
     kind, size = shape_of(geometry)
     if kind is ShapeKind.BOX:
         x, y, z = (h + padding for h in size)
@@ -247,7 +247,7 @@ def _capsule(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
 
 
 def _cone(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
-    """ρ ≤ k w, where w is how far below the apex: the borders that a beam crosses, side (twice) and base."""
+    """ρ ≤ k w, where w is the depth below the apex: the borders that a ray crosses, side (twice) and base."""
     r, half = size[:, 0], size[:, 1]
     k = r / (2.0 * half)
     w, dw = half - o[:, 2], -d[:, 2]
@@ -271,7 +271,7 @@ def _cone(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
 
 
 def _both(enter: Array, leave: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """What two intervals share; nothing is an interval that enters at infinity."""
+    """Intersection of two intervals; an empty one enters at infinity."""
     enter, leave = np.maximum(enter, low), np.minimum(leave, high)
     none = ~(enter <= leave)
     enter[none], leave[none] = np.inf, -np.inf

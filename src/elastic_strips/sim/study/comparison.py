@@ -1,4 +1,4 @@
-"""Comparison: every method on every case, on the same machine and the same sensors."""
+"""Comparison: every method on every case, with the same plant and the same sensors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from elastic_strips.sim.sensors import SensorConfig
 
 _STRIP_SENSED = "strip-sensed"
 METHODS = (*BASE_METHODS, _STRIP_SENSED, STRIP)
-"""Names of what is compared; ``strip-sensed`` sees what the base methods see, ``strip`` knows the obstacles."""
+"""Names of the methods; ``strip-sensed`` has the sensors of the base methods, ``strip`` knows the obstacles."""
 CASES = ("case-1", "case-2", "case-3", "case-4", "case-5", "case-6", "bottleneck", "dead-end")
 _LIMIT = 90.0  # [s]
 
@@ -41,14 +41,14 @@ class TrialResult:
     """Result of a trial.
 
     Attributes:
-        case, method, seed: what was tried.
-        reached: whether the robot is at the goal in truth: a base within 0.15 m, a strip within 0.05 m.
+        case, method, seed: of the trial.
+        reached: whether the robot truly is at the goal: a base within 0.15 m, a strip within 0.05 m.
         contacts: obstacles that were touched, each once.
         clearance: least distance of the whole robot to an obstacle [m]; ∞ without any, NaN where it did not start.
         path: length of the base's path [m]; time: [s].
         turning: sum of all turns of the base [rad].
-        roughness: root mean square of the base's yaw acceleration [rad/s²]; what is smooth has little of it.
-        reason: how it ended.
+        roughness: root mean square of the base's yaw acceleration [rad/s²].
+        reason: of the final state.
     """
 
     case: str
@@ -72,13 +72,13 @@ def compare(
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
 ) -> tuple[TrialResult, ...]:
-    """Try every method on every case, in the order of cases and methods.
+    """Drive every case by every method, in the order of cases and methods.
 
     Args:
         cases: names of scenarios; methods: of :data:`METHODS`.
         seeds: of the scenarios and the noise.
         processes: how many; one for each core where None.
-        step: called after every trial with what it was.
+        step: called after every trial with its name.
 
     Raises:
         ScenarioError: an unknown case.
@@ -96,7 +96,7 @@ def compare(
 
 
 def attempt(trial: Trial) -> TrialResult:
-    """Drive a case by a method; a robot that cannot even start has not reached its goal.
+    """Drive a case by a method; where the drive cannot start, the goal is not reached.
 
     Raises:
         ScenarioError: an unknown case.
@@ -140,7 +140,7 @@ class _Patience:
 
 
 def check_methods(methods: Sequence[str]) -> None:
-    """Refuse what is no method.
+    """Check names of methods.
 
     Raises:
         ParameterError: an unknown method.

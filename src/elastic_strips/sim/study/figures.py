@@ -39,12 +39,12 @@ class Outline:
         self._robot = robot
 
     def base(self, coordinates: Array) -> Array:
-        """(K, 2) corners [m] of the hull of all that is fixed to the base."""
+        """(K, 2) corners [m] of the hull of all bodies that are fixed to the base."""
         return self._hull(coordinates, self._of_base)
 
     def arm(self, coordinates: Array) -> Array:
         """(C, 2) the arm's control points [m], from the first joint to the hand."""
-        q = self._robot.space.from_coordinates(coordinates[None])[0]
+        q = self._robot.space.from_coordinates(coordinates)
         return np.asarray(self._robot.control_points(q))[1:, :2]
 
     def _hull(self, coordinates: Array, bodies: Indices) -> Array:
@@ -91,7 +91,7 @@ def _draw_postures(axes: Axes, robot: RobotModel, coordinates: Array, *, arm: bo
 
 
 def draw_paper_run(axes: Axes, run: PaperRun, *, every: int = 3) -> None:
-    """A run with preset ``paper``: original line, postures, what was sensed and where from, safe distances."""
+    """Draw a run with preset ``paper``: original line, postures, detections, safe distances."""
     arm = not run.params.mobile_only
     draw_scene(axes, run.scenario.scene, run.params.influence)
     axes.plot(*(_MM * run.line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
@@ -108,7 +108,7 @@ def draw_paper_run(axes: Axes, run: PaperRun, *, every: int = 3) -> None:
 
 
 def draw_drive(axes: Axes, robot: RobotModel, scene: Scene, line: Array, coordinates: Array, *, arm: bool) -> None:
-    """A drive with preset ``default``: the same for coordinate rows (T, nv) of its true states."""
+    """Draw a drive with preset ``default``, from coordinate rows (T, nv) of its true states."""
     draw_scene(axes, scene)
     axes.plot(*(_MM * line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
     axes.plot(*(_MM * coordinates[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
@@ -128,7 +128,7 @@ def _finish(axes: Axes, line: Array) -> None:
 
 
 def _shapes(obstacle: Obstacle) -> Iterable[tuple[float | Array, Array]]:
-    """What is seen of an obstacle from above: (radius, middle) of round parts, or (corners, middle) [m]."""
+    """Outlines of an obstacle from above: (radius, middle) of round parts, or (corners, middle) [m]."""
     rotation, shift = obstacle.pose[:3, :3], obstacle.pose[:3, 3]
     upright = abs(float(rotation[2, 2])) > 0.999
     for part in obstacle.parts:

@@ -1,4 +1,4 @@
-"""The paper study: tables and figures of the paper from runs of today, and what the paper says of them, as a report."""
+"""The paper study: a report with tables and figures of the paper from own runs, and the paper's statements on them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SAYS = {
     "case-6": "Among scattered obstacles the target is reached.",
     "case-7": "The whole robot: the manipulator's position changes while the mobile avoids.",
 }
-"""What the text of the paper says of its figures, in our words."""
+"""Statements of the paper on its figures, reworded."""
 EXPECTED = {name: Outcome.BLOCKED if name == "case-3" else Outcome.REACHED for name in TABLE_2}
 _MARKDOWN, _PAGE = "paper.md", "paper.html"
 _DPI = 70
@@ -53,12 +53,12 @@ figcaption { font-size: 13px; color: #444; }
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PaperStudy(Summary):
-    """What the study found.
+    """Results of the study.
 
     Attributes:
         runs: case → run with preset ``paper``.
         rows: of the comparison; cells: of the parameter map.
-        files: what was written.
+        files: paths of the written files.
     """
 
     runs: dict[str, PaperRun]
@@ -68,7 +68,7 @@ class PaperStudy(Summary):
 
     @property
     def as_the_paper_says(self) -> bool:
-        """Whether every case that was run ended as the paper says."""
+        """Whether every case ended as stated in the paper."""
         return all(run.outcome is EXPECTED[case] for case, run in self.runs.items())
 
     @property
@@ -90,12 +90,12 @@ def paper_study(
     """Run the study and write it as ``paper.md`` and ``paper.html`` with its pictures: at the end, all or nothing.
 
     Args:
-        folder: where to; made if it is not there.
+        folder: of the report; made if it does not exist.
         cases: of Figs. 5 to 11.
         compared, methods: of the comparison; none where empty.
         mapped: the case of the parameter map; none where empty.
         processes: how many; one for each core where None.
-        step: called after every run with what it was.
+        step: called after every run with its name.
 
     Raises:
         InputError: the folder cannot be written to.
@@ -182,7 +182,7 @@ def _cell(content: object) -> str:
 
 
 def _write(out: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """All files or, where one cannot be written, none that is new."""
+    """Write all files or, where one cannot be written, no new one."""
     new: list[Path] = []
     try:
         for name, data in files.items():
@@ -198,7 +198,7 @@ def _write(out: Path, files: Mapping[str, bytes]) -> list[Path]:
 
 @contextmanager
 def _folder(name: str | Path) -> Iterator[Path]:
-    """The folder to write to, made if it is not there; a study that does not come to its end leaves none behind."""
+    """The folder to write to, made if it does not exist; removed if the study fails."""
     out = Path(name)
     try:
         made = [f for f in (out, *out.parents) if not f.exists()]
@@ -211,7 +211,7 @@ def _folder(name: str | Path) -> Iterator[Path]:
             check_writable(out / file)
         yield out
     except BaseException:
-        with suppress(OSError):  # what somebody else has put there stays
+        with suppress(OSError):  # a folder with other files stays
             for there in made:
                 there.rmdir()
         raise

@@ -1,7 +1,7 @@
-"""The paper's preset as the paper simulates it: each sampling time senses, deforms, moves.
+"""The paper's simulation of its preset: each sampling time senses, deforms and moves.
 
-The paper concludes that safe distance, k_r and k_c have to be decided properly; :func:`parameter_map` shows what that
-means.
+The paper concludes that safe distance, k_r and k_c have to be decided properly; :func:`parameter_map` shows their
+effect.
 """
 
 from __future__ import annotations
@@ -70,16 +70,16 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PaperRun(Summary):
-    """What came of a run.
+    """Result of a run.
 
     Attributes:
-        scenario, params: what was run.
+        scenario, params: of the run.
         robot: the robot.
         line: (N, 2) the original line of the mobile [m].
-        coordinates: (T, nv) where the robot was at each sampling time.
-        ahead: the strip in front of it at the end, coordinate rows (M, nv).
-        detections: obstacles as they were sensed.
-        outcome, reason: how it ended.
+        coordinates: (T, nv) coordinate rows of the robot at the sampling times.
+        ahead: (M, nv) coordinate rows of the strip ahead of it at the end.
+        detections: of obstacles.
+        outcome, reason: of the run.
         clearance: least distance of any link to any obstacle, at and between the sampling times [m]; capped at 1.
     """
 
@@ -202,13 +202,7 @@ def _bridged(strip: Strip, gaps: Indices, max_nodes: int) -> Strip:
 
 
 class _NearestPoints:
-    """Workspace: the points of all obstacles that are nearest to some bodies of a robot.
-
-    Args:
-        robot: the robot.
-        bodies: its links, or its control points.
-        reach: what is farther away than this [m] is not seen.
-    """
+    """Workspace: the points of all obstacles, within a reach [m], that are nearest to some bodies of a robot."""
 
     def __init__(self, robot: RobotModel, bodies: BodySet, reach: float) -> None:
         self._kin = Kinematics(robot.tree, 1)
@@ -234,8 +228,8 @@ class MapCell:
     """One run.
 
     Attributes:
-        case: which case; k_r, k_c: gains; safe: distance d_r [m].
-        outcome, reason: how it ended.
+        case: name of the scenario; k_r, k_c: gains; safe: distance d_r [m].
+        outcome, reason: of the run.
         clearance: least distance to an obstacle [m]; capped at 1.
     """
 
@@ -263,7 +257,7 @@ def parameter_map(
         case: name of a scenario.
         k_r, k_c: gains; safe: safe distances [m].
         processes: how many; one for each core where None.
-        step: called after every run with what it was.
+        step: called after every run with its parameters.
 
     Returns:
         One cell a combination: by safe distance, then k_r, then k_c.
