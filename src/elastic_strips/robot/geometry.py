@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.hulls import convex_hull
 
 from .coal_shapes import (
     SIGNS,
@@ -22,7 +23,6 @@ from .coal_shapes import (
     box_about,
     contains,
     convex_from_vertices,
-    convex_hull,
     shape_of,
     support_points,
 )
