@@ -1,9 +1,11 @@
-"""Initial strips: rows along a straight line or a path of the base, and how long their relaxation goes on."""
+"""Initial strips: rows along a straight line or a path of the base, how long they are relaxed, and by whom."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +19,8 @@ from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.solver import project_rolling
 
 from .grid_path import resample
-from .problem import PlanningProblem
+from .ompl_planner import PathResult, ompl_path
+from .problem import Deadline, PlanningProblem
 
 _TURN = 0.35  # largest turn in place between two nodes [rad]
 
@@ -226,24 +229,6 @@ _MOST_TICKS = 30  # of a strip along a path, until it is certified
 _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
 
 
-def relax_line(
-    problem: PlanningProblem, strip: Strip, ticks: int, watch: Callable[[DeformReport], object] | None
-) -> DeformReport:
-    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
-    deformer, scene = problem.deformer, problem.scene
-    report = deformer.assess(strip, scene)
-    for tick in range(1, ticks + 1):
-        if report.usable or problem.deadline.over():
-            break
-        step = deformer.step(report.strip, scene, nodes=tick > 3)
-        report = replace(step, ticks=tick)
-        if watch is not None:
-            watch(step)
-        if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
-            break  # nodes on both sides of an obstacle: more ticks would not bring them together
-    return report
-
-
 def rows_along(problem: PlanningProblem, path: npt.ArrayLike, make: Callable[..., Array] = waypoint_rows) -> Array:
     """Rows (N, nv) that ``make`` gives along a path; further apart where they were more than a strip may have."""
     spacing, most = problem.spacing, problem.params.max_nodes
@@ -316,3 +301,56 @@ def relax_path(
             break
         report = replace(further, ticks=report.ticks + 1, reason=report.reason)
     return report
+
+
+class PathSearch:
+    """What searches for certified strips share: they relax the line and paths, and time that by phase."""
+
+    def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
+        self.problem, self.watch = problem, watch
+        self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+        self.ticks = self.attempts = 0
+
+    @contextmanager
+    def timed(self, phase: str) -> Iterator[None]:
+        """Account the time that a block takes to a phase."""
+        began = perf_counter()
+        yield
+        self.timings[phase] += perf_counter() - began
+
+    def relax_line(self, strip: Strip, ticks: int) -> DeformReport:
+        """At most so many ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
+        deformer, scene = self.problem.deformer, self.problem.scene
+        with self.timed("line"):
+            report = deformer.assess(strip, scene)
+            for tick in range(1, ticks + 1):
+                if report.usable or self.problem.deadline.over():
+                    break
+                step = deformer.step(report.strip, scene, nodes=tick > 3)
+                report = replace(step, ticks=tick)
+                if self.watch is not None:
+                    self.watch(step)
+                if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
+                    break  # nodes on both sides of an obstacle: more ticks would not bring them together
+        return report
+
+    def relax_rows(
+        self, rows: Array, stuck: int | None, over: Callable[[], bool] | None = None
+    ) -> tuple[Strip, DeformReport]:
+        """The strip of rows (N, nv) along a path, and what it relaxes to: :func:`relax_path`."""
+        with self.timed("relaxation"):
+            strip = path_strip(self.problem, rows)
+            return strip, relax_path(self.problem, strip, stuck=stuck, over=over, watch=self.watch)
+
+    def ompl(
+        self, attempt: int, margin: float, timeout: float, box: tuple[Array, Array] | None, deadline: Deadline,
+        fineness: float = 1.0,
+    ) -> PathResult:  # fmt: skip
+        """A path of OMPL, another one for each ``attempt``; for the rest see :func:`ompl_path`."""
+        problem = self.problem
+        with self.timed("planner"):
+            return ompl_path(
+                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
+                margin=margin, timeout=timeout, spacing=problem.spacing, box=box, fineness=fineness,
+                most=problem.params.max_nodes, deadline=deadline,
+            )  # fmt: skip
