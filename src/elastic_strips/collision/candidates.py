@@ -315,27 +315,25 @@ class MovingParts:
         if self.prediction is None:
             return None
         mover = self._mover[part]
-        return self._still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
+        return _with_still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
 
     def between(self, place: Array, part: Indices) -> tuple[Array, Array] | None:
         """The same at places, which are node numbers with fractions."""
         if self.prediction is None:
             return None
         mover = self._mover[part]
-        return self._still(mover, *self.prediction.between(place, mover))
-
-    @staticmethod
-    def _still(mover: Indices, shift: Array, uncertainty: Array) -> tuple[Array, Array]:
-        shift[mover < 0], uncertainty[mover < 0] = 0.0, 0.0
-        return shift, uncertainty
+        return _with_still(mover, *self.prediction.between(place, mover))
 
 
 def _of_columns(prediction: NodePrediction | None, mover: Indices) -> tuple[Array, Array]:
     """Shift (N, C, 3) and uncertainty (N, C) of columns, zero where ``mover`` is −1; N is 1 where nothing moves."""
     if prediction is None:
         return np.zeros((1, len(mover), 3)), np.zeros((1, len(mover)))
+    return _with_still(mover, prediction.shift[:, mover], prediction.uncertainty[:, mover])
+
+
+def _with_still(mover: Indices, shift: Array, uncertainty: Array) -> tuple[Array, Array]:
+    """Shift (…, K, 3) and uncertainty (…, K), set to zero where ``mover`` (K,) is −1: what does not move."""
     still = mover < 0
-    shift, uncertainty = prediction.shift[:, mover], prediction.uncertainty[:, mover]
-    if still.any():
-        shift[:, still], uncertainty[:, still] = 0.0, 0.0
+    shift[..., still, :], uncertainty[..., still] = 0.0, 0.0
     return shift, uncertainty

@@ -235,26 +235,12 @@ class ObstacleProximity:
         node, body, part = nonzero(need)
         self._ask(kin, node, body, part, self.influence)
 
-    def refine_at(
-        self,
-        kin: Kinematics,
-        node: Indices,
-        body: Indices,
-        part: Indices,
-        reach: Array,
-    ) -> None:
+    def refine_at(self, kin: Kinematics, node: Indices, body: Indices, part: Indices, reach: Array) -> None:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
         stale = (self.bound[node, body, part] < reach) & (self._since[node, body, part] > 0.0)
         self._ask(kin, node[stale], body[stale], part[stale], reach[stale])
 
-    def _ask(
-        self,
-        kin: Kinematics,
-        node: Indices,
-        body: Indices,
-        part: Indices,
-        reach: Array | float,
-    ) -> None:
+    def _ask(self, kin: Kinematics, node: Indices, body: Indices, part: Indices, reach: Array | float) -> None:
         candidates = self.candidates
         assert candidates is not None
         if len(node) == 0:

@@ -143,7 +143,8 @@ def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayL
         return rows
     steps = np.diff(points, axis=0)
     heading = np.arctan2(steps[:, 1], steps[:, 0])
-    rows[:, 2] = np.unwrap(np.concatenate([heading[:1], _middles(heading), heading[-1:]]))
+    middles = heading[:-1] + 0.5 * wrap_angle(np.diff(heading))
+    rows[:, 2] = np.unwrap(np.concatenate([heading[:1], middles, heading[-1:]]))
     first = _turn(rows[0], float(endpoints[0, 2]))[::-1]
     last = _turn(rows[-1], float(endpoints[1, 2]))
     rows = np.vstack((first[:-1], rows, last[1:]))
@@ -202,11 +203,6 @@ def _bent(points: Array, yaw: float) -> Array:
     return np.vstack((bow, fine[count + 1 :]))
 
 
-def _middles(heading: Array) -> Array:
-    """Heading half-way between each two pieces of the path."""
-    return heading[:-1] + 0.5 * wrap_angle(np.diff(heading))
-
-
 def _turn(row: Array, yaw: float) -> Array:
     """Rows that turn in place from ``row`` to the heading ``yaw``; the row alone where that is a small bend."""
     turn = float(wrap_angle(np.array(yaw - row[2])))
@@ -218,8 +214,7 @@ def _turn(row: Array, yaw: float) -> Array:
     return rows
 
 
-LINE_TICKS = 6
-"""Most ticks that a straight line gets."""
+_LINE_TICKS = 6  # most that a straight line gets
 _LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
 _TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it
 STUCK_TICKS = 6
@@ -318,12 +313,12 @@ class PathSearch:
         yield
         self.timings[phase] += perf_counter() - began
 
-    def relax_line(self, strip: Strip, ticks: int) -> DeformReport:
-        """At most so many ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
+    def relax_line(self, strip: Strip, relax: bool) -> DeformReport:
+        """A few ticks of the straight line, or none; it is given up where nodes stay deep inside an obstacle."""
         deformer, scene = self.problem.deformer, self.problem.scene
         with self.timed("line"):
             report = deformer.assess(strip, scene)
-            for tick in range(1, ticks + 1):
+            for tick in range(1, _LINE_TICKS + 1 if relax else 1):
                 if report.usable or self.problem.deadline.over():
                     break
                 step = deformer.step(report.strip, scene, nodes=tick > 3)

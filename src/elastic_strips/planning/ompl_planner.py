@@ -23,6 +23,7 @@ from elastic_strips.strip.solver import project_rolling
 from .problem import Deadline
 
 _MAX_PAIRED = 400
+_REACH = 2.0  # [m] that a robot extends from its base, at most
 
 
 class Validity:
@@ -37,19 +38,17 @@ class Validity:
         margin: distance to keep to obstacles [m].
         low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
             are left out. None takes all.
-        reach: how far [m] the robot extends from its base.
     """
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, *, margin: float,
-        low: Array | None = None, high: Array | None = None, reach: float = 2.0,
-    ) -> None:  # fmt: skip
+        self, robot: RobotModel, scene: Scene, *, margin: float, low: Array | None = None, high: Array | None = None
+    ) -> None:
         self.robot, self.checks = robot, 0
         table = scene.table
         rows = np.arange(len(table.parts))
         if low is not None and high is not None and len(rows):
             c, h = table.center[:, :2], table.half_extents[:, :2]
-            near = ((c - h <= high + reach) & (c + h >= low - reach)).all(axis=1)
+            near = ((c - h <= high + _REACH) & (c + h >= low - _REACH)).all(axis=1)
             rows = rows[near]
         shapes = []
         for r in rows:

@@ -25,7 +25,6 @@ from .grid_path import MOST_CELLS, grid_path
 from .homotopy.alternatives import Alternative, AlternativesSearch
 from .homotopy.classes import ObstacleCluster
 from .initial_strip import (
-    LINE_TICKS,  # fmt: skip
     STUCK_TICKS,
     PathSearch,
     line_strip,
@@ -102,7 +101,6 @@ def plan_report(
     params: DeformParams | None = None,
     timeout: float = 10.0,
     bounds: npt.ArrayLike | None = None,
-    line_ticks: int = LINE_TICKS,
     deformer: Deformer | None = None,
     line: bool = True,
     path: npt.ArrayLike | None = None,
@@ -124,7 +122,6 @@ def plan_report(
         timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave. Where None, the base is looked for
             about start and goal, ever wider as attempts fail.
-        line_ticks: most ticks that the straight line gets.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         line: whether to try the straight line at all.
         path: what to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
@@ -135,19 +132,18 @@ def plan_report(
         RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
             pair, or the distance.
-        ParameterError: a count, seed, timeout, number of ticks or bounds outside their range, or a path of another
+        ParameterError: a count, seed, timeout or bounds outside their range, or a path of another
             shape.
     """
-    count, ticks = check_count("count", count, low=1), check_count("line_ticks", line_ticks)
+    count = check_count("count", count, low=1)
     problem = PlanningProblem(
         robot, scene, start, goal, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout
     )
-    ticks = ticks if line else 0
     if count > 1:
-        return _several(problem, count, ticks, path, grid, watch)
+        return _several(problem, count, line, path, grid, watch)
     search = _Search(problem, watch)
     report = search.relaxed(rows_along(problem, path), "path", "given path") if path is not None else None
-    report = report or search.straight(ticks)
+    report = report or search.straight(line)
     if report is None and grid and problem.region is not None:
         direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
         report = search.over_the_grid(_DETOUR * direct + _ASIDE)
@@ -159,11 +155,11 @@ def plan_report(
 
 
 def _several(
-    problem: PlanningProblem, count: int, line_ticks: int, path: npt.ArrayLike | None, grid: bool,
+    problem: PlanningProblem, count: int, line: bool, path: npt.ArrayLike | None, grid: bool,
     watch: Callable[[DeformReport], object] | None,
 ) -> PlanReport:  # fmt: skip
     given = None if path is None else rows_along(problem, path)
-    search = AlternativesSearch(problem, count, line_ticks=line_ticks, given=given, grid=grid, watch=watch)
+    search = AlternativesSearch(problem, count, line=line, given=given, grid=grid, watch=watch)
     search.run()
     found = search.alternatives
     if found:
@@ -196,12 +192,12 @@ class _Search(PathSearch):
         self.calls = self.searches = 0  # of OMPL
         self.fineness = 1.0
 
-    def straight(self, ticks: int) -> PlanReport | None:
-        """The straight line, which gets a few ticks."""
+    def straight(self, relax: bool) -> PlanReport | None:
+        """The straight line, which gets a few ticks, or is looked at as it is."""
         initial = line_strip(self.problem)
         self.initial = initial  # shown where nothing is certified
-        report = self.relax_line(initial, ticks)
-        self.ticks += report.ticks if ticks else 0
+        report = self.relax_line(initial, relax)
+        self.ticks += report.ticks if relax else 0
         return self._judged(initial, report, "line", "straight line")
 
     def over_the_grid(self, longest: float) -> PlanReport | None:

@@ -82,11 +82,6 @@ class RobotModel(Summary):
         """Planned joints without the root."""
         return tuple(self.model.names[i] for i in range(2 if self.space.planar else 1, self.model.njoints))
 
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the postures that :meth:`state` knows: the SRDF's group states."""
-        return tuple(self.states)
-
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
         """Visual geometry; read at the first use, since it is most of what a URDF takes to load.
@@ -94,11 +89,6 @@ class RobotModel(Summary):
         The collision geometry where there is none, or where it cannot be read (a warning).
         """
         return self.visual()
-
-    @property
-    def control_point_names(self) -> tuple[str, ...]:
-        """Names (C) of the control points."""
-        return self.control_point_set.names
 
     def same_as(self, other: RobotModel) -> bool:
         """Whether the other moves alike and has the same shape, so that a proof for one holds for the other."""
@@ -161,7 +151,7 @@ class RobotModel(Summary):
         Joints that the state does not name are as at home; locked ones stay as they are locked.
 
         Args:
-            name: one of ``state_names``.
+            name: one of ``states``.
             x, y, yaw: base pose [m, m, rad]; must be 0 for a fixed base.
 
         Raises:

@@ -156,7 +156,7 @@ class Scene:
                 name = _free_name(obstacle.shape, k, index)
                 given[k] = obstacle.named(name)
                 index[name] = k
-        _fill(self, tuple(o.at(time) for o in given), time)
+        _filled(self, tuple(o.at(time) for o in given), time)
 
     @property
     def table(self) -> PartTable:
@@ -254,7 +254,7 @@ class Scene:
             source = self._table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
-        new = _made(obstacles, time, self, source, changed)
+        new = _filled(object.__new__(Scene), obstacles, time, self, source, changed)
         if source is not None and not changed:
             object.__setattr__(new, "_table", source)
         return new
@@ -402,27 +402,20 @@ class World(Summary):
         return World, (self.scene, dict(self.appears), dict(self.vanishes))
 
 
-def _made(
-    obstacles: tuple[Obstacle, ...],
-    time: float,
-    like: Scene | None = None,
-    source: PartTable | None = None,
-    changed: tuple[int, ...] = (),
-) -> Scene:
-    """A scene of named obstacles at their poses; those of ``like`` have the same names."""
-    new = object.__new__(Scene)
-    _fill(new, obstacles, time, like, source, changed)
-    return new
+def _made(obstacles: tuple[Obstacle, ...], time: float) -> Scene:
+    """A scene of named obstacles at their poses."""
+    return _filled(object.__new__(Scene), obstacles, time)
 
 
-def _fill(
+def _filled(
     scene: Scene,
     obstacles: tuple[Obstacle, ...],
     time: float,
     like: Scene | None = None,
     source: PartTable | None = None,
     changed: tuple[int, ...] = (),
-) -> None:
+) -> Scene:
+    """The new scene with its values; the obstacles of ``like`` have the same names."""
     index = {o.name or "": k for k, o in enumerate(obstacles)} if like is None else like._index
     put = object.__setattr__
     put(scene, "obstacles", obstacles)
@@ -432,6 +425,7 @@ def _fill(
     put(scene, "_table", None)
     put(scene, "_source", source)
     put(scene, "_changed", changed)
+    return scene
 
 
 def _free_name(shape: str, place: int, taken: dict[str, int]) -> str:

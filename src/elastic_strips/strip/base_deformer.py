@@ -282,6 +282,7 @@ class BaseDeformer(ABC, Generic[R]):
         check_able("watch", watch)
         timings: dict[str, float] = {}
         seconds, queries, ticks = 0.0, 0, 0
+        last: R | None = None
         while True:
             report = self.step(strip, scene, detail=detail)
             strip, ticks = report.strip, ticks + 1
@@ -292,8 +293,13 @@ class BaseDeformer(ABC, Generic[R]):
             if watch is not None:
                 watch(report)
             done = until(report) if callable(until) else until == "certified" and report.usable
+            last = report if last is None else self._with_former(report, last)
             if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
-                return settled_report(report, ticks, timings, seconds, queries)
+                return settled_report(last, ticks, timings, seconds, queries)
+
+    def _with_former(self, report: R, former: R) -> R:
+        """A tick's report in ``settle``, with what it is to have of all ticks before."""
+        return report
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 from elastic_strips.arrays import Array
 from elastic_strips.planning.initial_strip import (
-    LINE_TICKS,
     STUCK_TICKS,
     PathSearch,
     line_strip,
@@ -81,7 +80,7 @@ class AlternativesSearch(PathSearch):
         without: classes among ``clusters`` that are not wanted, because they are there already.
         clusters: of the scene, about start and goal; found where None.
         ompl_attempts: most calls of OMPL.
-        line_ticks: most ticks that the straight line gets.
+        line: whether the straight line gets ticks, or is looked at as it is.
         given: rows (N, nv) to relax first, or None.
         grid: whether paths over a grid are looked for.
         watch: called with every tick's report.
@@ -97,11 +96,11 @@ class AlternativesSearch(PathSearch):
 
     def __init__(
         self, problem: PlanningProblem, count: int, *, without: Collection[HomotopyClass] = (),
-        clusters: ClusterMap | None = None, ompl_attempts: int = 3, line_ticks: int = LINE_TICKS,
+        clusters: ClusterMap | None = None, ompl_attempts: int = 3, line: bool = True,
         given: Array | None = None, grid: bool = True, watch: Callable[[DeformReport], object] | None = None,
     ) -> None:  # fmt: skip
         super().__init__(problem, watch)
-        self._count, self._line_ticks, self._grid = count, line_ticks, grid
+        self._count, self._line, self._grid = count, line, grid
         self._without, self._ompl_attempts, self._given = frozenset(without), ompl_attempts, given
         self.found: dict[HomotopyClass, Alternative] = {}
         self.initial: dict[HomotopyClass, Strip] = {}
@@ -142,7 +141,7 @@ class AlternativesSearch(PathSearch):
         """The straight line, which is given up early, unless its class is there already."""
         strip = line_strip(self.problem)
         if self._class(strip) not in self._without:
-            self._add(strip, self.relax_line(strip, self._line_ticks), "line", "straight line")
+            self._add(strip, self.relax_line(strip, self._line), "line", "straight line")
 
     def _relax_grid(self, clusters: ClusterMap) -> None:
         problem, count = self.problem, 2 * self._count + len(self._without) + 1
