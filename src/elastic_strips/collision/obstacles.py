@@ -2,7 +2,7 @@
 
 The workspace keeps, for each (node, body, part), a bound that is *never above* the true distance. When a node or a
 part moves, the bound falls by at most how far it moved; only where it falls below the influence distance is a box
-test made, and only where that fails too is Coal asked. So a tick asks for what is near and has moved, and for
+test made, and only where that fails too does Coal measure. So a tick measures what is near and has moved, and
 nothing else.
 """
 
@@ -172,6 +172,7 @@ class ObstacleProximity:
         Args:
             kin: kinematics of the nodes, as last given to :meth:`update`.
             between: kinematics of the M configurations.
+            reach: (M,) [m].
 
         Returns:
             Whether they had to be collected anew; then all bounds have been measured again.

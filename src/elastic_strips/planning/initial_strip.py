@@ -225,7 +225,7 @@ _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near
 
 
 def rows_along(problem: PlanningProblem, path: npt.ArrayLike, make: Callable[..., Array] = waypoint_rows) -> Array:
-    """Rows (N, nv) that ``make`` gives along a path; further apart where they were more than a strip may have."""
+    """Rows (N, nv) along a path, by ``make``; further apart where there were more than a strip may have."""
     spacing, most = problem.spacing, problem.params.max_nodes
     for _ in range(7):
         rows = make(problem.robot, problem.start, problem.goal, path, spacing=spacing)

@@ -24,13 +24,7 @@ from elastic_strips.validation import check_count
 from .grid_path import MOST_CELLS, grid_path
 from .homotopy.alternatives import Alternative, AlternativesSearch
 from .homotopy.classes import ObstacleCluster
-from .initial_strip import (
-    STUCK_TICKS,
-    PathSearch,
-    line_strip,
-    path_rows,
-    rows_along,
-)
+from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, rows_along
 from .ompl_planner import certify_path
 from .problem import Deadline, PlanningProblem
 

@@ -87,7 +87,7 @@ class KinematicTree(Summary):
         return tree
 
     def _compare(self, model: pin.Model, data: pin.Data) -> None:
-        """Look once whether the twin computes what Pinocchio does, on this very machine and for arrays of this size.
+        """Compare once with what Pinocchio computes, on this very machine and for arrays of this size.
 
         All proofs rest on it, and NumPy has returned wrong values for single array sizes before.
 
@@ -123,7 +123,11 @@ class KinematicTree(Summary):
 
 
 class Kinematics:
-    """Workspace: aligned joint placements and world Jacobian columns of up to ``capacity`` nodes.
+    """Workspace: aligned joint placements and world Jacobian columns of many nodes.
+
+    Args:
+        tree: of the robot: ``RobotModel.tree``.
+        capacity: number of nodes to make room for; it grows where there are more.
 
     Attributes (valid for the first ``n`` nodes after :meth:`update`):
         T: (njoints, capacity, 3, 4) world placements of the aligned joint frames; T[0] is the identity.

@@ -168,6 +168,11 @@ class RobotModel(Summary):
         A joint outside of its limits by at most 1e-4 rad (or m) is taken to the limit: what files and other programs
         round is no fault.
 
+        Args:
+            q: base x, y [m], cos yaw, sin yaw (planar base), then joints [rad or m]; continuous joints as (cos, sin).
+            what: what to call it in messages.
+            limits: whether joints have to be within their limits.
+
         Raises:
             ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, or outside the joint limits.
         """
@@ -209,7 +214,11 @@ class RobotModel(Summary):
         return array
 
     def self_collision(self, q: ArrayLike) -> tuple[str, str] | None:
-        """Names of two pieces of the robot that touch at a configuration (nq,), or None."""
+        """Names of two pieces of the robot that touch at a configuration (nq,), or None.
+
+        Raises:
+            ConfigurationError: an unsound configuration; limits do not count.
+        """
         data, geometry = self.model.createData(), self.collision_model.createData()
         q = self.check_q(q, limits=False)
         if not pin.computeCollisions(self.model, data, self.collision_model, geometry, q, True):
@@ -257,6 +266,7 @@ class RobotModel(Summary):
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
+            urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
 
         Raises:
             RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed

@@ -88,7 +88,11 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
 
 
 def load_mesh(path: Path) -> tuple[Array, _Faces]:
-    """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file; `SceneError` says what is wrong."""
+    """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file.
+
+    Raises:
+        SceneError: missing, unreadable, empty, of another kind, without triangles, or with vertices not finite.
+    """
     import trimesh
 
     suffix = path.suffix.lower()

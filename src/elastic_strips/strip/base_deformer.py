@@ -41,6 +41,7 @@ class PhaseClock:
         self.start()
 
     def start(self) -> None:
+        """Forget all phases and begin anew."""
         self.phases: dict[str, float] = {}
         self._begin = self._last = perf_counter()
 
@@ -154,7 +155,7 @@ class Workspace:
             self._distances(scene)
 
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
-        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none), with what is known."""
+        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none); what is known stays."""
         if not self.holds(strip):
             return
         self.obstacles.remap(source)
@@ -302,7 +303,11 @@ class BaseDeformer(ABC, Generic[R]):
         return report
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
-        """Certify a strip as it is, without moving it."""
+        """Certify a strip as it is, without moving it.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+        """
         self._load(strip, scene)
         return self.workspace.certify(scene)
 

@@ -188,6 +188,7 @@ class Curve:
 
     @property
     def length(self) -> float:
+        """Where s ends [m in the metric]."""
         return float(self.knots[-1])
 
     def __call__(self, s: Array) -> tuple[Array, Array, Array]:

@@ -47,10 +47,7 @@ class _Start:
 
 
 class Retimer:
-    """Times the nodes ahead of a robot again and again, as fast as the limits allow.
-
-    It holds nothing that changes: one may serve several threads.
-    """
+    """Times nodes as fast as the limits allow (TOPP-RA). It holds nothing that changes: threads may share one."""
 
     def __init__(self, robot: RobotModel, limits: MotionLimits | None = None, *, dt: float = 0.01) -> None:
         """Prepare for a robot.
@@ -117,7 +114,14 @@ class Retimer:
         return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed)
 
     def full(self, coordinates: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0) -> Trajectory:
-        """All of the nodes (K, nv) from rest to rest, with a stop wherever one is needed; else as :meth:`horizon`."""
+        """All of the nodes from rest to rest, with a stop wherever one is needed.
+
+        Args:
+            coordinates, start_time, speed: as of :meth:`horizon`.
+
+        Raises:
+            ConfigurationError, ParameterError, RetimingError: as :meth:`horizon`.
+        """
         nodes = self._nodes(coordinates)
         check_number("speed", speed, above=0.0, high=1.0)
         start = self._start(start_time, None, None)

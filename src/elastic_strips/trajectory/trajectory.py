@@ -202,7 +202,7 @@ class TrajectoryCertifier:
         Args:
             trajectory: ends at rest.
             scene: sensed at ``scene.time``, on the clock of ``trajectory.time``.
-            forecast: of that scene; says for all its moving obstacles where they can be.
+            forecast: of that scene, for all its moving obstacles.
 
         Raises:
             ParameterError: the forecast's horizon is shorter than the motion.

@@ -7,12 +7,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from elastic_strips.arrays import Array
-from elastic_strips.planning.initial_strip import (
-    STUCK_TICKS,
-    PathSearch,
-    line_strip,
-    path_rows,
-)
+from elastic_strips.planning.initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.strip import Strip
 from elastic_strips.strip.params import DeformParams
