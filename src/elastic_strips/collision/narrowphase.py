@@ -19,7 +19,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import for_penetration, rounded
+from elastic_strips.robot.coal_shapes import for_penetration, sphere_as_capsule
 from elastic_strips.scene.parts import Part
 
 from .bounds import BodySet
@@ -212,7 +212,7 @@ class Narrowphase:
         probe = self._probes.get(g)
         if probe is None:
             # Coal's box–sphere special case does not keep the smallest of several distances
-            probe = self._probes[g] = coal.CollisionObject(rounded(self.bodies.geometries[g]))
+            probe = self._probes[g] = coal.CollisionObject(sphere_as_capsule(self.bodies.geometries[g]))
         pose = coal.Transform3s(part_rotation.T @ rotation, part_rotation.T @ (translation - part_translation))
         distance, direction, witness = block.nearest(probe, pose)
         # the caller turns directions of its own queries around; this one already points away

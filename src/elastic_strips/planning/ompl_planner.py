@@ -26,7 +26,7 @@ _MAX_PAIRED = 400
 _REACH = 2.0  # [m] that a robot extends from its base, at most
 
 
-class Validity:
+class ValidityChecker:
     """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
     Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
@@ -179,7 +179,7 @@ def ompl_path(
     base = endpoints[:, :2]
     low, high = (base.min(axis=0) - _WIDEN, base.max(axis=0) + _WIDEN) if box is None else box
     planar = space.planar
-    valid = Validity(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
+    valid = ValidityChecker(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
     for name, q in (("start", start), ("goal", goal)):
         if not valid(q):
             return PathResult(None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, False)
@@ -199,7 +199,7 @@ def ompl_path(
 
 
 def _search(
-    robot: RobotModel, valid: Validity, endpoints: Array, low: Array, high: Array, seed: int, timeout: float,
+    robot: RobotModel, valid: ValidityChecker, endpoints: Array, low: Array, high: Array, seed: int, timeout: float,
     spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
 ) -> Array | None:  # fmt: skip
     """Rows of a path, or None; for one thread at a time."""

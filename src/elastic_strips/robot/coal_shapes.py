@@ -86,7 +86,7 @@ def faces(geometry: coal.CollisionGeometry) -> npt.NDArray[np.int64]:
     return np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64).reshape(-1, 3)
 
 
-def rounded(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
+def sphere_as_capsule(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
     """A sphere as a capsule of no length, which keeps out of Coal's closed forms for spheres; others as they are."""
     return coal.Capsule(geometry.radius, 0.0) if isinstance(geometry, coal.Sphere) else geometry
 
@@ -99,7 +99,7 @@ def for_penetration(
     Its closed form for a sphere and a cylinder forgets the cylinder's caps once the sphere's centre is inside.
     """
     if {type(one), type(two)} == {coal.Sphere, coal.Cylinder}:
-        return rounded(one), rounded(two)
+        return sphere_as_capsule(one), sphere_as_capsule(two)
     return one, two
 
 

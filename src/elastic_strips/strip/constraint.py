@@ -44,7 +44,7 @@ class OrientationConstraint:
         check_number(f"{name}.gain", self.gain, above=0.0)
 
     @staticmethod
-    def at(
+    def from_configuration(
         robot: RobotModel,
         q: ArrayLike,
         frame: str,
