@@ -9,7 +9,7 @@ robot = es.load_robot("silvermate")
 ball = es.Sphere(0.2, at=(2.4, 0.15, 1.15), name="ball")  # in the way of the arm alone
 start, scene = robot.home(), es.Scene([ball])
 strip = es.plan(robot, scene, start, robot.home(x=4.0))
-deformer = es.Deformer(robot, constraint=OrientationConstraint.at(robot, start, "hand_frame"))
+deformer = es.Deformer(robot, constraint=OrientationConstraint.from_configuration(robot, start, "hand_frame"))
 for _ in range(100):
     report = deformer.step(strip, scene)
     strip = report.strip

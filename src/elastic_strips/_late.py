@@ -7,7 +7,7 @@ from importlib import import_module
 
 
 def late_names(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
-    """The ``__getattr__`` of a package: it loads the module, or one of its names, that is asked for.
+    """The ``__getattr__`` of a package: it imports a module when that, or one of its names, is read first.
 
     Args:
         package: ``__name__`` of the package.

@@ -1,4 +1,4 @@
-"""Types of what is handed round: arrays of NumPy, and documents as JSON and YAML have them."""
+"""Types of arguments and results: arrays of NumPy, and documents as JSON and YAML have them."""
 
 from __future__ import annotations
 

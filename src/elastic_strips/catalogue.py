@@ -133,15 +133,6 @@ def own_robots() -> tuple[str, ...]:
     return tuple(name for name, robot in _catalogue().items() if robot.hand_frame or robot.urdf.parent == _urdf_dir())
 
 
-def robot_summary(name: str) -> str:
-    """One line about a named robot.
-
-    Raises:
-        RobotError: an unknown name, or one that several robots share.
-    """
-    return find_robot(name).summary
-
-
 def find_robot(name: str) -> KnownRobot:
     """A robot by its name, or by that of its folder in example-robot-data if it is alone there.
 

@@ -3,7 +3,7 @@
 ::
 
     ElasticStripsError
-    ├── InputError (also a ValueError): what the caller handed in is wrong
+    ├── InputError (also a ValueError): an argument or a file is wrong
     │   ├── RobotError                 a robot description
     │   ├── SceneError                 an obstacle, a motion, a scene, their files
     │   ├── ScenarioError              a scenario, a drive problem, their files
@@ -30,7 +30,7 @@ class ElasticStripsError(Exception):
 
 
 class InputError(ElasticStripsError, ValueError):
-    """Something that the caller handed in is wrong; the message names value, bound and alternatives."""
+    """An argument or a file is wrong; the message names value, bound and alternatives."""
 
 
 class RobotError(InputError):
@@ -58,7 +58,7 @@ class MissingExtraError(ElasticStripsError, ImportError):
 
 
 def missing_extra(user: str, package: str, extra: str | None = None) -> MissingExtraError:
-    """The error of ``user``, who needs a ``package`` of an ``extra`` of this library, or of none."""
+    """The error where ``user`` needs a ``package`` of an ``extra`` of this library, or of none."""
     wanted = package if extra is None else f"'elastic-strips[{extra}]'"
     return MissingExtraError(f"{user} needs {package}, which is not installed: pip install {wanted}")
 

@@ -75,6 +75,24 @@ def outside(points: Array, shape: Any) -> Array:
     return (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
 
 
+def support(shape: Any, n: Array) -> Array:
+    """Support values (K,) [m] of a shape in unit directions (K, 3) of its frame, by the textbook formulas."""
+    flat = np.hypot(n[:, 0], n[:, 1])
+    if isinstance(shape, coal.Box):
+        return np.abs(n) @ np.asarray(shape.halfSide)
+    if isinstance(shape, coal.Sphere):
+        return np.full(len(n), shape.radius)
+    if isinstance(shape, coal.Cylinder):
+        return flat * shape.radius + np.abs(n[:, 2]) * shape.halfLength
+    if isinstance(shape, coal.Capsule):
+        return shape.radius + np.abs(n[:, 2]) * shape.halfLength
+    if isinstance(shape, coal.Cone):
+        return np.maximum(n[:, 2] * shape.halfLength, flat * shape.radius - n[:, 2] * shape.halfLength)
+    if isinstance(shape, coal.Ellipsoid):
+        return np.linalg.norm(n * np.asarray(shape.radii), axis=1)
+    return (n @ np.asarray(shape.points()).T).max(axis=1)
+
+
 def scene_pieces(scene: Scene) -> list[Piece]:
     """All convex shapes of a scene, blocks of boxes taken apart; from the obstacles, not from the scene's table."""
     pieces: list[Piece] = []

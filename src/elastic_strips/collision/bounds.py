@@ -97,12 +97,12 @@ class BodySet:
         return points.reshape(n, g, 2, 3)
 
     def ends_at(self, kin: Kinematics, node: Indices, body: Indices) -> Array:
-        """World capsule ends (K, 2, 3) [m] of single bodies at nodes."""
+        """World capsule ends (K, 2, 3) [m] of bodies ``body`` (K,) at nodes ``node`` (K,) of ``kin``."""
         frame = kin.T[self.joint[body], node]
         return np.matmul(frame[:, None, :, :3], self.ends[body][..., None])[..., 0] + frame[:, None, :, 3]
 
     def placements(self, kin: Kinematics, node: Indices, body: Indices) -> tuple[Array, Array]:
-        """World rotations (K, 3, 3) and translations (K, 3) of the shapes ``body`` at ``node``."""
+        """World rotations (K, 3, 3) and translations (K, 3) [m] of bodies ``body`` (K,) at nodes ``node`` (K,)."""
         frame = kin.T[self.joint[body], node]
         rotation = np.matmul(frame[..., :3], self.rotation[body])
         translation = np.matmul(frame[..., :3], self.translation[body][..., None])[..., 0] + frame[..., 3]
@@ -110,7 +110,10 @@ class BodySet:
 
 
 class MotionBounds:
-    """Static motion radii of a body set.
+    """Bounds on how far bodies move between configurations; see Schwarzer, Saha and Latombe.
+
+    Args:
+        bodies: whose motion is bounded, for all postures within the joint limits.
 
     Attributes:
         radius: (nv, G) static radii; zero where the degree of freedom does not move the body.
@@ -156,10 +159,15 @@ class MotionBounds:
         return out
 
     def tight_travel(self, kin: Kinematics, node: Indices, body: Indices, v: Array) -> Array:
-        """Tighter bounds (K,) [m] for single bodies on the motion from ``node`` along tangent vectors ``v`` (K, nv).
+        """Tighter bounds (K,) [m] on the travel of any point of single bodies.
 
         The distance of a point from an axis changes only by the joints between them, so it is at most what it is at the
         node, plus what those joints move the point meanwhile.
+
+        Args:
+            kin: kinematics of the nodes, with Jacobians.
+            node, body: (K,) where each motion starts, and whose it is.
+            v: (K, nv) tangent vectors of the motions.
         """
         bodies, tree = self.bodies, self.bodies.tree
         ends = bodies.ends_at(kin, node, body)

@@ -119,9 +119,7 @@ class CandidateParts:
         self.scene = scene
         return columns
 
-    def capsule_distance(
-        self, ends: Array, radius: Array, part: Indices, moved: tuple[Array, Array] | None = None
-    ) -> Array:
+    def capsule_distance(self, ends: Array, radius: Array, part: Indices, moved: tuple[Array, Array] | None) -> Array:
         """Lower bounds (K,) [m] of the distances of capsules with ends (K, 2, 3) to the boxes of ``part`` (K,).
 
         ``moved`` has shift (K, 3) and uncertainty (K,) of the parts [m], or is None where nothing moves.
@@ -189,7 +187,7 @@ class NodePrediction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forecast:
-    """Constant velocities of some obstacles from a snapshot on, and bounds of how wrong they can be.
+    """Constant velocities of some obstacles from a snapshot on, and bounds of their errors.
 
     At time t after the snapshot obstacle m is expected at its pose, moved by ``velocity[m]·t``; no point of it is
     further from there than ``offset[m] + speed[m]·|t| + ½·acceleration[m]·t²``. The same bounds hold before it (t < 0):
@@ -200,7 +198,7 @@ class Forecast:
         velocity: (M, 3) expected velocity [m/s], world frame.
         offset: (M,) error of the pose [m]; speed: (M,) of the velocity [m/s], or the bound of an unknown motion;
             acceleration: (M,) largest acceleration [m/s²].
-        horizon: longest time [s] after the snapshot that it speaks of; moving obstacles are ignored beyond.
+        horizon: longest time [s] after the snapshot that it is for; moving obstacles are ignored beyond.
     """
 
     obstacles: Indices
@@ -232,7 +230,7 @@ class Forecast:
 
 
 class MovingParts:
-    """Workspace: which columns of the candidates belong to a forecast's obstacles, and how they moved since the last.
+    """Workspace: which columns of the candidates belong to a forecast's obstacles, and how they have moved.
 
     Attributes:
         prediction: the forecast at the nodes, or None.
@@ -315,27 +313,25 @@ class MovingParts:
         if self.prediction is None:
             return None
         mover = self._mover[part]
-        return self._still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
+        return _with_still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
 
     def between(self, place: Array, part: Indices) -> tuple[Array, Array] | None:
         """The same at places, which are node numbers with fractions."""
         if self.prediction is None:
             return None
         mover = self._mover[part]
-        return self._still(mover, *self.prediction.between(place, mover))
-
-    @staticmethod
-    def _still(mover: Indices, shift: Array, uncertainty: Array) -> tuple[Array, Array]:
-        shift[mover < 0], uncertainty[mover < 0] = 0.0, 0.0
-        return shift, uncertainty
+        return _with_still(mover, *self.prediction.between(place, mover))
 
 
 def _of_columns(prediction: NodePrediction | None, mover: Indices) -> tuple[Array, Array]:
     """Shift (N, C, 3) and uncertainty (N, C) of columns, zero where ``mover`` is −1; N is 1 where nothing moves."""
     if prediction is None:
         return np.zeros((1, len(mover), 3)), np.zeros((1, len(mover)))
+    return _with_still(mover, prediction.shift[:, mover], prediction.uncertainty[:, mover])
+
+
+def _with_still(mover: Indices, shift: Array, uncertainty: Array) -> tuple[Array, Array]:
+    """Shift (…, K, 3) and uncertainty (…, K), set to zero where ``mover`` (K,) is −1: what does not move."""
     still = mover < 0
-    shift, uncertainty = prediction.shift[:, mover], prediction.uncertainty[:, mover]
-    if still.any():
-        shift[:, still], uncertainty[:, still] = 0.0, 0.0
+    shift[..., still, :], uncertainty[..., still] = 0.0, 0.0
     return shift, uncertainty

@@ -5,8 +5,8 @@ all along if d_a + d_b − 2c > Λ, with d_a, d_b lower bounds of its distance a
 Latombe). Where that fails for a pair of body and obstacle part, or of two bodies, this pair alone is measured half-way,
 and the halves are tested again. At the depth floor the answer is *unknown*, never *safe*.
 
-Who wants a proof gives three things to the :class:`Bisection`: the pairs and how they are measured, the intervals that
-are open to begin with, with what is known of them, and what the distances are wanted for.
+A proof gives three things to the :class:`Bisection`: the pairs and how they are measured (:class:`Pairs`), the
+intervals that are open at first, with what is known of them, and what the distances are for (:class:`Search`).
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ class OpenIntervals:
 
     @staticmethod
     def of_segments(pair: Indices, segment: Indices, d_low: Array, d_high: Array, travel: Array) -> OpenIntervals:
-        """Whole segments between nodes at which all has been measured that matters."""
+        """Whole segments ``segment`` (K,) of pairs; the distances at their nodes need not be measured again."""
         known, low = np.ones(len(pair), dtype=bool), segment.astype(float)
         return OpenIntervals(pair, low, low + 1.0, d_low, d_high, known, known, travel)
 
@@ -267,7 +267,7 @@ class Bisection:
         self._v = np.zeros((0, self._space.nv))
 
     def begin(self, kin: Kinematics, v: Array) -> None:
-        """Take another path: its nodes (N), and the tangents (N−1, nv) from each to the next."""
+        """Begin another path: its nodes (N), and the tangents (N−1, nv) from each to the next."""
         self._kin, self._v, self.checks = kin, v, 0
 
     def run(
@@ -382,5 +382,5 @@ class Bisection:
 
 
 def half_turn(bodies: BodySet, segment: int) -> BrokenSegment:
-    """A segment that makes half a turn."""
+    """The report of a segment that makes half a turn."""
     return BrokenSegment(segment, bodies.names[0], "", 0.0, _HALF_TURN, False)

@@ -1,4 +1,4 @@
-"""Narrow phase: exact distances and witness points of pairs, asked of Coal to the last digits.
+"""Narrow phase: exact distances and witness points of pairs, by Coal, to the last digits.
 
 With Coal's own tolerance of 1e-6 m a distance between round shapes is good to 1e-6 m but its normal only to 1e-3. A
 tighter one costs a fifth more and gives normals good to 1e-5. The solver for penetration (EPA) does not always reach
@@ -19,7 +19,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import for_penetration, rounded
+from elastic_strips.robot.coal_shapes import for_penetration, sphere_as_capsule
 from elastic_strips.scene.parts import Part
 
 from .bounds import BodySet
@@ -72,7 +72,7 @@ class PairSolver:
         self._coarse = [_distance_request(epa=tolerance) for tolerance in (1e-4, 1e-3, 1e-2, 0.1)]
 
     def ask(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
-        """Signed distance [m]; ``result`` then holds the normal and the witness points."""
+        """Signed distance [m] of two shapes at poses; ``result`` then holds the normal and the witness points."""
         result = self.result
         result.clear()
         d = pair.apart(one, two, self._apart, result)
@@ -121,7 +121,7 @@ GJK_EXCESS = 1e-5
 
 
 class Narrowphase:
-    """Workspace: Coal functors, transforms and one result object for body–part queries."""
+    """Workspace: exact distances between bodies and obstacle parts; keeps Coal's functors of each pair."""
 
     def __init__(self, bodies: BodySet) -> None:
         self.bodies = bodies
@@ -212,7 +212,7 @@ class Narrowphase:
         probe = self._probes.get(g)
         if probe is None:
             # Coal's box–sphere special case does not keep the smallest of several distances
-            probe = self._probes[g] = coal.CollisionObject(rounded(self.bodies.geometries[g]))
+            probe = self._probes[g] = coal.CollisionObject(sphere_as_capsule(self.bodies.geometries[g]))
         pose = coal.Transform3s(part_rotation.T @ rotation, part_rotation.T @ (translation - part_translation))
         distance, direction, witness = block.nearest(probe, pose)
         # the caller turns directions of its own queries around; this one already points away

@@ -2,7 +2,7 @@
 
 The workspace keeps, for each (node, body, part), a bound that is *never above* the true distance. When a node or a
 part moves, the bound falls by at most how far it moved; only where it falls below the influence distance is a box
-test made, and only where that fails too is Coal asked. So a tick asks for what is near and has moved, and for
+test made, and only where that fails too does Coal measure. So a tick measures what is near and has moved, and
 nothing else.
 """
 
@@ -177,6 +177,7 @@ class ObstacleProximity:
         Args:
             kin: kinematics of the nodes, as last given to :meth:`update`.
             between: kinematics of the M configurations.
+            reach: (M,) [m].
 
         Returns:
             Whether they had to be collected anew; then all bounds have been measured again.
@@ -240,26 +241,12 @@ class ObstacleProximity:
         node, body, part = nonzero(need)
         self._ask(kin, node, body, part, self.influence)
 
-    def refine_at(
-        self,
-        kin: Kinematics,
-        node: Indices,
-        body: Indices,
-        part: Indices,
-        reach: Array,
-    ) -> None:
+    def refine_at(self, kin: Kinematics, node: Indices, body: Indices, part: Indices, reach: Array) -> None:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
         stale = (self.bound[node, body, part] < reach) & (self._since[node, body, part] > 0.0)
         self._ask(kin, node[stale], body[stale], part[stale], reach[stale])
 
-    def _ask(
-        self,
-        kin: Kinematics,
-        node: Indices,
-        body: Indices,
-        part: Indices,
-        reach: Array | float,
-    ) -> None:
+    def _ask(self, kin: Kinematics, node: Indices, body: Indices, part: Indices, reach: Array | float) -> None:
         candidates = self.candidates
         assert candidates is not None
         if len(node) == 0:

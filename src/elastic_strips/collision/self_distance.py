@@ -107,7 +107,7 @@ class SelfProximity:
         self.direction, self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3)), np.zeros((n, s, 3))
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget everything; the next update starts from nothing."""
         self._coordinates = np.zeros((0, 0))
 
     def remap(self, source: Indices) -> None:
@@ -175,7 +175,7 @@ class SelfProximity:
         return segment_distance(*ends) - bodies.radius[one] - bodies.radius[two]
 
     def query(self, kin: Kinematics, node: Indices, pair: Indices) -> tuple[Array, Array, Array, Array]:
-        """Exact signed distances (K,), directions (K, 3) and witness points (K, 3) ×2 of (node, pair)."""
+        """Exact signed distances (K,) [m], directions (K, 3) and witness points (K, 3) on either body, world frame."""
         count = len(node)
         distance = np.empty(count)
         direction, first, second = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
@@ -192,7 +192,7 @@ class SelfProximity:
         return np.fromiter(self._each(kin, node, pair), dtype=float, count=len(node))
 
     def _each(self, kin: Kinematics, node: Indices, pair: Indices) -> Iterator[float]:
-        """Ask Coal for one pair after the other; the solver's result is that of the last."""
+        """Measure one pair after the other; the solver's result is that of the last."""
         self.queries += len(node)
         r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
         r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])

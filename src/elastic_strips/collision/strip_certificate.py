@@ -170,7 +170,7 @@ class Certifier:
         return todo.take(todo.open(clearance))
 
     def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
-        """Have the candidates hold all that long segments may come near; for short ones what is near the nodes will do.
+        """Have the candidates hold all that long segments may come near; those near the nodes do for short ones.
 
         A point of a long segment is no further from the nearest of some configurations on it than half the travel from
         one to the next.
@@ -220,17 +220,8 @@ class _StripSearch:
         self.worst.append(self.pairs.broken(int(segment[k]), int(pair[k]), float(d[k]), certain))
 
 
-def coordinate_clearance(robot: RobotModel, coordinates: Array, scene: Scene, *, tolerance: float = 1e-4) -> float:
-    """Smallest distance [m] between robot and obstacles along interpolated nodes; negative in penetration.
-
-    See :func:`elastic_strips.strip.strip_clearance`.
-
-    Args:
-        robot: the robot.
-        coordinates: (N, nv) nodes.
-        scene: the obstacles.
-        tolerance: accuracy [m].
-    """
+def coordinate_clearance(robot: RobotModel, coordinates: Array, scene: Scene, *, tolerance: float) -> float:
+    """:func:`elastic_strips.strip.strip_clearance` of nodes (N, nv)."""
     if len(scene) == 0:
         return float("inf")
     bodies, v = BodySet.links(robot), robot.space.difference(coordinates[:-1], coordinates[1:])

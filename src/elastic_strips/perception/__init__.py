@@ -1,4 +1,4 @@
-"""Perception: what a robot makes of its range readings: tracks, a map, a scene to plan with."""
+"""Perception: range readings become tracks, a map and a scene to plan with."""
 
 from __future__ import annotations
 

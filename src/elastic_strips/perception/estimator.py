@@ -1,4 +1,4 @@
-"""Scene estimator: readings in, scenes out: a map of what stands, and tracks of what moves."""
+"""Scene estimator: readings in, scenes out: a map of what is at rest, and tracks of what moves."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class SceneEstimator:
         return self.report
 
     def scene(self, t: float | None = None) -> Scene:
-        """The newest scene: what stands, the movers with their velocities, and what possibly moves.
+        """The newest scene: what is at rest, the movers with their velocities, and what possibly moves.
 
         Its ``time`` is the newest scan's.
 
@@ -163,6 +163,14 @@ def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorPara
 
     Every cluster becomes upright solids that hold what was seen, padded: a cylinder where it is round, a thin box where
     it is straight, else a box or several; ``"seen-0"``, ``"seen-1"``, … counter-clockwise.
+
+    Args:
+        scan: of a level sensor.
+        base_pose: (x [m], y [m], yaw [rad]) of the base when it was measured.
+        params: how clusters become solids.
+
+    Raises:
+        ParameterError: a tilted sensor, fewer than two rays, angles that do not ascend, or a pose that is not finite.
     """
     params = params or SceneEstimatorParams()
     solids: list[Obstacle] = []

@@ -1,4 +1,4 @@
-"""Occupancy grid: what stands, as log-odds of cells of the floor, and as obstacles tile by tile."""
+"""Occupancy grid: what is at rest, as log-odds of cells of the floor, and as obstacles tile by tile."""
 
 from __future__ import annotations
 
@@ -102,13 +102,13 @@ class OccupancyGrid:
             self._integrate(origin, direction, reach, ring.range_min, ends)
 
     def forget(self, points: Array) -> None:
-        """The cells about points (n, 2) [m] hold nothing that stands: what was there has moved on."""
+        """Free the cells about points (n, 2) [m]: what was there has moved on."""
         if len(points):
             i, j = self._touched(points)
             self._change(i, j, np.full(len(i), -self.params.floor), at_once=True)
 
     def clear_footprint(self, x: float, y: float) -> None:
-        """The base is at (x, y) [m]: there is nothing but the robot, and unseen space is looked at from there."""
+        """Free the cells under the base at (x, y) [m]; unseen cells about it count from now on."""
         p = self.params
         if p.robot_radius > 0.0:
             i, j = self._disc(np.array([x, y]), p.robot_radius)

@@ -1,4 +1,4 @@
-"""Readings: what range sensors say, as frozen values, and a scan laid out in the world, asked about points there."""
+"""Readings: what range sensors measure, as frozen values, and the rays of a scan in the world."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ class ScanRays:
 
 
 def pose_matrix(base_pose: ArrayLike) -> Array:
-    """T_world_base (4, 4) of a base's pose (x [m], y [m], yaw [rad]) on the floor."""
+    """T_world_base (4, 4) of a base's pose (x [m], y [m], yaw [rad]) on the floor; `ParameterError` if it is none."""
     try:
         x, y, yaw = (float(v) for v in np.asarray(base_pose, dtype=float).tolist())
     except (TypeError, ValueError):

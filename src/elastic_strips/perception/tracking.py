@@ -1,4 +1,4 @@
-"""Tracking: things followed from scan to scan with Kalman filters: what moves, what stands, what is lost."""
+"""Tracking: things followed from scan to scan with Kalman filters: what moves, what is at rest, what is lost."""
 
 from __future__ import annotations
 
@@ -85,10 +85,12 @@ class Track:
 
     @property
     def name(self) -> str:
+        """Of the track and of its obstacle."""
         return f"track-{self.number}"
 
     @property
     def speed(self) -> float:
+        """[m/s]."""
         return math.hypot(self.v[0], self.v[1])
 
     def predict(self, time: float, params: SceneEstimatorParams) -> None:
@@ -143,7 +145,7 @@ class Track:
         self.confirmed = self.confirmed or self.hits >= params.confirm_hits
 
     def significant(self, params: SceneEstimatorParams) -> bool:
-        """Whether it is faster than what stands, and than its uncertainty."""
+        """Whether it is faster than what is at rest, and than its uncertainty."""
         return self.speed >= max(params.min_speed, params.significance * math.sqrt(self.vv))
 
     def recently_moved(self, params: SceneEstimatorParams) -> bool:
@@ -205,7 +207,7 @@ def _noise(cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams, 
 _FORBIDDEN = 1e6
 _VIEW_STEP = 0.04
 _MAX_VIEWS = 64
-_WAY = 0.3
+_DISPLACEMENT = 0.3
 """A thing is looked for where it was this far [m] ago, or as long ago as ``history``."""
 _EVIDENCE = 0.2
 _VOTES = 2
@@ -241,7 +243,7 @@ class Tracker:
         return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
 
     def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Array:
-        """Take a scan in: assign its clusters, judge what was not seen, begin new tracks.
+        """Take a ``sensor``'s scan in: assign its clusters, judge what was not seen, begin new tracks.
 
         Returns:
             (n, 2) points in the world that turned out to belong to a mover: they are not of the static world.
@@ -317,7 +319,7 @@ class Tracker:
 
     def _displaced(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str) -> bool:
         """Whether scans some time apart contradict that a track stands."""
-        then = rays.time - min(self.params.history, _WAY / max(track.speed, 1e-9))
+        then = rays.time - min(self.params.history, _DISPLACEMENT / max(track.speed, 1e-9))
         view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
         if view is None:
             return False

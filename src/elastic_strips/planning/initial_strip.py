@@ -1,9 +1,11 @@
-"""Initial strips: rows along a straight line or a path of the base, and how long their relaxation goes on."""
+"""Initial strips: rows along a straight line or a path of the base, how long they are relaxed, and by whom."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +19,8 @@ from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.solver import project_rolling
 
 from .grid_path import resample
-from .problem import PlanningProblem
+from .ompl_planner import PathResult, ompl_path
+from .problem import Deadline, PlanningProblem
 
 _TURN = 0.35  # largest turn in place between two nodes [rad]
 
@@ -140,7 +143,8 @@ def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayL
         return rows
     steps = np.diff(points, axis=0)
     heading = np.arctan2(steps[:, 1], steps[:, 0])
-    rows[:, 2] = np.unwrap(np.concatenate([heading[:1], _middles(heading), heading[-1:]]))
+    middles = heading[:-1] + 0.5 * wrap_angle(np.diff(heading))
+    rows[:, 2] = np.unwrap(np.concatenate([heading[:1], middles, heading[-1:]]))
     first = _turn(rows[0], float(endpoints[0, 2]))[::-1]
     last = _turn(rows[-1], float(endpoints[1, 2]))
     rows = np.vstack((first[:-1], rows, last[1:]))
@@ -199,11 +203,6 @@ def _bent(points: Array, yaw: float) -> Array:
     return np.vstack((bow, fine[count + 1 :]))
 
 
-def _middles(heading: Array) -> Array:
-    """Heading half-way between each two pieces of the path."""
-    return heading[:-1] + 0.5 * wrap_angle(np.diff(heading))
-
-
 def _turn(row: Array, yaw: float) -> Array:
     """Rows that turn in place from ``row`` to the heading ``yaw``; the row alone where that is a small bend."""
     turn = float(wrap_angle(np.array(yaw - row[2])))
@@ -215,8 +214,7 @@ def _turn(row: Array, yaw: float) -> Array:
     return rows
 
 
-LINE_TICKS = 6
-"""Most ticks that a straight line gets."""
+_LINE_TICKS = 6  # most that a straight line gets
 _LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
 _TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it
 STUCK_TICKS = 6
@@ -226,26 +224,8 @@ _MOST_TICKS = 30  # of a strip along a path, until it is certified
 _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
 
 
-def relax_line(
-    problem: PlanningProblem, strip: Strip, ticks: int, watch: Callable[[DeformReport], object] | None
-) -> DeformReport:
-    """A few ticks of the straight line; it is given up where nodes stay deep inside an obstacle."""
-    deformer, scene = problem.deformer, problem.scene
-    report = deformer.assess(strip, scene)
-    for tick in range(1, ticks + 1):
-        if report.usable or problem.deadline.over():
-            break
-        step = deformer.step(report.strip, scene, nodes=tick > 3)
-        report = replace(step, ticks=tick)
-        if watch is not None:
-            watch(step)
-        if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
-            break  # nodes on both sides of an obstacle: more ticks would not bring them together
-    return report
-
-
 def rows_along(problem: PlanningProblem, path: npt.ArrayLike, make: Callable[..., Array] = waypoint_rows) -> Array:
-    """Rows (N, nv) that ``make`` gives along a path; further apart where they were more than a strip may have."""
+    """Rows (N, nv) along a path, by ``make``; further apart where there were more than a strip may have."""
     spacing, most = problem.spacing, problem.params.max_nodes
     for _ in range(7):
         rows = make(problem.robot, problem.start, problem.goal, path, spacing=spacing)
@@ -316,3 +296,56 @@ def relax_path(
             break
         report = replace(further, ticks=report.ticks + 1, reason=report.reason)
     return report
+
+
+class PathSearch:
+    """What searches for certified strips share: they relax the line and paths, and time that by phase."""
+
+    def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
+        self.problem, self.watch = problem, watch
+        self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+        self.ticks = self.attempts = 0
+
+    @contextmanager
+    def timed(self, phase: str) -> Iterator[None]:
+        """Account the time that a block takes to a phase."""
+        began = perf_counter()
+        yield
+        self.timings[phase] += perf_counter() - began
+
+    def relax_line(self, strip: Strip, relax: bool) -> DeformReport:
+        """A few ticks of the straight line, or none; it is given up where nodes stay deep inside an obstacle."""
+        deformer, scene = self.problem.deformer, self.problem.scene
+        with self.timed("line"):
+            report = deformer.assess(strip, scene)
+            for tick in range(1, _LINE_TICKS + 1 if relax else 1):
+                if report.usable or self.problem.deadline.over():
+                    break
+                step = deformer.step(report.strip, scene, nodes=tick > 3)
+                report = replace(step, ticks=tick)
+                if self.watch is not None:
+                    self.watch(step)
+                if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
+                    break  # nodes on both sides of an obstacle: more ticks would not bring them together
+        return report
+
+    def relax_rows(
+        self, rows: Array, stuck: int | None, over: Callable[[], bool] | None = None
+    ) -> tuple[Strip, DeformReport]:
+        """The strip of rows (N, nv) along a path, and what it relaxes to: :func:`relax_path`."""
+        with self.timed("relaxation"):
+            strip = path_strip(self.problem, rows)
+            return strip, relax_path(self.problem, strip, stuck=stuck, over=over, watch=self.watch)
+
+    def ompl(
+        self, attempt: int, margin: float, timeout: float, box: tuple[Array, Array] | None, deadline: Deadline,
+        fineness: float = 1.0,
+    ) -> PathResult:  # fmt: skip
+        """A path of OMPL, another one for each ``attempt``; for the rest see :func:`ompl_path`."""
+        problem = self.problem
+        with self.timed("planner"):
+            return ompl_path(
+                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
+                margin=margin, timeout=timeout, spacing=problem.spacing, box=box, fineness=fineness,
+                most=problem.params.max_nodes, deadline=deadline,
+            )  # fmt: skip

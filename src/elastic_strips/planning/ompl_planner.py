@@ -23,9 +23,10 @@ from elastic_strips.strip.solver import project_rolling
 from .problem import Deadline
 
 _MAX_PAIRED = 400
+_REACH = 2.0  # [m] that a robot extends from its base, at most
 
 
-class Validity:
+class ValidityChecker:
     """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
     Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
@@ -37,20 +38,17 @@ class Validity:
         margin: distance to keep to obstacles [m].
         low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
             are left out. None takes all.
-        reach: how far [m] the robot extends from its base.
     """
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, *, margin: float,
-        low: Array | None = None, high: Array | None = None, reach: float = 2.0,
-    ) -> None:  # fmt: skip
-        self.robot: RobotModel = robot
-        self.checks: int = 0
+        self, robot: RobotModel, scene: Scene, *, margin: float, low: Array | None = None, high: Array | None = None
+    ) -> None:
+        self.robot, self.checks = robot, 0
         table = scene.table
         rows = np.arange(len(table.parts))
         if low is not None and high is not None and len(rows):
             c, h = table.center[:, :2], table.half_extents[:, :2]
-            near = ((c - h <= high + reach) & (c + h >= low - reach)).all(axis=1)
+            near = ((c - h <= high + _REACH) & (c + h >= low - _REACH)).all(axis=1)
             rows = rows[near]
         shapes = []
         for r in rows:
@@ -181,7 +179,7 @@ def ompl_path(
     base = endpoints[:, :2]
     low, high = (base.min(axis=0) - _WIDEN, base.max(axis=0) + _WIDEN) if box is None else box
     planar = space.planar
-    valid = Validity(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
+    valid = ValidityChecker(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
     for name, q in (("start", start), ("goal", goal)):
         if not valid(q):
             return PathResult(None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, False)
@@ -201,7 +199,7 @@ def ompl_path(
 
 
 def _search(
-    robot: RobotModel, valid: Validity, endpoints: Array, low: Array, high: Array, seed: int, timeout: float,
+    robot: RobotModel, valid: ValidityChecker, endpoints: Array, low: Array, high: Array, seed: int, timeout: float,
     spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
 ) -> Array | None:  # fmt: skip
     """Rows of a path, or None; for one thread at a time."""

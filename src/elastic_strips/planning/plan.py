@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -25,17 +24,8 @@ from elastic_strips.validation import check_count
 from .grid_path import MOST_CELLS, grid_path
 from .homotopy.alternatives import Alternative, AlternativesSearch
 from .homotopy.classes import ObstacleCluster
-from .initial_strip import (
-    LINE_TICKS,  # fmt: skip
-    STUCK_TICKS,
-    line_strip,
-    path_rows,
-    path_strip,
-    relax_line,
-    relax_path,
-    rows_along,
-)
-from .ompl_planner import certify_path, ompl_path
+from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, rows_along
+from .ompl_planner import certify_path
 from .problem import Deadline, PlanningProblem
 
 _log = logging.getLogger(__name__)
@@ -105,7 +95,6 @@ def plan_report(
     params: DeformParams | None = None,
     timeout: float = 10.0,
     bounds: npt.ArrayLike | None = None,
-    line_ticks: int = LINE_TICKS,
     deformer: Deformer | None = None,
     line: bool = True,
     path: npt.ArrayLike | None = None,
@@ -127,7 +116,6 @@ def plan_report(
         timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave. Where None, the base is looked for
             about start and goal, ever wider as attempts fail.
-        line_ticks: most ticks that the straight line gets.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         line: whether to try the straight line at all.
         path: what to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
@@ -138,19 +126,18 @@ def plan_report(
         RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
             pair, or the distance.
-        ParameterError: a count, seed, timeout, number of ticks or bounds outside their range, or a path of another
+        ParameterError: a count, seed, timeout or bounds outside their range, or a path of another
             shape.
     """
-    count, ticks = check_count("count", count, low=1), check_count("line_ticks", line_ticks)
+    count = check_count("count", count, low=1)
     problem = PlanningProblem(
         robot, scene, start, goal, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout
     )
-    ticks = ticks if line else 0
     if count > 1:
-        return _several(problem, count, ticks, path, grid, watch)
+        return _several(problem, count, line, path, grid, watch)
     search = _Search(problem, watch)
     report = search.relaxed(rows_along(problem, path), "path", "given path") if path is not None else None
-    report = report or search.straight(ticks)
+    report = report or search.straight(line)
     if report is None and grid and problem.region is not None:
         direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
         report = search.over_the_grid(_DETOUR * direct + _ASIDE)
@@ -162,11 +149,11 @@ def plan_report(
 
 
 def _several(
-    problem: PlanningProblem, count: int, line_ticks: int, path: npt.ArrayLike | None, grid: bool,
+    problem: PlanningProblem, count: int, line: bool, path: npt.ArrayLike | None, grid: bool,
     watch: Callable[[DeformReport], object] | None,
 ) -> PlanReport:  # fmt: skip
     given = None if path is None else rows_along(problem, path)
-    search = AlternativesSearch(problem, count, line_ticks=line_ticks, given=given, grid=grid, watch=watch)
+    search = AlternativesSearch(problem, count, line=line, given=given, grid=grid, watch=watch)
     search.run()
     found = search.alternatives
     if found:
@@ -181,15 +168,13 @@ def _several(
     )  # fmt: skip
 
 
-class _Search:
-    """Tries one kind of path after the other; each says the report of a certified strip, or None."""
+class _Search(PathSearch):
+    """Tries one kind of path after the other; each returns the report of a certified strip, or None."""
 
     def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
-        self.problem, self.watch = problem, watch
+        super().__init__(problem, watch)
         self.robot, self.scene, self.deadline = problem.robot, problem.scene, problem.deadline
         self.deformer, self.params, self.region = problem.deformer, problem.params, problem.region
-        self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
-        self.ticks = self.attempts = 0
         self.reasons: list[str] = []
         self.best: DeformReport | None = None
         self.hit = ""  # what was last in the way
@@ -201,14 +186,12 @@ class _Search:
         self.calls = self.searches = 0  # of OMPL
         self.fineness = 1.0
 
-    def straight(self, ticks: int) -> PlanReport | None:
-        """The straight line, which gets a few ticks."""
-        mark = perf_counter()
+    def straight(self, relax: bool) -> PlanReport | None:
+        """The straight line, which gets a few ticks, or is looked at as it is."""
         initial = line_strip(self.problem)
         self.initial = initial  # shown where nothing is certified
-        report = relax_line(self.problem, initial, ticks, self.watch)
-        self.ticks += report.ticks if ticks else 0
-        self.timings["line"] += perf_counter() - mark
+        report = self.relax_line(initial, relax)
+        self.ticks += report.ticks if relax else 0
         return self._judged(initial, report, "line", "straight line")
 
     def over_the_grid(self, longest: float) -> PlanReport | None:
@@ -246,12 +229,12 @@ class _Search:
                 break
             self.attempts += 1
             self.box = box
-            mark = perf_counter()
             cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
-            found = grid_path(
-                self.robot, self.scene, problem.start, problem.goal, box=box, inner=inner, most_cells=cells, over=over
-            )
-            self.timings["planner"] += perf_counter() - mark
+            with self.timed("planner"):
+                found = grid_path(
+                    self.robot, self.scene, problem.start, problem.goal,
+                    box=box, inner=inner, most_cells=cells, over=over,
+                )  # fmt: skip
             if found.points is not None:
                 return found.points
             none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
@@ -260,22 +243,15 @@ class _Search:
 
     def with_ompl(self, seconds: float = np.inf) -> PlanReport | None:
         """Paths of RRTConnect, each with another seed, in boxes of several sizes, for some of the time."""
-        problem = self.problem
         deadline = Deadline(min(seconds, self.deadline.left))
         futile, last = 0, ""
         while self.calls < _MOST_CALLS and not deadline.over():
             attempt, searches = self.calls, self.searches
             self.calls += 1
             self.attempts += 1
-            mark = perf_counter()
             self.box = self._ompl_box(searches)
-            found = ompl_path(
-                self.robot, self.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
-                margin=_MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance),
-                timeout=1.0 + 0.5 * searches, spacing=problem.spacing, box=self.box, fineness=self.fineness,
-                most=self.params.max_nodes, deadline=deadline,
-            )  # fmt: skip
-            self.timings["planner"] += perf_counter() - mark
+            margin = _MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance)
+            found = self.ompl(attempt, margin, 1.0 + 0.5 * searches, self.box, deadline, self.fineness)
             self.searches += found.searched
             if found.rows is None:
                 futile += found.searched
@@ -323,11 +299,8 @@ class _Search:
         self, rows: Array, method: str, what: str, stuck: int | None = None, over: Callable[[], bool] | None = None
     ) -> PlanReport | None:
         """What rows (N, nv) along a path relax to."""
-        mark = perf_counter()
-        strip = path_strip(self.problem, rows)
-        report = relax_path(self.problem, strip, stuck=stuck, over=over, watch=self.watch)
+        strip, report = self.relax_rows(rows, stuck, over)
         self.ticks += report.ticks
-        self.timings["relaxation"] += perf_counter() - mark
         return self._judged(strip, report, method, what)
 
     def _judged(self, initial: Strip, report: DeformReport, method: str, what: str) -> PlanReport | None:

@@ -134,7 +134,16 @@ def check_endpoints(
 ) -> tuple[Array, Array]:
     """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
 
-    A warning is logged for what is suspiciously far away or large: lengths are in metres.
+    A warning is logged for what is very far away or large: lengths are in metres.
+
+    Args:
+        robot: the robot.
+        scene: the obstacles, as they stand.
+        start, goal: configurations (nq,).
+        params: with the clearances to keep.
+
+    Returns:
+        Start and goal as arrays.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
@@ -197,7 +206,7 @@ def _warn_of_size(scene: Scene) -> None:
 
 @lru_cache(maxsize=64)
 def _warn_once(message: str) -> None:
-    """Who plans anew at every tick need not hear it at every tick."""
+    """Log a warning once: a planner may be called at every tick."""
     _log.warning("%s", message)
 
 

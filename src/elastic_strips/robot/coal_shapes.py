@@ -7,26 +7,20 @@ the convex hull that contains it.
 from __future__ import annotations
 
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array
 from elastic_strips.errors import RobotError
-
-if TYPE_CHECKING:
-    from scipy.spatial import ConvexHull
+from elastic_strips.hulls import convex_hull, convex_shape
 
 _CIRCLE = np.column_stack(
     (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
 )
 _FARTHEST = 1e3  # [m]
 _THINNEST = 1e-6  # [m]
-_MOST_NEIGHBOURS = 255  # of a corner of a Coal shape
-_LARGE_FACE = 50  # triangles
-_TIP = 1e-5  # [m]
 _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
 SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 """(8, 3) signs of the corners of a box."""
@@ -92,7 +86,7 @@ def faces(geometry: coal.CollisionGeometry) -> npt.NDArray[np.int64]:
     return np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64).reshape(-1, 3)
 
 
-def rounded(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
+def sphere_as_capsule(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
     """A sphere as a capsule of no length, which keeps out of Coal's closed forms for spheres; others as they are."""
     return coal.Capsule(geometry.radius, 0.0) if isinstance(geometry, coal.Sphere) else geometry
 
@@ -105,7 +99,7 @@ def for_penetration(
     Its closed form for a sphere and a cylinder forgets the cylinder's caps once the sphere's centre is inside.
     """
     if {type(one), type(two)} == {coal.Sphere, coal.Cylinder}:
-        return rounded(one), rounded(two)
+        return sphere_as_capsule(one), sphere_as_capsule(two)
     return one, two
 
 
@@ -187,17 +181,8 @@ def contains(geometry: coal.CollisionGeometry, points: Array) -> bool:
     return False
 
 
-def convex_hull(points: Array) -> ConvexHull:
-    """Qhull's convex hull of points (V, 3)."""
-    from scipy.spatial import ConvexHull  # late: slow to import, and robots of primitives need none
-
-    return ConvexHull(points)
-
-
 def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
     """Convex hull of points (V, 3) [m] as a Coal shape.
-
-    The triangles come from scipy: ``coal.Convex.convexHull`` ends the process on points that are nearly flat.
 
     Raises:
         RobotError: a point is not finite or further than 1 km away, or the points are fewer than four or flat.
@@ -213,84 +198,9 @@ def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
     thin = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
     if float(np.ptp((points - middle) @ thin)) < _THINNEST:
         raise flat
-    from scipy.spatial import QhullError
+    from scipy.spatial import QhullError  # late: slow to import, and robots of primitives need none
 
     try:
-        corners, triangles = _hull_triangles(points)
+        return convex_shape(points, name, RobotError)[0]
     except QhullError:
         raise flat from None
-    shape = _coal_convex(corners, triangles)
-    shape.computeLocalAABB()
-    return shape
-
-
-def _coal_convex(corners: Array, triangles: Indices) -> coal.Convex:
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    points.extend(list(corners))
-    faces.extend([coal.Triangle(*abc) for abc in triangles.tolist()])
-    return coal.Convex(points, faces)
-
-
-def _hull_triangles(points: Array) -> tuple[Array, Indices]:
-    """Corners (V, 3) and triangles (T, 3) of a convex hull in which no corner has more neighbours than Coal takes.
-
-    Where one has, as in a wheel's flat side that is cut into a fan, large flat faces are cut into strips: the same
-    hull. An apex that still has too many becomes the corners of a tiny polygon about it: the hull grows by ``_TIP``.
-    """
-    hull = convex_hull(points)
-    corners, triangles = _numbered(points, hull.vertices, hull.simplices)
-    if _neighbours(triangles, len(corners)).max() <= _MOST_NEIGHBOURS:
-        return corners, triangles
-    for _ in range(4):
-        corners, triangles = _numbered(points, hull.vertices, _strips(points, hull))
-        count = _neighbours(triangles, len(corners))
-        if count.max() <= _MOST_NEIGHBOURS:
-            return corners, triangles
-        grown = [corners[count <= _MOST_NEIGHBOURS]]
-        for worst in np.flatnonzero(count > _MOST_NEIGHBOURS):
-            sides = corners[triangles[(triangles == worst).any(axis=1)]]
-            normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
-            outward = np.sum(
-                normals * np.sign(np.sum(normals * (sides[:, 0] - corners.mean(axis=0)), axis=1))[:, None], 0
-            )
-            across = np.linalg.svd(outward[None] / np.linalg.norm(outward))[2][1:]
-            angles = np.linspace(0.0, 2.0 * np.pi, 3 + count[worst] // 100, endpoint=False)
-            grown.append(corners[worst] + _TIP * np.column_stack((np.cos(angles), np.sin(angles))) @ across)
-        points = np.vstack(grown)
-        hull = convex_hull(points)
-    raise RobotError(f"a corner of a convex hull has {count.max()} neighbours; Coal takes {_MOST_NEIGHBOURS}")
-
-
-def _numbered(
-    points: Array, used: npt.NDArray[np.integer], triangles: npt.NDArray[np.integer]
-) -> tuple[Array, Indices]:
-    """The used points alone, and triangles of their new numbers."""
-    number = np.full(len(points), -1, dtype=np.intp)
-    number[used] = np.arange(len(used))
-    return points[used], number[triangles]
-
-
-def _neighbours(triangles: Indices, count: int) -> Indices:
-    """Number of neighbours (V,) of each corner: in a closed surface, that of its triangles."""
-    return np.bincount(triangles.ravel(), minlength=count)
-
-
-def _strips(points: Array, hull: ConvexHull) -> Indices:
-    """The hull's triangles (T, 3), those of each large flat face as one zigzag strip."""
-    _, face, size = np.unique(hull.equations, axis=0, return_inverse=True, return_counts=True)
-    face = face.ravel()  # triangles of one flat face share its plane exactly
-    triangles = list(hull.simplices[size[face] < _LARGE_FACE])
-    for large in np.flatnonzero(size >= _LARGE_FACE):
-        around = np.unique(hull.simplices[face == large])
-        local = points[around] - points[around].mean(axis=0)
-        normal = hull.equations[int(np.argmax(face == large)), :3]
-        first = local[0] / np.linalg.norm(local[0])
-        around = around[np.argsort(np.arctan2(local @ np.cross(normal, first), local @ first))]
-        low, high = 0, len(around) - 1
-        while high - low >= 2:
-            triangles.append(around[[low, low + 1, high]])
-            low += 1
-            if high - low >= 2:
-                triangles.append(around[[low, high - 1, high]])
-                high -= 1
-    return np.array(triangles, dtype=np.intp)

@@ -12,6 +12,7 @@ from .model import RobotModel
 
 DIRECTIONS = 32
 """Number of half planes that bound an outline: it is at most 0.5 % of its radius too large."""
+_UP, _DOWN = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
 
 
 class PlanarFootprint:
@@ -79,32 +80,24 @@ class PlanarFootprint:
         return self.inner_below(np.inf)
 
     def inner_below(self, height: float) -> float:
-        """That of the bodies that reach below ``height`` [m]."""
-        at = -self._extents(-1.0) < height
-        return float(self._outlines()[at].min(axis=1).max(initial=0.0))
+        """Radius [m] of the largest such disc within one of the bodies that reach below ``height`` [m]."""
+        at = -self._supports(_DOWN)[:, 0] < height
+        return float(self._supports(outline_directions())[at].min(axis=1).max(initial=0.0))
 
     @property
     def outer(self) -> float:
         """Radius [m] of a disc about the base's origin that holds the robot."""
-        return float(self._outlines().max(initial=0.0) / np.cos(np.pi / DIRECTIONS))
+        return float(self._supports(outline_directions()).max(initial=0.0) / np.cos(np.pi / DIRECTIONS))
 
     @property
     def height(self) -> float:
         """Height of the highest point [m]."""
-        return float(self._extents(1.0).max(initial=0.0))
+        return float(self._supports(_UP).max(initial=0.0))
 
     def reach(self, low: float = -np.inf, high: float = np.inf) -> float:
         """Radius [m] about the base's origin of a disc that holds the boxes between two heights [m]."""
         at = (self.low <= high) & (self.high >= low)
         return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
-
-    def _outlines(self) -> Array:
-        """(G, DIRECTIONS) how far [m] each body reaches from the base's origin along the outline directions."""
-        return self._supports(outline_directions())
-
-    def _extents(self, sense: float) -> Array:
-        """(G,) how far [m] each body reaches upwards (1) or downwards (−1)."""
-        return self._supports(np.array([[0.0, 0.0, sense]]))[:, 0]
 
     def _supports(self, directions: Array) -> Array:
         """(G, K) how far [m] each body reaches from the base's origin along ``directions`` (K, 3)."""

@@ -15,17 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.hulls import convex_hull
 
-from .coal_shapes import (
-    SIGNS,
-    ShapeKind,
-    box_about,
-    contains,
-    convex_from_vertices,
-    convex_hull,
-    shape_of,
-    support_points,
-)
+from .coal_shapes import SIGNS, ShapeKind, box_about, contains, convex_from_vertices, shape_of, support_points
 
 _log = logging.getLogger(__name__)
 _JOIN_RATIO = 1.06  # two pieces of a body are joined where the joint hull has at most this many times their volume
@@ -192,10 +184,7 @@ def _joined(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
 
 
 def self_pairs(
-    model: pin.Model,
-    pieces: Sequence[LinkGeometry],
-    home: Array,
-    disabled: Iterable[Iterable[str]] | None,
+    model: pin.Model, pieces: Sequence[LinkGeometry], home: Array, disabled: Iterable[Iterable[str]] | None
 ) -> Indices:
     """Pairs (S, 2) of pieces to keep apart.
 

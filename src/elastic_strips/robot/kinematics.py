@@ -87,7 +87,7 @@ class KinematicTree(Summary):
         return tree
 
     def _compare(self, model: pin.Model, data: pin.Data) -> None:
-        """Look once whether the twin computes what Pinocchio does, on this very machine and for arrays of this size.
+        """Compare once with what Pinocchio computes, on this very machine and for arrays of this size.
 
         All proofs rest on it, and NumPy has returned wrong values for single array sizes before.
 
@@ -123,7 +123,11 @@ class KinematicTree(Summary):
 
 
 class Kinematics:
-    """Workspace: aligned joint placements and world Jacobian columns of up to ``capacity`` nodes.
+    """Workspace: aligned joint placements and world Jacobian columns of many nodes.
+
+    Args:
+        tree: of the robot: ``RobotModel.tree``.
+        capacity: number of nodes to make room for; it grows where there are more.
 
     Attributes (valid for the first ``n`` nodes after :meth:`update`):
         T: (njoints, capacity, 3, 4) world placements of the aligned joint frames; T[0] is the identity.
@@ -217,14 +221,15 @@ class Kinematics:
         out = np.matmul(frames[..., :3], local[:, None, :, None])[..., 0] + frames[..., 3]
         return out.transpose(1, 0, 2)
 
-    def point_jacobians(self, node: Indices, joint: Indices, point: Array) -> Array:
-        """LOCAL_WORLD_ALIGNED point Jacobians (K, 3, nv) at world points (K, 3) carried by ``joint`` of ``node``."""
-        columns = self.J[node]
-        linear = columns[..., :3] + np.cross(columns[..., 3:], point[:, None, :])
-        return (linear * self.tree.support[joint][..., None]).transpose(0, 2, 1)
-
     def directional(self, node: Indices, joint: Indices, point: Array, direction: Array) -> Array:
-        """Rows nᵀJ (K, nv) of the point Jacobians at world points (K, 3) along directions (K, 3)."""
+        """Rows nᵀJ (K, nv) of LOCAL_WORLD_ALIGNED point Jacobians: how fast points move along directions.
+
+        Args:
+            node: (K,) nodes.
+            joint: (K,) Pinocchio joint that carries each point.
+            point: (K, 3) world positions [m].
+            direction: (K, 3) directions n, world frame.
+        """
         wrench = np.empty((len(node), 6, 1))
         wrench[:, :3, 0] = direction
         wrench[:, 3, 0] = point[:, 1] * direction[:, 2] - point[:, 2] * direction[:, 1]

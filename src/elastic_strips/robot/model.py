@@ -82,11 +82,6 @@ class RobotModel(Summary):
         """Planned joints without the root."""
         return tuple(self.model.names[i] for i in range(2 if self.space.planar else 1, self.model.njoints))
 
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the postures that :meth:`state` knows: the SRDF's group states."""
-        return tuple(self.states)
-
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
         """Visual geometry; read at the first use, since it is most of what a URDF takes to load.
@@ -94,11 +89,6 @@ class RobotModel(Summary):
         The collision geometry where there is none, or where it cannot be read (a warning).
         """
         return self.visual()
-
-    @property
-    def control_point_names(self) -> tuple[str, ...]:
-        """Names (C) of the control points."""
-        return self.control_point_set.names
 
     def same_as(self, other: RobotModel) -> bool:
         """Whether the other moves alike and has the same shape, so that a proof for one holds for the other."""
@@ -161,7 +151,7 @@ class RobotModel(Summary):
         Joints that the state does not name are as at home; locked ones stay as they are locked.
 
         Args:
-            name: one of ``state_names``.
+            name: one of ``states``.
             x, y, yaw: base pose [m, m, rad]; must be 0 for a fixed base.
 
         Raises:
@@ -177,6 +167,11 @@ class RobotModel(Summary):
 
         A joint outside of its limits by at most 1e-4 rad (or m) is taken to the limit: what files and other programs
         round is no fault.
+
+        Args:
+            q: base x, y [m], cos yaw, sin yaw (planar base), then joints [rad or m]; continuous joints as (cos, sin).
+            what: what to call it in messages.
+            limits: whether joints have to be within their limits.
 
         Raises:
             ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, or outside the joint limits.
@@ -219,7 +214,11 @@ class RobotModel(Summary):
         return array
 
     def self_collision(self, q: ArrayLike) -> tuple[str, str] | None:
-        """Names of two pieces of the robot that touch at a configuration (nq,), or None."""
+        """Names of two pieces of the robot that touch at a configuration (nq,), or None.
+
+        Raises:
+            ConfigurationError: an unsound configuration; limits do not count.
+        """
         data, geometry = self.model.createData(), self.collision_model.createData()
         q = self.check_q(q, limits=False)
         if not pin.computeCollisions(self.model, data, self.collision_model, geometry, q, True):
@@ -267,6 +266,7 @@ class RobotModel(Summary):
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
+            urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
 
         Raises:
             RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed

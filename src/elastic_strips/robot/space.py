@@ -1,8 +1,8 @@
 """The configuration space SE(2) × Rⁿ: base kinds, and batched twins of Pinocchio functions.
 
-Pinocchio works on one configuration a call. A tick needs a whole strip at once, so this room holds
-configurations in *coordinates*: one number per degree of freedom, ``[x, y, yaw, joints…]`` for a planar root
-and ``[joints…]`` for a fixed one, with all arithmetic vectorised over the leading axes. Tests prove it
+Pinocchio works on one configuration a call. A tick needs a whole strip at once, so the library holds configurations
+in *coordinates*: one number per degree of freedom, ``[x, y, yaw, joints…]`` for a planar root and ``[joints…]`` for a
+fixed one, with all arithmetic vectorised over the leading axes. Tests prove it
 equal to ``pin.difference``, ``pin.integrate``, ``pin.interpolate`` and ``pin.dDifference``.
 """
 

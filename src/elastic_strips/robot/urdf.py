@@ -74,7 +74,11 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
     docinfo = element.getroottree().docinfo
     if docinfo.doctype or docinfo.internalDTD is not None:  # another encoding hides it from the search above
         raise RobotError(f"{path}: the {kind} file has a document type, which is not accepted")
-    if b"\0" in text or not _is_utf8(text):  # Pinocchio reads nothing else
+    try:
+        readable = "\0" not in text.decode("utf-8")
+    except UnicodeDecodeError:
+        readable = False
+    if not readable:  # Pinocchio reads nothing else
         raise RobotError(f"{path}: the {kind} file is not UTF-8 text")
     if element.tag != root:
         raise RobotError(f"{path}:{element.sourceline}: root element is <{element.tag}>; a {kind} file has <{root}>")
@@ -84,14 +88,6 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
                 where = f"{path}:{each.sourceline}: <{each.tag!s:.60}>"
                 raise RobotError(f"{where}: attribute {key!s:.60} has {len(value)} characters; at most {_MAX_TEXT}")
     return element
-
-
-def _is_utf8(text: bytes) -> bool:
-    try:
-        text.decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)

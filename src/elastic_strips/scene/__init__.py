@@ -1,4 +1,4 @@
-"""Scene room: what stands and moves around the robot, as immutable snapshots made of convex Coal parts."""
+"""Scene room: obstacles around the robot, at rest or moving, as immutable snapshots made of convex Coal parts."""
 
 from .motion import Keyframes, Motion, PedestrianMotion, Twist, UnknownMotion
 from .obstacle import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Obstacle, Points, Sphere, Voxels

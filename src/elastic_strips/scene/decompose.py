@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.files import read_input
+from elastic_strips.hulls import convex_hull
 
 from .parts import MIN_THICKNESS, flatness
 
@@ -87,7 +88,11 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
 
 
 def load_mesh(path: Path) -> tuple[Array, _Faces]:
-    """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file; `SceneError` says what is wrong."""
+    """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file.
+
+    Raises:
+        SceneError: missing, unreadable, empty, of another kind, without triangles, or with vertices not finite.
+    """
     import trimesh
 
     suffix = path.suffix.lower()
@@ -152,10 +157,10 @@ def _body(vertices: Array, faces: _Faces, body: trimesh.Trimesh) -> list[Array]:
 
 def _fills_hull(vertices: Array, faces: _Faces, volume: float) -> bool:
     """Whether the closed body is convex: all of its faces lie on its hull, and the volume is the hull's."""
-    from scipy.spatial import ConvexHull, QhullError  # late: slow to import
+    from scipy.spatial import QhullError  # late: slow to import
 
     try:
-        hull = ConvexHull(vertices)
+        hull = convex_hull(vertices)
     except QhullError:
         return False
     if abs(volume - hull.volume) > 1e-4 * hull.volume:
@@ -180,7 +185,6 @@ def _plates(vertices: Array, faces: _Faces) -> list[Array]:
 def _covering(vertices: Array, faces: _Faces, hulls: list[Array]) -> list[Array]:
     """Grow ``hulls`` until they hold the surface: each small triangle goes to the hull that it sticks out of least."""
     import trimesh
-    from scipy.spatial import ConvexHull
 
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     split = trimesh.remesh.subdivide_to_size(vertices, faces, max_edge=_SPLIT * size, max_iter=20)
@@ -188,7 +192,7 @@ def _covering(vertices: Array, faces: _Faces, hulls: list[Array]) -> list[Array]
     owner = np.zeros(len(triangles), dtype=np.int64)
     least = np.full(len(triangles), np.inf)
     for k, corners in enumerate(hulls):
-        equations = ConvexHull(corners).equations
+        equations = convex_hull(corners).equations
         out = np.full(len(points), -np.inf)
         for rows in range(0, len(points), 50_000):
             block = slice(rows, rows + 50_000)

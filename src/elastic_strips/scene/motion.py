@@ -11,6 +11,7 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass, fields
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,19 +29,16 @@ _SLACK = 1e-9  # [s] by which a place on a track may be rounded
 
 
 class Motion(abc.ABC):
-    """A rigid motion in the world frame; immutable, but for `PedestrianMotion`."""
+    """A rigid motion in the world frame; immutable, but for `PedestrianMotion`.
+
+    Attributes:
+        relative: Whether it starts from the obstacle's pose; else it gives absolute poses.
+        still: Whether `pose` gives back the pose that it is given: an obstacle stays as it is in all snapshots.
+    """
 
     __slots__ = ()
-
-    @property
-    def relative(self) -> bool:
-        """Whether the motion starts from the obstacle's pose (true) or gives absolute poses (false)."""
-        return True
-
-    @property
-    def still(self) -> bool:
-        """Whether `pose` gives back the pose that it is given: an obstacle stays as it is from snapshot to snapshot."""
-        return False
+    relative: ClassVar[bool] = True
+    still: ClassVar[bool] = False
 
     @abc.abstractmethod
     def pose(self, initial_pose: Array, t: float) -> Array:
@@ -112,6 +110,7 @@ class UnknownMotion(Motion):
         max_speed: Largest speed of any point of the obstacle [m/s].
     """
 
+    still: ClassVar[bool] = True  # as far as is known
     max_speed: float
 
     def __post_init__(self) -> None:
@@ -119,11 +118,6 @@ class UnknownMotion(Motion):
             "UnknownMotion max_speed", self.max_speed, low=0.0, high=MAX_SPEED, unit="m/s", error=SceneError
         )
         object.__setattr__(self, "max_speed", speed)
-
-    @property
-    def still(self) -> bool:
-        """True: as far as is known."""
-        return True
 
     def pose(self, initial_pose: Array, t: float) -> Array:
         """A copy of ``initial_pose`` (4, 4), at all times."""
@@ -154,6 +148,7 @@ class Keyframes(Motion, Summary):
         loop: Repeat with the period ``times[-1] - times[0]``.
     """
 
+    relative: ClassVar[bool] = False
     times: Array
     positions: Array
     quats: Array | None
@@ -204,11 +199,6 @@ class Keyframes(Motion, Summary):
         jumps = bool(loop and opened)
         for f, value in zip(fields(self), (t, p, q, bool(loop), jumps, linear, angular), strict=True):
             object.__setattr__(self, f.name, value)
-
-    @property
-    def relative(self) -> bool:
-        """False: keyframes are absolute."""
-        return False
 
     def pose(self, initial_pose: Array, t: float) -> Array:
         """Pose (4, 4) at time ``t`` [s]; of ``initial_pose`` only the orientation counts, where ``quats`` is None."""
@@ -294,6 +284,7 @@ class PedestrianMotion(Motion):
 
     __slots__ = ("_places", "_rates", "_times", "acceleration", "track")
 
+    relative: ClassVar[bool] = False
     track: Keyframes
     acceleration: float
     _times: list[float]  # begin of each piece of the history [s]; the first reaches back for ever
@@ -341,11 +332,6 @@ class PedestrianMotion(Motion):
     def rate(self, t: float) -> float:
         """ds/dt from the time ``t`` [s] on."""
         return self._rates[self._piece(t)]
-
-    @property
-    def relative(self) -> bool:
-        """False: the track is absolute."""
-        return False
 
     def pose(self, initial_pose: Array, t: float) -> Array:
         """Pose (4, 4) at time ``t`` [s]; see `Keyframes.pose`."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
+from elastic_strips.hulls import convex_shape
 
 MIN_THICKNESS = 1e-6
 """A convex hull thinner than this [m] counts as flat and is refused."""
@@ -98,9 +99,10 @@ def primitive(geometry: coal.CollisionGeometry, half_extents: ArrayLike, radius:
 
 
 def hull_part(vertices: Array, what: str = "vertices") -> Part:
-    """Part of the convex hull of ``vertices`` (V, 3) [m]; `SceneError` if they are flat or fewer than four.
+    """Part of the convex hull of ``vertices`` (V, 3) [m], called ``what`` in messages.
 
-    The Coal geometry is built from Qhull's triangles: ``coal.Convex.convexHull`` crashes the process on coplanar input.
+    Raises:
+        SceneError: the points are flat or fewer than four.
     """
     if len(vertices) < 4:
         raise SceneError(f"{what}: {len(vertices)} points given; a convex hull needs at least 4")
@@ -113,24 +115,17 @@ def hull_part(vertices: Array, what: str = "vertices") -> Part:
             f"{what}: the {len(vertices)} points are flat ({thickness:.3g} m thick); a convex hull needs at least 4 "
             f"points that do not lie in one plane (thickness at least {MIN_THICKNESS:g} m)"
         )
-    from scipy.spatial import ConvexHull, QhullError  # late: slow to import
+    from scipy.spatial import QhullError  # late: slow to import
 
     try:
-        hull = ConvexHull(local)
+        geometry, corners = convex_shape(local, what, SceneError)
     except QhullError as error:
         raise SceneError(f"{what}: no convex hull of {len(vertices)} points: {str(error).splitlines()[0]}") from None
-    corners = local[hull.vertices]
-    number = np.empty(len(local), dtype=np.int64)
-    number[hull.vertices] = np.arange(len(corners))
-    points = coal.StdVec_Vec3s()
-    points.extend(list(corners))
-    triangles = coal.StdVec_Triangle()
-    triangles.extend([coal.Triangle(*abc) for abc in number[hull.simplices].tolist()])
-    geometry = coal.Convex(points, triangles)
-    geometry.computeLocalAABB()
+    half, reach = 0.5 * (high - low), np.abs(corners).max(axis=0)
+    half = np.where(reach > half + 1e-9, reach, half)  # a hull may be larger than its points, and rounding is no growth
     placement = np.eye(4)
     placement[:3, 3] = center
-    return Part(geometry, placement, center, 0.5 * (high - low), float(np.linalg.norm(corners, axis=1).max()))
+    return Part(geometry, placement, center, half, float(np.linalg.norm(corners, axis=1).max()))
 
 
 def flatness(points: Array) -> float:

@@ -103,7 +103,10 @@ def pose_of(at: object, quat: object) -> Array:
 
 
 def check_pose(value: object) -> Array:
-    """Check a pose (4, 4) [m] (or an object with ``.homogeneous`` such as ``pin.SE3``); return a read-only copy."""
+    """Check a pose (4, 4) [m] (or an object with ``.homogeneous`` such as ``pin.SE3``); return a read-only copy.
+
+    A rotation of single precision is made orthonormal.
+    """
     value = getattr(value, "homogeneous", value)
     if not isinstance(value, np.ndarray) or value.dtype != np.float64 or value.shape != (4, 4):
         value = check_points("pose", value, (4, 4))

@@ -156,7 +156,7 @@ class Scene:
                 name = _free_name(obstacle.shape, k, index)
                 given[k] = obstacle.named(name)
                 index[name] = k
-        _fill(self, tuple(o.at(time) for o in given), time)
+        _filled(self, tuple(o.at(time) for o in given), time)
 
     @property
     def table(self) -> PartTable:
@@ -171,7 +171,7 @@ class Scene:
         return table
 
     def obstacle(self, name: str) -> Obstacle:
-        """The obstacle of that name."""
+        """The obstacle of that name; `SceneError` if there is none."""
         return self.obstacles[self._place(name)]
 
     def at(self, t: float) -> Scene:
@@ -210,7 +210,11 @@ class Scene:
         return self._derived(tuple(new), self.time, tuple(sorted(places)))
 
     def with_obstacle(self, obstacle: Obstacle) -> Scene:
-        """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time."""
+        """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time.
+
+        Raises:
+            SceneError: it is no obstacle, or its name is taken.
+        """
         if not isinstance(obstacle, Obstacle):
             raise SceneError(f"this is no obstacle (Box, Sphere, …): {shown(obstacle)}")
         if obstacle.name is None:
@@ -220,7 +224,7 @@ class Scene:
         return _made((*self.obstacles, obstacle.at(self.time)), self.time)
 
     def without(self, name: str) -> Scene:
-        """Snapshot without the obstacle of that name."""
+        """Snapshot without the obstacle of that name; `SceneError` if there is none."""
         k = self._place(name)
         return _made((*self.obstacles[:k], *self.obstacles[k + 1 :]), self.time)
 
@@ -254,7 +258,7 @@ class Scene:
             source = self._table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
-        new = _made(obstacles, time, self, source, changed)
+        new = _filled(object.__new__(Scene), obstacles, time, self, source, changed)
         if source is not None and not changed:
             object.__setattr__(new, "_table", source)
         return new
@@ -344,7 +348,7 @@ class World(Summary):
         return latest
 
     def exists(self, name: str, t: float) -> bool:
-        """Whether the obstacle of that name exists at ``t`` [s]."""
+        """Whether the obstacle of that name exists at ``t`` [s]; `SceneError` if there is none of that name."""
         if name not in self.scene:
             raise SceneError(f"no obstacle {shown(name)} in the world{nearest_name(name, self.scene.names)}")
         return self.appears.get(name, -math.inf) <= t < self.vanishes.get(name, math.inf)
@@ -377,12 +381,15 @@ class World(Summary):
         """Largest speed [m/s] of any point of an obstacle while it exists between ``start`` and ``end`` [s].
 
         Args:
-            name: Of the obstacle; None asks about all of them.
+            name: Of the obstacle; the largest of all of them where None.
             start: Begin of the interval; None is minus infinity.
             end: Its end; None is plus infinity.
 
         Returns:
             The bound; 0 where nothing moves, infinity where a loop of keyframes jumps.
+
+        Raises:
+            SceneError: An unknown name, or an interval that ends before it begins.
         """
         low = -math.inf if start is None else check_time("start", start)
         high = math.inf if end is None else check_time("end", end)
@@ -402,27 +409,20 @@ class World(Summary):
         return World, (self.scene, dict(self.appears), dict(self.vanishes))
 
 
-def _made(
-    obstacles: tuple[Obstacle, ...],
-    time: float,
-    like: Scene | None = None,
-    source: PartTable | None = None,
-    changed: tuple[int, ...] = (),
-) -> Scene:
-    """A scene of named obstacles at their poses; those of ``like`` have the same names."""
-    new = object.__new__(Scene)
-    _fill(new, obstacles, time, like, source, changed)
-    return new
+def _made(obstacles: tuple[Obstacle, ...], time: float) -> Scene:
+    """A scene of named obstacles at their poses."""
+    return _filled(object.__new__(Scene), obstacles, time)
 
 
-def _fill(
+def _filled(
     scene: Scene,
     obstacles: tuple[Obstacle, ...],
     time: float,
     like: Scene | None = None,
     source: PartTable | None = None,
     changed: tuple[int, ...] = (),
-) -> None:
+) -> Scene:
+    """The new scene with its values; the obstacles of ``like`` have the same names."""
     index = {o.name or "": k for k, o in enumerate(obstacles)} if like is None else like._index
     put = object.__setattr__
     put(scene, "obstacles", obstacles)
@@ -432,6 +432,7 @@ def _fill(
     put(scene, "_table", None)
     put(scene, "_source", source)
     put(scene, "_changed", changed)
+    return scene
 
 
 def _free_name(shape: str, place: int, taken: dict[str, int]) -> str:

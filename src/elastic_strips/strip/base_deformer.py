@@ -41,6 +41,7 @@ class PhaseClock:
         self.start()
 
     def start(self) -> None:
+        """Forget all phases and begin anew."""
         self.phases: dict[str, float] = {}
         self._begin = self._last = perf_counter()
 
@@ -158,7 +159,7 @@ class Workspace:
             self._distances(scene)
 
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
-        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none), with what is known."""
+        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none); what is known stays."""
         if not self.holds(strip):
             return
         self.obstacles.remap(source)
@@ -286,6 +287,7 @@ class BaseDeformer(ABC, Generic[R]):
         check_able("watch", watch)
         timings: dict[str, float] = {}
         seconds, queries, ticks = 0.0, 0, 0
+        last: R | None = None
         while True:
             report = self.step(strip, scene, detail=detail)
             strip, ticks = report.strip, ticks + 1
@@ -296,11 +298,20 @@ class BaseDeformer(ABC, Generic[R]):
             if watch is not None:
                 watch(report)
             done = until(report) if callable(until) else until == "certified" and report.usable
+            last = report if last is None else self._with_former(report, last)
             if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
-                return settled_report(report, ticks, timings, seconds, queries)
+                return settled_report(last, ticks, timings, seconds, queries)
+
+    def _with_former(self, report: R, former: R) -> R:
+        """A tick's report in ``settle``, with what it is to have of all ticks before."""
+        return report
 
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
-        """Certify a strip as it is, without moving it."""
+        """Certify a strip as it is, without moving it.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+        """
         self._load(strip, scene)
         return self.workspace.certify(scene)
 

@@ -42,7 +42,7 @@ class OrientationConstraint:
                 raise ParameterError(f"OrientationConstraint.{what}={value!r} must be three numbers, not all 0")
 
     @staticmethod
-    def at(
+    def from_configuration(
         robot: RobotModel,
         q: ArrayLike,
         frame: str,

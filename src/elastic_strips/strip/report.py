@@ -57,8 +57,8 @@ class DeformReport(Summary):
         strip: the deformed strip.
         status, reason: what state it is in, and why.
         certificate: proof of its clearance, segment by segment.
-        node_clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance; of use in
-            control loops. People are shown :attr:`clearance`, that of the whole strip.
+        node_clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance; for
+            control loops; :attr:`clearance` is that of the whole strip.
         scene: the obstacles that it is about.
         energies: potential by force.
         timings: seconds by phase; they sum to ``seconds``.
@@ -156,7 +156,7 @@ def tick_status(certificate: Certificate, rest: bool, wide: str = "") -> tuple[D
 
 
 def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: float, queries: int) -> R:
-    """The report of all ticks: the last one's, with counts and timings summed and a final status."""
+    """The report of all ticks: the last one's, with the counts, timings and seconds of all, and a final status."""
     status, reason = last.status, last.reason
     if status is DeformStatus.DEFORMING:
         if last.usable:

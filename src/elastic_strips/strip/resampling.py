@@ -9,7 +9,7 @@ from elastic_strips.robot import ConfigurationSpace
 
 
 def node_spacing(space: ConfigurationSpace, coordinates: Array, weight: Array) -> Array:
-    """(N−1,) weighted length of each segment, √(vᵀ diag(w) v)."""
+    """(N−1,) weighted length √(vᵀ diag(w) v) [m] of each segment between nodes (N, nv), w = ``weight`` (nv,)."""
     v = space.difference(coordinates[:-1], coordinates[1:])
     return np.sqrt((v * v) @ weight)
 

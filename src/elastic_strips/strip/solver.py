@@ -38,6 +38,7 @@ class System:
         self.energies: dict[str, float] = {}
 
     def clear(self) -> None:
+        """Set everything to zero."""
         self.force[:] = 0.0
         self.diagonal[:] = 0.0
         self.upper[:] = 0.0

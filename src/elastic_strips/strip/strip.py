@@ -48,9 +48,12 @@ class Strip(Summary):
 
     @staticmethod
     def from_coordinates(robot: RobotModel, coordinates: Array, *, ends: Array | None = None) -> Strip:
-        """A strip from coordinate rows (N, nv) that are known to be sound (no checks).
+        """A strip from coordinate rows that are known to be sound (no checks).
 
-        ``ends`` (2, nq) are the configurations of the first and the last row where they are known, to keep every bit.
+        Args:
+            robot: whose strip.
+            coordinates: (N, nv) nodes.
+            ends: (2, nq) configurations of the first and the last node, where these are to stay the same to the bit.
         """
         strip = object.__new__(Strip)
         q = robot.space.from_coordinates(coordinates)
@@ -121,6 +124,10 @@ def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> f
         strip: the strip.
         scene: the obstacles.
         tolerance: accuracy [m].
+
+    Raises:
+        ConfigurationError, SceneError: not a strip, or not a scene.
+        ParameterError: a tolerance that is not positive.
     """
     check_type("strip", strip, Strip, ConfigurationError)
     check_type("scene", scene, Scene, SceneError)

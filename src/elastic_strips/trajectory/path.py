@@ -97,7 +97,7 @@ def _stops(y: Array, s: Array, heading: Array | None) -> Indices:
     A change between forwards and backwards is one of them, unless the base turns so fast about it that no wheel and no
     joint changes its speed abruptly.
     """
-    nodes = spread(s, _MERGE, merge_first=heading is None)
+    nodes = thinned(s, _MERGE, merge_first=heading is None)
     points = y[nodes]
     if heading is not None:  # the robot comes from behind the first node, so a corner right ahead is still one
         points[0] = -0.05 * heading / np.linalg.norm(heading)
@@ -107,7 +107,7 @@ def _stops(y: Array, s: Array, heading: Array | None) -> Indices:
     return np.append(nodes[1:-1][stop], nodes[-1])
 
 
-def spread(s: Array, gap: float, *, merge_first: bool = True) -> Indices:
+def thinned(s: Array, gap: float, *, merge_first: bool = True) -> Indices:
     """Indices of the nodes that stay where those nearer than ``gap`` to the one before are dropped; both ends stay.
 
     Without ``merge_first`` the first node ahead stays even where it is nearer.
@@ -188,6 +188,7 @@ class Curve:
 
     @property
     def length(self) -> float:
+        """Where s ends [m in the metric]."""
         return float(self.knots[-1])
 
     def __call__(self, s: Array) -> tuple[Array, Array, Array]:
@@ -220,7 +221,7 @@ _ROLLING = (0, 0), (0, 1), (0, 2), (2, 1), (2, 2)
 _SLIDING = (0, 0), (1, 0)
 
 
-def follow(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, curve: Curve, window: float) -> Curve:
+def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, curve: Curve, window: float) -> Curve:
     """The curve with shapes that bring the base onto the strip at the end of every window of its length.
 
     The yaw is a sum of travels: it depends on y alone, and no shape used changes it at the end of a window. So how far
@@ -357,7 +358,7 @@ def smooth_path(
     """
     s = line.s[: int(np.searchsorted(line.s, length - 1e-12)) + 1].copy()
     s[-1] = length
-    knots = s[spread(s, _GAP)]
+    knots = s[thinned(s, _GAP)]
     knots = knots[(knots == 0.0) | (knots >= min(lead, length))]
     control = line.travel(greville(knots))
     if heading is not None:
@@ -374,7 +375,7 @@ def smooth_path(
         _keep_range(robot, limits, line.coordinates[0], control)
     curve = Curve.near(knots, control)
     if limits.drive_dim:
-        curve = follow(robot.space, limits, line, curve, window)
+        curve = corrected(robot.space, limits, line, curve, window)
     grid = _grid(knots)
     _, y1, y2 = curve(grid)
     return DrivePath(line.coordinates[0], curve, grid, y1, y2)

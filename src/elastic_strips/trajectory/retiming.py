@@ -32,6 +32,9 @@ _SHARPEST = 10.0  # bend at the start [1/m] up to which it is continued
 _GROWTH = 1.3
 _NOWHERE = 1e-6  # shorter paths are none [m]
 
+_BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)
+_STOPPED = 1e-9  # squared part of the trajectory's own speed that counts as none
+
 
 @dataclass(frozen=True, slots=True)
 class _Start:
@@ -44,10 +47,7 @@ class _Start:
 
 
 class Retimer:
-    """Times the nodes ahead of a robot again and again, as fast as the limits allow.
-
-    It holds nothing that changes: one may serve several threads.
-    """
+    """Times nodes as fast as the limits allow (TOPP-RA). It holds nothing that changes: threads may share one."""
 
     def __init__(self, robot: RobotModel, limits: MotionLimits | None = None, *, dt: float = 0.01) -> None:
         """Prepare for a robot.
@@ -114,7 +114,14 @@ class Retimer:
         return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed)
 
     def full(self, coordinates: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0) -> Trajectory:
-        """All of the nodes (K, nv) from rest to rest, with a stop wherever one is needed; else as :meth:`horizon`."""
+        """All of the nodes from rest to rest, with a stop wherever one is needed.
+
+        Args:
+            coordinates, start_time, speed: as of :meth:`horizon`.
+
+        Raises:
+            ConfigurationError, ParameterError, RetimingError: as :meth:`horizon`.
+        """
         nodes = self._nodes(coordinates)
         check_number("speed", speed, above=0.0, high=1.0)
         start = self._start(start_time, None, None)
@@ -132,8 +139,31 @@ class Retimer:
         return joined(pieces)
 
     def brake(self, trajectory: Trajectory, t: float) -> Trajectory:
-        """The earliest stop on the path of a trajectory from time ``t`` on: :func:`brake` with these limits."""
-        return brake(trajectory, t, limits=self.limits, dt=self.dt)
+        """The trajectory from time ``t`` [s] on, slowed down as fast as the limits allow until it stands.
+
+        The path stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
+        Where that gains nothing (it brakes already, or is at rest) this is what is left of the trajectory; either way
+        it ends at rest if the trajectory does.
+
+        Args:
+            trajectory: what the robot drives; it must keep the limits itself.
+            t: when to begin [s].
+        """
+        rest, limits = trajectory.tail(t), self.limits
+        first = max(int(np.searchsorted(trajectory.time, t, side="right")) - 1, 0)
+        if t > trajectory.end_time - self.dt or not trajectory.v[first:].any():
+            return rest
+        time = trajectory.time[first:]
+        y = np.zeros((len(time), limits.drive_dim + len(limits.joint_speed)))
+        np.cumsum(limits.to_coordinates(trajectory.steps[first:]), axis=0, out=y[1:])
+        v = limits.to_coordinates(trajectory.v[first:])
+        own = _Timed(time, y, v, max(t, trajectory.start_time))
+        for margin in _BRAKE_MARGINS:
+            profile = own.slowest(margin * limits.acceleration)
+            stop = None if profile is None else self._sampled_stop(own, profile, rest.coordinates[0])
+            if stop is not None and stop.end_time <= rest.end_time:
+                return stop
+        return rest
 
     def _nodes(self, coordinates: npt.ArrayLike) -> Array:
         nodes = check_array(
@@ -236,15 +266,23 @@ class Retimer:
         why = broken_limit(time, y, v, a, speed * self._speed, self._acceleration)
         if why:
             return why
-        return _trajectory(self.robot, self.limits, time + start.time, path.start, y, v, a)
+        return self._trajectory(time + start.time, path.start, y, v, a)
 
+    def _sampled_stop(self, own: _Timed, profile: Profile, start: Array) -> Trajectory | None:
+        time = np.arange(np.ceil(profile.duration / self.dt - 1e-9) + 1.0) * self.dt
+        tau, rate, change = profile(np.minimum(time, profile.duration))
+        y, slope, bend = own(tau)
+        v, a = slope * rate[:, None], bend * (rate * rate)[:, None] + slope * change[:, None]
+        v[-1] = a[-1] = 0.0
+        if broken_limit(time, y, v, a, self._speed, self._acceleration):
+            return None
+        return self._trajectory(time + own.begin, start, y, v, a)
 
-def _trajectory(
-    robot: RobotModel, limits: MotionLimits, time: Array, start: Array, y: Array, v: Array, a: Array
-) -> Trajectory:
-    """Travel, velocities and accelerations (M, m) of drive and joints as a trajectory from ``start`` (nv,)."""
-    rows = integrate_travel(robot, limits, start, y)
-    return Trajectory(robot, limits, time, rows, limits.to_tangent(v), limits.to_tangent(a))
+    def _trajectory(self, time: Array, start: Array, y: Array, v: Array, a: Array) -> Trajectory:
+        """Travel, velocities and accelerations (M, m) of drive and joints as a trajectory from ``start`` (nv,)."""
+        limits = self.limits
+        rows = integrate_travel(self.robot, limits, start, y)
+        return Trajectory(self.robot, limits, time, rows, limits.to_tangent(v), limits.to_tangent(a))
 
 
 def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01, speed: float = 1.0) -> Trajectory:
@@ -261,41 +299,6 @@ def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01
         RetimingError: a piece cannot be driven within the limits.
     """
     return Retimer(strip.robot, limits, dt=dt).full(strip.coordinates, speed=speed)
-
-
-_BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)
-_STOPPED = 1e-9  # squared part of the trajectory's own speed that counts as none
-
-
-def brake(trajectory: Trajectory, t: float, *, limits: MotionLimits | None = None, dt: float = 0.01) -> Trajectory:
-    """The trajectory from time ``t`` [s] on, slowed down as fast as the limits allow until it stands.
-
-    The path stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
-    Where that gains nothing (it brakes already, or stands) this is what is left of the trajectory; either way it ends
-    at rest if the trajectory does.
-
-    Args:
-        trajectory: what the robot drives.
-        t: when to begin [s].
-        limits: to brake with; the trajectory's own where None. It must keep them itself.
-        dt: distance of the samples [s].
-    """
-    rest = trajectory.tail(t)
-    limits = trajectory.limits if limits is None else limits
-    first = max(int(np.searchsorted(trajectory.time, t, side="right")) - 1, 0)
-    if t > trajectory.end_time - dt or not trajectory.v[first:].any():
-        return rest
-    time = trajectory.time[first:]
-    y = np.zeros((len(time), limits.drive_dim + len(limits.joint_speed)))
-    np.cumsum(limits.to_coordinates(trajectory.steps[first:]), axis=0, out=y[1:])
-    v = limits.to_coordinates(trajectory.v[first:])
-    own = _Timed(time, y, v, max(t, trajectory.start_time))
-    for margin in _BRAKE_MARGINS:
-        profile = own.slowest(margin * limits.acceleration)
-        stop = None if profile is None else _sampled_stop(own, profile, trajectory, rest.coordinates[0], limits, dt)
-        if stop is not None and stop.end_time <= rest.end_time:
-            return stop
-    return rest
 
 
 class _Timed:
@@ -335,16 +338,3 @@ class _Timed:
                 grid = np.append(time[: i + 1], time[i] - x[i] / (2.0 * u))
                 return Profile.of(grid, np.append(x[: i + 1], 0.0))
         return None
-
-
-def _sampled_stop(
-    own: _Timed, profile: Profile, trajectory: Trajectory, start: Array, limits: MotionLimits, dt: float
-) -> Trajectory | None:
-    time = np.arange(np.ceil(profile.duration / dt - 1e-9) + 1.0) * dt
-    tau, rate, change = profile(np.minimum(time, profile.duration))
-    y, slope, bend = own(tau)
-    v, a = slope * rate[:, None], bend * (rate * rate)[:, None] + slope * change[:, None]
-    v[-1] = a[-1] = 0.0
-    if broken_limit(time, y, v, a, limits.speed, limits.acceleration):
-        return None
-    return _trajectory(trajectory.robot, limits, time + own.begin, start, y, v, a)

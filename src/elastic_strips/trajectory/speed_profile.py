@@ -76,6 +76,7 @@ class Profile:
 
     @property
     def duration(self) -> float:
+        """Time [s] from the start to rest."""
         return float(self.time[-1])
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:

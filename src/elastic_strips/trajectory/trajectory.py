@@ -91,23 +91,18 @@ class Trajectory(Summary):
 
     @property
     def start_time(self) -> float:
+        """Time of the first sample [s]."""
         return float(self.time[0])
 
     @property
     def end_time(self) -> float:
+        """Time of the last sample [s]."""
         return float(self.time[-1])
 
     @property
     def duration(self) -> float:
-        """[s]."""
+        """Time from the first sample to the last [s]."""
         return float(self.time[-1] - self.time[0])
-
-    @property
-    def base_speed(self) -> Array:
-        """(M,) speed of the base [m/s], negative where a differential drive backs up; zeros for a fixed base."""
-        if not self.robot.space.planar:
-            return np.zeros(len(self))
-        return self.v[:, 0].copy() if self.limits.drive_dim == 2 else np.hypot(self.v[:, 0], self.v[:, 1])
 
     @cached_property
     def steps(self) -> Array:
@@ -134,10 +129,6 @@ class Trajectory(Summary):
         v = self.v[i] + s * (self.v[i + 1] - self.v[i])
         a = self.a[i] + s * (self.a[i + 1] - self.a[i])
         return ReferenceState(float(t), coordinates, v, a)
-
-    def shifted(self, start_time: float) -> Trajectory:
-        """The same motion, started at another time [s]."""
-        return replace(self, time=self.time - self.time[0] + start_time)
 
     def tail(self, t: float) -> Trajectory:
         """What is left from time ``t`` [s] on, along the same arcs; the whole of it where ``t`` is before the start.
@@ -213,7 +204,7 @@ class TrajectoryCertifier:
         Args:
             trajectory: ends at rest.
             scene: sensed at ``scene.time``, on the clock of ``trajectory.time``.
-            forecast: of that scene; says for all its moving obstacles where they can be.
+            forecast: of that scene, for all its moving obstacles.
 
         Raises:
             ParameterError: the forecast's horizon is shorter than the motion.

@@ -5,7 +5,17 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pytest
-from brute_force import SHAPES, configuration, distance, link_poses, make_scene, outside, random_coordinates, transform
+from brute_force import (
+    SHAPES,
+    configuration,
+    distance,
+    link_poses,
+    make_scene,
+    outside,
+    random_coordinates,
+    support,
+    transform,
+)
 from scipy.optimize import minimize
 
 from elastic_strips.collision import BodySet, ObstacleProximity
@@ -142,22 +152,6 @@ def over_report(size: float, rng: np.random.Generator) -> float:
         d = coal.distance(coal.Cylinder(r, h), transform(T), slab, transform(np.eye(4)), request, result)
         worst = max(worst, d - gap)
     return worst
-
-
-def support(shape: coal.CollisionGeometry, n: np.ndarray) -> np.ndarray:
-    """Support values (K,) of a shape in directions (K, 3) of its frame, by the textbook formulas."""
-    flat = np.hypot(n[:, 0], n[:, 1])
-    if isinstance(shape, coal.Box):
-        return np.abs(n) @ np.asarray(shape.halfSide)
-    if isinstance(shape, coal.Sphere):
-        return np.full(len(n), shape.radius)
-    if isinstance(shape, coal.Cylinder):
-        return flat * shape.radius + np.abs(n[:, 2]) * shape.halfLength
-    if isinstance(shape, coal.Capsule):
-        return shape.radius + np.abs(n[:, 2]) * shape.halfLength
-    if isinstance(shape, coal.Cone):
-        return np.maximum(n[:, 2] * shape.halfLength, flat * shape.radius - n[:, 2] * shape.halfLength)
-    return (n @ np.asarray(shape.points()).T).max(axis=1)
 
 
 def test_coals_distances_against_support_functions(rng):

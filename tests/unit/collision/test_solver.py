@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.collision.narrowphase import PairSolver, ShapePair
-from elastic_strips.robot.coal_shapes import rounded
+from elastic_strips.robot.coal_shapes import sphere_as_capsule
 
 SHAPES = {
     "point": coal.Sphere(1e-6),
@@ -28,7 +28,7 @@ def test_never_worse_than_coal_itself(one, two, rng):
     solver, pair = PairSolver(), ShapePair.of(SHAPES[one], SHAPES[two])
     a, b = SHAPES[one], SHAPES[two]
     if {type(a), type(b)} == {coal.Sphere, coal.Cylinder}:
-        a, b = rounded(a), rounded(b)
+        a, b = sphere_as_capsule(a), sphere_as_capsule(b)
     for k in range(300):
         at = rng.uniform(-0.6, 0.6, 3)
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]

@@ -10,7 +10,7 @@ import pytest
 from elastic_strips.collision import BrokenSegment, Certificate
 from elastic_strips.control import RunState, Supervisor
 from elastic_strips.planning import straight_line
-from elastic_strips.trajectory import MotionLimits, Retimer
+from elastic_strips.trajectory import MotionLimits, Retimer, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 
 GOOD = Certificate(0.02, np.ones(3, dtype=bool), np.zeros(3, dtype=np.int8), None, 0)
@@ -89,7 +89,7 @@ def test_what_is_refused_and_why(supervisor, motion, silvermate):
     aside = motion.coordinates.copy()
     aside[:, 1] += 0.01
     assert "begins 0.0100 m or rad beside" in refused(replace(motion, coordinates=aside))
-    assert "jump in speed" in refused(motion.tail(motion.start_time + 0.4).shifted(0.1).__class__(
+    assert "jump in speed" in refused(Trajectory(
         silvermate, motion.limits, motion.time[:-20], np.vstack([motion.coordinates[:1], motion.coordinates[21:]]),
         motion.v[20:], motion.a[20:],
     ))  # fmt: skip
@@ -130,7 +130,11 @@ def test_what_does_not_stop_sooner_or_is_beside_the_held_motion_is_no_brake(supe
     stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
     aside = stop.coordinates.copy()
     aside[:, 1] += 0.01
-    for refused in (motion.tail(0.82), replace(stop, coordinates=aside), stop.shifted(-0.1)):
+    for refused in (
+        motion.tail(0.82),
+        replace(stop, coordinates=aside),
+        replace(stop, time=stop.time - stop.start_time - 0.1),
+    ):
         assert not supervisor.brake(refused, "somebody came", 0.8)
         assert supervisor.active is motion
     assert supervisor.update(0.81) is RunState.BRAKING

@@ -85,7 +85,9 @@ def test_a_hand_stays_level_while_the_strip_gives_way(silvermate):
     walls = [Box((6.0, 0.1, 0.3), at=(2.0, side * 0.42, 0.15), name=f"wall{side:+d}") for side in (-1, 1)]
     worst = {}
     for gain in (1e-6, 3.0):
-        deformer = Deformer(silvermate, constraint=OrientationConstraint.at(silvermate, start, "hand_frame", gain=gain))
+        deformer = Deformer(
+            silvermate, constraint=OrientationConstraint.from_configuration(silvermate, start, "hand_frame", gain=gain)
+        )
         assert deformer.constraint is not None
         watch = ConstraintMonitor(deformer.constraint, patience=1000)
         strip = Strip.from_coordinates(silvermate, straight_line(silvermate, start, goal, spacing=0.13))

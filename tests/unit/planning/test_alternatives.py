@@ -121,7 +121,6 @@ def test_no_strip_at_all_is_said(silvermate, caplog) -> None:
         ({"count": True}, "count=True"),
         ({"seed": -1}, "seed=-1"),
         ({"timeout": 0.0}, "timeout=0.0"),
-        ({"line_ticks": -1}, "line_ticks=-1"),
     ],
 )
 def test_wrong_options_are_named(silvermate, options, message) -> None:

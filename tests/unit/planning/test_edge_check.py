@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.planning import ompl_path, straight_line
-from elastic_strips.planning.ompl_planner import Validity, certify_path
+from elastic_strips.planning.ompl_planner import ValidityChecker, certify_path
 from elastic_strips.scene import Box, Cylinder, Scene
 from elastic_strips.strip import Deformer
 
@@ -16,7 +16,7 @@ def test_a_wire_between_two_samples_is_found(jackal_box) -> None:
     coordinates = straight_line(jackal_box, start, goal, spacing=2.0)
     assert len(coordinates) == 5
     plate = Scene([Box((0.001, 2.0, 1.0), at=(1.5, 0.0, 0.5), name="plate")])
-    valid = Validity(jackal_box, plate, margin=0.0)
+    valid = ValidityChecker(jackal_box, plate, margin=0.0)
     coordinates = coordinates[[0, 2, 4]]  # at 0, 2 and 4 m: half a robot is shorter than 0.5 m
     assert all(valid(q.copy()) for q in jackal_box.space.from_coordinates(coordinates))
     certificate = certify_path(Deformer(jackal_box), plate, coordinates)

@@ -10,7 +10,7 @@ from brute_force import link_distances, make_obstacle, self_distances
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
-from elastic_strips.planning.ompl_planner import Validity
+from elastic_strips.planning.ompl_planner import ValidityChecker
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 from elastic_strips.strip import Deformer, DeformParams
 
@@ -192,7 +192,7 @@ def test_validity_equals_brute_force(silvermate, rng, many):
         cells = np.unique(rng.integers(0, 14, (700, 3)), axis=0) * 0.1 - 0.7
         scene = scene.with_obstacle(Voxels(cells * [1, 1, 0.3] + [0, 0, 1.3], 0.04))
     margin = 0.03
-    valid = Validity(silvermate, scene, margin=margin)
+    valid = ValidityChecker(silvermate, scene, margin=margin)
     assert (valid._manager is not None) is many
     space, results = silvermate.space, []
     for _ in range(25 if many else 150):

@@ -321,8 +321,6 @@ def test_wrong_kinds_of_arguments_are_named(silvermate, call, error, message):
         plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(1.0), deformer="x")
     with pytest.raises(InputError, match="path='x'"):
         plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(1.0), path="x")
-    with pytest.raises(InputError, match="line_ticks=-1"):
-        plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(1.0), line_ticks=-1)
 
 
 @pytest.mark.parametrize(

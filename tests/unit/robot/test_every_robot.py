@@ -224,7 +224,7 @@ def test_named_states(tmp_path):
         tmp_path, state("home", elbow=0.5), state("up", shoulder=-1.50004, dial="0 1", turn=-1.5), state("far", wrist=3)
     )
     robot = load_robot(path, base="omni", srdf=semantics)
-    assert robot.state_names == ("home", "up", "far")
+    assert tuple(robot.states) == ("home", "up", "far")
     values = dict(zip(robot.joint_names, robot.space.to_coordinates(robot.state("up", 1.0, 2.0, 0.5))[3:], strict=True))
     assert values == pytest.approx(
         {"shoulder": -1.5, "elbow": 0.5, "wrist": 0.0, "dial": math.pi / 2, "turn": 2 * math.pi - 1.5}

@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, distance, link_poses, outside, random_coordinates
+from brute_force import configuration, distance, link_poses, outside, random_coordinates, support
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -29,22 +29,6 @@ SHAPES = [
     coal.Cone(0.25, 0.5),
     coal.Ellipsoid(0.1, 0.2, 0.3),
 ]
-
-
-def support(shape: coal.CollisionGeometry, n: np.ndarray) -> np.ndarray:
-    """Support values (K,) of a primitive in unit directions (K, 3), by the textbook formulas."""
-    flat = np.hypot(n[:, 0], n[:, 1])
-    if isinstance(shape, coal.Box):
-        return np.abs(n) @ np.asarray(shape.halfSide)
-    if isinstance(shape, coal.Sphere):
-        return np.full(len(n), shape.radius)
-    if isinstance(shape, coal.Cylinder):
-        return flat * shape.radius + np.abs(n[:, 2]) * shape.halfLength
-    if isinstance(shape, coal.Capsule):
-        return shape.radius + np.abs(n[:, 2]) * shape.halfLength
-    if isinstance(shape, coal.Cone):
-        return np.maximum(n[:, 2] * shape.halfLength, flat * shape.radius - n[:, 2] * shape.halfLength)
-    return np.linalg.norm(n * np.asarray(shape.radii), axis=1)
 
 
 def surface_points(shape: coal.CollisionGeometry, rng: np.random.Generator, count: int = 300) -> np.ndarray:

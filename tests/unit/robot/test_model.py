@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 from brute_force import random_configurations
 
-from elastic_strips.catalogue import robot_summary
+from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import ConfigurationError, InputError, RobotError
 from elastic_strips.robot import BaseKind, RobotModel, load_robot, robot_names
 
@@ -25,7 +25,7 @@ def test_named_robots(silvermate, tiago):
     for robot in (silvermate, tiago):
         assert robot.base_kind is BaseKind.DIFF_DRIVE
         assert robot.model.joints[1].shortname() == "JointModelPlanar"
-        assert robot_summary(robot.name)
+        assert find_robot(robot.name).summary
     assert silvermate.joint_names == ARM
     assert tiago.joint_names == ("torso_lift_joint", *ARM)
     assert (silvermate.nq, silvermate.nv) == (11, 10)
@@ -189,7 +189,7 @@ def test_locked_refuses(gantry_urdf, locked, message):
 
 
 def test_default_control_points_are_base_joints_and_hand(silvermate, rng):
-    assert silvermate.control_point_names == ("P_m", *(f"P_{i}" for i in range(1, 8)), "P_hand")
+    assert silvermate.control_point_set.names == ("P_m", *(f"P_{i}" for i in range(1, 8)), "P_hand")
     q = random_configurations(silvermate, rng, 1)[0]
     data = silvermate.model.createData()
     pin.framesForwardKinematics(silvermate.model, data, q)
@@ -204,7 +204,7 @@ def test_default_control_points_are_base_joints_and_hand(silvermate, rng):
 def test_control_points_of_ones_own(gantry_urdf, rng):
     given = {"lens": "camera", "pen": ("tip", (0.0, 0.02, -0.3))}
     robot = load_robot(gantry_urdf, base="omni", control_points=given)
-    assert robot.control_point_names == ("lens", "pen")
+    assert robot.control_point_set.names == ("lens", "pen")
     q = random_configurations(robot, rng, 1)[0]
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import spatial
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import (
@@ -226,6 +227,25 @@ def test_hull_distance_agrees_with_the_support_function(seed, count):
     assert distance >= (far @ direction - (points @ direction).max()) - 1e-5
     assert np.all(np.abs(points - part.center) <= part.half_extents + 1e-12)
     assert np.all(np.linalg.norm(points - part.center, axis=1) <= part.radius + 1e-12)
+
+
+@pytest.mark.parametrize("apexes", [[[0.0, 0.0, 0.4]], [[0.0, 0.0, 0.4], [0.0, 0.0, -0.3]]])
+def test_a_hull_with_a_corner_of_many_neighbours_becomes_an_obstacle(apexes):
+    """Cones over 600 corners: all is inside, the bounds hold the shape, and it is hardly larger."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 600, endpoint=False)
+    points = np.vstack((np.column_stack((0.3 * np.cos(turn), 0.3 * np.sin(turn), np.zeros(600))), apexes))
+    part = ConvexHull(points).parts[0]
+    corners = np.asarray(part.geometry.points()).reshape(-1, 3)
+    assert outside(points - part.center, corners).max() < 1e-9
+    assert outside(corners + part.center, points).max() < 2e-5
+    assert np.all(np.abs(corners) <= part.half_extents + 1e-12)
+    assert np.all(np.linalg.norm(corners, axis=1) <= part.radius + 1e-12)
+
+
+def outside(points, corners):
+    """How far (V,) [m] points stick out of the convex hull of others."""
+    hull = spatial.ConvexHull(corners)
+    return (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
 
 
 def test_obstacles_compare_by_identity():

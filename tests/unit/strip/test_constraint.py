@@ -55,7 +55,9 @@ def test_the_error_is_the_angle_that_pinocchio_sees(silvermate, rng):
 
 def test_a_frame_is_kept_as_it_is(silvermate):
     q = silvermate.home(yaw=0.7)
-    force = ConstraintForce(silvermate, OrientationConstraint.at(silvermate, q, "hand_frame", tolerance=0.2))
+    force = ConstraintForce(
+        silvermate, OrientationConstraint.from_configuration(silvermate, q, "hand_frame", tolerance=0.2)
+    )
     assert force.constraint.tolerance == 0.2
     kin = Kinematics(silvermate.tree, 2)
     turned = silvermate.home(x=1.0, yaw=-2.0)  # turning about the direction is free
@@ -95,4 +97,4 @@ def test_unknown_frames_are_named(silvermate):
     with pytest.raises(RobotError, match="hand_fram"):
         ConstraintForce(silvermate, OrientationConstraint(frame="hand_fram"))
     with pytest.raises(RobotError, match="hand_fram"):
-        OrientationConstraint.at(silvermate, silvermate.home(), "hand_fram")
+        OrientationConstraint.from_configuration(silvermate, silvermate.home(), "hand_fram")

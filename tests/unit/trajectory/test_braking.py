@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drivable import arcs, limits_of, most_used
 
-from elastic_strips.trajectory.retiming import Retimer, brake
+from elastic_strips.trajectory.retiming import Retimer
 from elastic_strips.trajectory.trajectory import Trajectory, stationary
 
 
@@ -54,28 +54,30 @@ def test_a_stop_on_the_way(name, request):
 def test_as_short_as_the_motors_allow(silvermate):
     nodes = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (20, 1))
     nodes[:, 0] = 0.2 * np.arange(20)
-    way = Retimer(silvermate).full(nodes)
+    retimer = Retimer(silvermate)
+    way = retimer.full(nodes)
     t = 0.5 * way.end_time
     speed = way.at(t).v[0]
     assert speed > 0.9
-    stop = brake(way, t)
+    stop = retimer.brake(way, t)
     exact = speed**2 / (2.0 * 1.2)
     assert exact <= stop.coordinates[-1, 0] - stop.coordinates[0, 0] <= 1.04 * exact
-    harder = brake(way, t, limits=way.limits.scaled(1.0, 2.0))
+    harder = Retimer(silvermate, way.limits.scaled(1.0, 2.0)).brake(way, t)
     assert 0.5 * exact <= harder.coordinates[-1, 0] - harder.coordinates[0, 0] <= 0.54 * exact
     np.testing.assert_allclose(harder.limits.drive_acceleration, 2.4)
 
 
 def test_nothing_left_to_brake(silvermate):
-    way = Retimer(silvermate).full(arcs(silvermate, 1), start_time=1.0)
-    over = brake(way, way.end_time + 1.0)
+    retimer = Retimer(silvermate)
+    way = retimer.full(arcs(silvermate, 1), start_time=1.0)
+    over = retimer.brake(way, way.end_time + 1.0)
     assert over.at_rest_at_end
     np.testing.assert_array_equal(over.coordinates[-1], way.coordinates[-1])
-    early = brake(way, 0.0)
+    early = retimer.brake(way, 0.0)
     assert early.start_time == way.start_time
     np.testing.assert_array_equal(early.coordinates[0], way.coordinates[0])
     assert np.abs(early.coordinates[-1] - way.coordinates[0]).max() < 0.01
-    late = brake(way, way.end_time - 0.05)
+    late = retimer.brake(way, way.end_time - 0.05)
     assert late.at_rest_at_end
     assert late.end_time <= way.end_time + 1e-9
 

@@ -186,7 +186,7 @@ def test_a_start_faster_than_asked_is_braked(silvermate, tiago):
         retimer = Retimer(robot, limits)
         nodes = arcs(robot, 4)
         motion = retimer.horizon(nodes)
-        t = float(motion.time[int(np.argmax(motion.base_speed))])
+        t = float(motion.time[int(np.argmax(motion.v[:, 0]))])
         state = motion.at(t)
         assert state.v[0] > 0.8
         slower = retimer.horizon(
@@ -217,8 +217,8 @@ def test_a_cusp_ends_a_horizon_and_is_passed_by_the_whole(silvermate):
     rest = np.flatnonzero(~whole.v.any(axis=1))
     assert len(rest) == 3, "start, cusp, end"
     assert np.abs(silvermate.space.difference(whole.coordinates[rest[1]], nodes[19])).max() < 1e-3
-    assert (whole.base_speed[: rest[1]] >= 0.0).all()
-    assert (whole.base_speed[rest[1] :] <= 0.0).all()
+    assert (whole.v[: rest[1], 0] >= 0.0).all()
+    assert (whole.v[rest[1] :, 0] <= 0.0).all()
 
 
 def test_turning_in_place_and_driving(silvermate):

@@ -63,10 +63,7 @@ def test_what_a_tail_keeps(robot, motion, rng):
     assert not over.v.any()
 
 
-def test_shifting_and_the_strip(robot, motion):
-    shifted = motion.shifted(11.0)
-    assert (shifted.start_time, shifted.duration) == (11.0, pytest.approx(motion.duration))
-    np.testing.assert_array_equal(shifted.coordinates, motion.coordinates)
+def test_the_samples_as_a_strip(robot, motion):
     strip = motion.strip()
     assert strip.robot is robot
     np.testing.assert_array_equal(strip.coordinates, motion.coordinates)
@@ -74,13 +71,11 @@ def test_shifting_and_the_strip(robot, motion):
 
 
 def test_speeds_of_base_and_wheels(robot, motion):
-    assert len(motion) == len(motion.time) == len(motion.base_speed)
+    assert len(motion) == len(motion.time)
     limits = motion.limits
-    k = limits.drive_dim
     np.testing.assert_allclose(limits.to_coordinates(motion.v), motor_travel(robot, limits, motion.v), atol=1e-14)
-    if k == 2:
-        np.testing.assert_array_equal(motion.base_speed, motion.v[:, 0])
-    assert (motion.base_speed >= 0.0).all()
+    if limits.drive_dim == 2:
+        assert (motion.v[:, 0] >= 0.0).all()
 
 
 def test_backwards_is_negative(silvermate):
@@ -88,8 +83,8 @@ def test_backwards_is_negative(silvermate):
     nodes = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (6, 1))
     nodes[:, 0] = -0.2 * np.arange(6)
     motion = Retimer(silvermate, limits).full(nodes)
-    assert motion.base_speed.min() < -0.5
-    assert motion.base_speed.max() <= 0.0
+    assert motion.v[:, 0].min() < -0.5
+    assert motion.v[:, 0].max() <= 0.0
 
 
 def test_it_is_a_frozen_copy(silvermate, motion):

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
-from elastic_strips.planning.ompl_planner import Validity
+from elastic_strips.planning.ompl_planner import ValidityChecker
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Scene
@@ -141,7 +141,7 @@ class InverseKinematics:
         if not self.robot.space.planar:
             return self.with_arm(scene, q, task)
         target = np.asarray(task.position[:2])
-        free = Validity(self.robot, scene, margin=self.margin)
+        free = ValidityChecker(self.robot, scene, margin=self.margin)
         begins = []
         for radius in _RING:
             for angle in np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False) + self.rng.uniform(0.0, 0.5):
@@ -174,7 +174,7 @@ class InverseKinematics:
         frame = self._frame(task.frame)
         target = np.asarray(task.position, dtype=float)
         turn = None if task.quaternion is None else pin.Quaternion(np.asarray(task.quaternion)).normalized().matrix()
-        valid = Validity(self.robot, scene, margin=self.margin)
+        valid = ValidityChecker(self.robot, scene, margin=self.margin)
         best = ReachResult(None, np.inf, 0.0, "nothing was tried")
         touching = 0
         for begin in begins:

@@ -5,19 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 from elastic_strips.arrays import Array
-from elastic_strips.planning.initial_strip import (
-    LINE_TICKS,
-    STUCK_TICKS,
-    line_strip,
-    path_rows,
-    path_strip,
-    relax_line,
-    relax_path,
-)
-from elastic_strips.planning.ompl_planner import ompl_path
+from elastic_strips.planning.initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.strip import Strip
 from elastic_strips.strip.params import DeformParams
@@ -73,7 +63,7 @@ def base_path(strip: Strip) -> Array:
     return strip.robot.space.to_coordinates(strip.sample(0.1))[:, :2]
 
 
-class AlternativesSearch:
+class AlternativesSearch(PathSearch):
     """Workspace: looks for certified strips of different classes.
 
     The straight line is relaxed, paths over a grid that differ in class, and paths of OMPL with other seeds where they
@@ -85,7 +75,7 @@ class AlternativesSearch:
         without: classes among ``clusters`` that are not wanted, because they are there already.
         clusters: of the scene, about start and goal; found where None.
         ompl_attempts: most calls of OMPL.
-        line_ticks: most ticks that the straight line gets.
+        line: whether the straight line gets ticks, or is looked at as it is.
         given: rows (N, nv) to relax first, or None.
         grid: whether paths over a grid are looked for.
         watch: called with every tick's report.
@@ -101,30 +91,26 @@ class AlternativesSearch:
 
     def __init__(
         self, problem: PlanningProblem, count: int, *, without: Collection[HomotopyClass] = (),
-        clusters: ClusterMap | None = None, ompl_attempts: int = 3, line_ticks: int = LINE_TICKS,
+        clusters: ClusterMap | None = None, ompl_attempts: int = 3, line: bool = True,
         given: Array | None = None, grid: bool = True, watch: Callable[[DeformReport], object] | None = None,
     ) -> None:  # fmt: skip
-        self._problem, self._count, self._watch = problem, count, watch
+        super().__init__(problem, watch)
+        self._count, self._line, self._grid = count, line, grid
         self._without, self._ompl_attempts, self._given = frozenset(without), ompl_attempts, given
-        self._line_ticks, self._grid = line_ticks, grid
         self.found: dict[HomotopyClass, Alternative] = {}
         self.initial: dict[HomotopyClass, Strip] = {}
         self.best: tuple[DeformReport, Strip] | None = None
-        self.reason: str = ""
-        self.attempts: int = 0
-        self.ticks: int = 0
-        self.timings: dict[str, float] = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+        self.reason = ""
         self._notes: list[str] = []
         self._classes = 1  # that the grid knows
-        began = perf_counter()
         if clusters is None and problem.region is not None:
             region = problem.region
-            clusters = cluster_map(
-                problem.robot, problem.scene, region.endpoints, box=region.given, over=problem.deadline.over
-            )
+            with self.timed("planner"):
+                clusters = cluster_map(
+                    problem.robot, problem.scene, region.endpoints, box=region.given, over=problem.deadline.over
+                )
         self._map = clusters
-        self.clusters: tuple[ObstacleCluster, ...] = clusters.clusters if clusters is not None else ()
-        self.timings["planner"] += perf_counter() - began
+        self.clusters = clusters.clusters if clusters is not None else ()
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
@@ -144,26 +130,20 @@ class AlternativesSearch:
             _log.warning("%s", self.reason)
 
     def _over(self) -> bool:
-        return len(self.found) >= self._count or self._problem.deadline.over()
+        return len(self.found) >= self._count or self.problem.deadline.over()
 
     def _relax_line(self) -> None:
         """The straight line, which is given up early, unless its class is there already."""
-        problem = self._problem
-        strip = line_strip(problem)
-        if self._class(strip) in self._without:
-            return
-        mark = perf_counter()
-        report = relax_line(problem, strip, self._line_ticks, self._watch)
-        self.timings["line"] += perf_counter() - mark
-        self._add(strip, report, "line", "straight line")
+        strip = line_strip(self.problem)
+        if self._class(strip) not in self._without:
+            self._add(strip, self.relax_line(strip, self._line), "line", "straight line")
 
     def _relax_grid(self, clusters: ClusterMap) -> None:
-        problem, mark = self._problem, perf_counter()
-        paths = homotopy_paths(
-            problem.robot, problem.scene, problem.start, problem.goal,
-            count=2 * self._count + len(self._without) + 1, clusters=clusters,
-        )  # fmt: skip
-        self.timings["planner"] += perf_counter() - mark
+        problem, count = self.problem, 2 * self._count + len(self._without) + 1
+        with self.timed("planner"):
+            paths = homotopy_paths(
+                problem.robot, problem.scene, problem.start, problem.goal, count=count, clusters=clusters
+            )
         self._classes = len(paths)
         for path in paths:
             if self._over():
@@ -175,19 +155,13 @@ class AlternativesSearch:
                     break
 
     def _relax_ompl(self) -> None:
-        problem = self._problem
-        region, hopeless = problem.region, bool(self.found or self._without) and not self.clusters
+        region, hopeless = self.problem.region, bool(self.found or self._without) and not self.clusters
         for attempt in range(self._ompl_attempts):
             if hopeless or self._over():
                 return
-            mark = perf_counter()
-            path = ompl_path(
-                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
-                margin=_MARGINS[min(attempt, len(_MARGINS) - 1)], timeout=1.0, spacing=problem.spacing,
-                box=region.box(2.0 * 1.6**attempt) if region else None, most=problem.params.max_nodes,
-                deadline=problem.deadline,
-            )  # fmt: skip
-            self.timings["planner"] += perf_counter() - mark
+            margin = _MARGINS[min(attempt, len(_MARGINS) - 1)]
+            box = region.box(2.0 * 1.6**attempt) if region else None
+            path = self.ompl(attempt, margin, 1.0, box, self.problem.deadline)
             if path.rows is None:
                 self._notes.append(path.reason)
             else:
@@ -198,19 +172,15 @@ class AlternativesSearch:
 
     def _relax(self, rows: Array, method: str, what: str) -> bool:
         """Relax rows (N, nv); whether that gave a certified strip."""
-        problem, mark = self._problem, perf_counter()
-        strip = path_strip(problem, rows)
-        report = relax_path(problem, strip, stuck=STUCK_TICKS, watch=self._watch)
-        self.timings["relaxation"] += perf_counter() - mark
-        return self._add(strip, report, method, what)
+        return self._add(*self.relax_rows(rows, STUCK_TICKS), method, what)
 
     def _add(self, strip: Strip, report: DeformReport, method: str, what: str) -> bool:
         """Take in what a strip was relaxed to; whether that is certified."""
-        problem, mark = self._problem, perf_counter()
+        problem = self.problem
         self.attempts += 1
         if report.usable:
-            report = self._shortened(report)
-        self.timings["relaxation"] += perf_counter() - mark
+            with self.timed("relaxation"):
+                report = self._shortened(report)
         self.ticks += report.ticks
         failure = problem.failure(report)
         if failure:
@@ -229,7 +199,7 @@ class AlternativesSearch:
 
     def _shortened(self, report: DeformReport) -> DeformReport:
         """A few ticks more, as long as they keep the strip usable and are of use."""
-        problem = self._problem
+        problem = self.problem
         for _ in range(_FURTHER_TICKS):
             further = problem.deformer.step(report.strip, problem.scene)
             if not further.usable:
@@ -246,9 +216,9 @@ class AlternativesSearch:
         text = f"{found}{more} certified strip{'' if found == 1 else 's'} of different classes"
         if found >= count:
             return text
-        if not self._problem.robot.space.planar:
+        if not self.problem.robot.space.planar:
             why = "the base is fixed: there is one class only"
-        elif self._problem.deadline.over():
+        elif self.problem.deadline.over():
             why = "the time was over"
         elif not self.clusters:
             why = "nothing stands in the way that could be passed on another side"

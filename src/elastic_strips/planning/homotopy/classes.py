@@ -179,7 +179,7 @@ def homotopy_class(path_xy: npt.ArrayLike, clusters: Sequence[ObstacleCluster]) 
 def separating_obstacles(
     one: npt.ArrayLike, other: npt.ArrayLike, clusters: Sequence[ObstacleCluster]
 ) -> dict[str, str]:
-    """Components between two paths with the same ends, the largest first, with the side on which ``one`` passes.
+    """Clusters between two paths (K, 2) [m] with the same ends, the largest first, and on which side ``one`` passes.
 
     Returns:
         cluster → ``"left"`` or ``"right"``, seen along the path; the other path passes on the other side. A cluster
@@ -219,13 +219,7 @@ class HomotopyPath:
 
 
 def homotopy_paths(
-    robot: RobotModel,
-    scene: Scene,
-    start: Array,
-    goal: Array,
-    *,
-    count: int,
-    clusters: ClusterMap | None = None,
+    robot: RobotModel, scene: Scene, start: Array, goal: Array, *, count: int, clusters: ClusterMap | None = None
 ) -> tuple[HomotopyPath, ...]:
     """At most ``count`` paths of different classes, the cheapest of each class found, cheapest first.
 

@@ -152,7 +152,12 @@ class StripSet:
         return len(self._members)
 
     def plan(self, scene: Scene, start: npt.ArrayLike, *, timeout: float = 5.0) -> StripSetReport:
-        """Forget all strips and plan new ones, for ``timeout`` [s] at most.
+        """Forget all strips and plan new ones.
+
+        Args:
+            scene: the obstacles, as they stand.
+            start: configuration (nq,) where the robot is.
+            timeout: longest time [s].
 
         Raises:
             ConfigurationError: start or goal is not sound, or in collision; names the pair.
@@ -201,7 +206,7 @@ class StripSet:
         return self._report(events, fresh, planned=planned)
 
     def leave(self, scene: Scene, start: npt.ArrayLike, why: str) -> StripSetReport:
-        """Follow another strip than the current one, which whoever follows it has given up.
+        """Follow another strip than the current one, because the robot cannot follow that one any more.
 
         The cheapest that is certified from where the robot is, after up to ``patience`` ticks each. Where there is
         none, all strips are forgotten: `best` of the report is None.
@@ -209,7 +214,7 @@ class StripSet:
         Args:
             scene: the obstacles.
             start: configuration (nq,) where the robot is.
-            why: the current one was given up.
+            why: the reason, for the report's events.
 
         Raises:
             ConfigurationError: a start that is not sound.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -18,8 +17,7 @@ from elastic_strips.strip.base_deformer import BaseDeformer, TickResult
 from elastic_strips.strip.forces import repulsive_potential
 from elastic_strips.strip.params import StripParams
 from elastic_strips.strip.report import DeformReport, DeformStatus, StripForces, tick_status
-from elastic_strips.strip.strip import Strip
-from elastic_strips.validation import Count, NonNegative, Positive, check_able, check_type
+from elastic_strips.validation import Count, NonNegative, Positive, check_type
 
 from .equations import control_point_repulsion, elastic_force, elastic_torque, explicit_step, map_to_joints
 
@@ -60,7 +58,7 @@ class PaperReport(DeformReport):
     """Result of one tick, or of :meth:`PaperDeformer.settle`. The protective hulls are always there, and they count.
 
     Attributes:
-        heading_step: largest turn of the mobile in one update [rad].
+        heading_step: largest turn of the mobile in one update [rad]; after ``settle`` that of all ticks.
     """
 
     connectivity_counts: ClassVar[bool] = True
@@ -123,29 +121,10 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         self._self_floor = np.minimum(0.8 * self.workspace.self_home, params.self_margin)
         self._heading_step = 0.0
 
-    def settle(
-        self,
-        strip: Strip,
-        scene: Scene,
-        *,
-        max_ticks: int | None = None,
-        until: str | Callable[[PaperReport], bool] = "rest",
-        watch: Callable[[PaperReport], object] | None = None,
-        detail: bool = False,
-    ) -> PaperReport:
-        """As :meth:`Deformer.settle`; ``heading_step`` is that of all ticks."""
-        turns: list[float] = []
-
-        def note(report: PaperReport) -> None:
-            turns.append(report.heading_step)
-            if watch is not None:
-                watch(report)
-
-        check_able("watch", watch)
-        last = super().settle(strip, scene, max_ticks=max_ticks, until=until, watch=note, detail=detail)
-        return replace(last, heading_step=max(turns))
-
     # the parts of a tick
+
+    def _with_former(self, report: PaperReport, former: PaperReport) -> PaperReport:
+        return replace(report, heading_step=max(report.heading_step, former.heading_step))
 
     def _iterate(self, scene: Scene) -> TickResult:
         """The updates of one tick; the kinematics follow all but the last."""

@@ -82,13 +82,7 @@ def map_to_joints(kin: Kinematics, joint: Indices, points: Array, force: Array) 
 
 
 def explicit_step(
-    torque: Array,
-    mobile_force: Array,
-    *,
-    planar: bool,
-    alpha: Array,
-    transfer_tilt: float,
-    yaw: Array,
+    torque: Array, mobile_force: Array, *, planar: bool, alpha: Array, transfer_tilt: float, yaw: Array
 ) -> Array:
     """Displacements (N, nv) by Eqs. 8–9: δθ = α τ, δx = f_x, δy = f_y, δφ = α_m τ_m; the ends stay.
 
