@@ -268,10 +268,11 @@ class Controller(ControlLoop[Scene]):
             strip = self.first_plan.strip
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip)
         self.plan_tick: PlanTick = self.planner.tick
-        self.tracker = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
+        self.tracker: TrackingController = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
         self.tolerance = self.params.tolerance
         resting = stationary(robot, self.limits, self.estimate, 0.0, self.params.control_dt)
-        self.supervisor = self._run = Supervisor(resting, keep=events)
+        self.supervisor: Supervisor = Supervisor(resting, keep=events)
+        self._run = self.supervisor
         self._passed = 0
         self._executor = executor
         self._own: ThreadPoolExecutor | None = None

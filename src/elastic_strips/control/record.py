@@ -21,7 +21,11 @@ from .interfaces import Event, RunState
 
 _Array = TypeVar("_Array", bound=np.ndarray)
 
-DRIVE_NAMES = {BaseKind.DIFF_DRIVE: ("left", "right"), BaseKind.OMNI: ("x", "y", "yaw"), BaseKind.FIXED: ()}
+DRIVE_NAMES: dict[BaseKind, tuple[str, ...]] = {
+    BaseKind.DIFF_DRIVE: ("left", "right"),
+    BaseKind.OMNI: ("x", "y", "yaw"),
+    BaseKind.FIXED: (),
+}
 """Names of the drive coordinates of each kind of base."""
 
 

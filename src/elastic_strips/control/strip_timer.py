@@ -106,7 +106,10 @@ class StripTimer:
     hard: Retimer
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array) -> None:
-        self.robot, self.limits, self.params, self.spacing_weight = robot, limits, params, spacing_weight
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: DriveParams = params
+        self.spacing_weight: Array = spacing_weight
         # less than the motors' limits: reserves for when the path changes
         easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
         self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))

@@ -28,7 +28,8 @@ class RunLog:
     """
 
     def __init__(self) -> None:
-        self.state, self.reason = RunState.STOPPED, "not started"
+        self.state: RunState = RunState.STOPPED
+        self.reason: str = "not started"
         self.events: list[Event] = []
         self.stops: list[tuple[float, str]] = []
 

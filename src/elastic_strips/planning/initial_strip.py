@@ -302,8 +302,9 @@ class PathSearch:
     """What searches for certified strips share: they relax the line and paths, and time that by phase."""
 
     def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
-        self.problem, self.watch = problem, watch
-        self.timings = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
+        self.problem: PlanningProblem = problem
+        self.watch: Callable[[DeformReport], object] | None = watch
+        self.timings: dict[str, float] = {"line": 0.0, "planner": 0.0, "relaxation": 0.0}
         self.ticks = self.attempts = 0
 
     @contextmanager

@@ -43,7 +43,8 @@ class ValidityChecker:
     def __init__(
         self, robot: RobotModel, scene: Scene, *, margin: float, low: Array | None = None, high: Array | None = None
     ) -> None:
-        self.robot, self.checks = robot, 0
+        self.robot: RobotModel = robot
+        self.checks: int = 0
         table = scene.table
         rows = np.arange(len(table.parts))
         if low is not None and high is not None and len(rows):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, TypeVar
+from typing import TypeVar
 
 import coal
 import numpy as np
@@ -29,34 +29,19 @@ from .quantities import (
     pose_of,
 )
 
-if TYPE_CHECKING:
-    from typing_extensions import Unpack  # of typing from Python 3.11 on
-
-_ORIGIN = (0.0, 0.0, 0.0)
-_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 _Self = TypeVar("_Self", bound="Obstacle")
-
-
-class Placement(TypedDict, total=False):
-    """Where an obstacle is, what it is called and how it moves; any of it may be left out.
-
-    Attributes:
-        at: Position (3,) of the obstacle's origin [m], world frame; (0, 0, 0) unless given.
-        quat: Its unit quaternion (x, y, z, w), world frame; upright unless given.
-        name: Unique in a scene, which gives one to an obstacle without.
-        motion: How it moves; not at all unless given.
-    """
-
-    at: ArrayLike
-    quat: ArrayLike
-    name: str | None
-    motion: Motion | None
 
 
 class Obstacle:
     """A rigid solid obstacle in the world; make one by `Box`, `Sphere`, … (each of them is an `Obstacle`).
 
-    Sizes of the shapes are full lengths [m]; what follows them is given by keyword: see `Placement`.
+    Sizes of the shapes are full lengths [m]. All shapes take these keywords:
+
+    Args:
+        at: Position (3,) of the obstacle's origin [m], world frame.
+        quat: Its unit quaternion (x, y, z, w), world frame.
+        name: Unique in a scene, which gives one to an obstacle without.
+        motion: How it moves; not at all where None.
 
     Attributes:
         name: Name, or None as long as no scene has named it.
@@ -87,10 +72,10 @@ class Obstacle:
         shape: str,
         spec: Document,
         solid: Solid,
-        at: ArrayLike = _ORIGIN,
-        quat: ArrayLike = _UPRIGHT,
-        name: str | None = None,
-        motion: Motion | None = None,
+        at: ArrayLike,
+        quat: ArrayLike,
+        name: str | None,
+        motion: Motion | None,
     ) -> None:
         anchor = pose_of(at, quat)
         _put(self, shape=shape, spec=spec, solid=solid, name=check_name(name), motion=check_motion(motion))
@@ -190,16 +175,19 @@ class Box(Obstacle):
 
     Args:
         size: Full lengths (3,) along its x, y, z axes [m].
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
 
-    def __init__(self, size: ArrayLike, **placement: Unpack[Placement]) -> None:
+    def __init__(
+        self, size: ArrayLike, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None, motion: Motion | None = None,
+    ) -> None:  # fmt: skip
         lengths = check_sizes("Box size", size, 3)
         half = 0.5 * lengths
         solid = primitive(coal.Box(*lengths.tolist()), half, float(np.linalg.norm(half)))
-        self._fill("box", {"size": lengths}, solid, **placement)
+        self._fill("box", {"size": lengths}, solid, at, quat, name, motion)
 
 
 class Sphere(Obstacle):
@@ -207,14 +195,17 @@ class Sphere(Obstacle):
 
     Args:
         radius: Radius [m].
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
 
-    def __init__(self, radius: float, **placement: Unpack[Placement]) -> None:
+    def __init__(
+        self, radius: float, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None, motion: Motion | None = None,
+    ) -> None:  # fmt: skip
         r = check_length("Sphere radius", radius)
-        self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), **placement)
+        self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion)
 
 
 class _Round(Obstacle):
@@ -224,12 +215,15 @@ class _Round(Obstacle):
     _form: type[coal.CollisionGeometry]
     _caps = False  # whether half spheres add to the length
 
-    def __init__(self, radius: float, length: float, **placement: Unpack[Placement]) -> None:
+    def __init__(
+        self, radius: float, length: float, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None, motion: Motion | None = None,
+    ) -> None:  # fmt: skip
         kind = self._form.__name__
         r, z = check_length(f"{kind} radius", radius), check_length(f"{kind} length", length)
         half = 0.5 * z + r if self._caps else 0.5 * z
         solid = primitive(self._form(r, z), (r, r, half), half if self._caps else math.hypot(r, half))
-        self._fill(kind.lower(), {"radius": r, "length": z}, solid, **placement)
+        self._fill(kind.lower(), {"radius": r, "length": z}, solid, at, quat, name, motion)
 
 
 class Cylinder(_Round):
@@ -238,7 +232,7 @@ class Cylinder(_Round):
     Args:
         radius: Radius [m].
         length: Full length along z [m].
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
@@ -251,7 +245,7 @@ class Capsule(_Round):
     Args:
         radius: Radius [m].
         length: Length [m] of the cylindrical part along z, without the two half spheres.
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
@@ -265,7 +259,7 @@ class Cone(_Round):
     Args:
         radius: Radius of the base [m].
         length: Height [m].
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
@@ -277,15 +271,18 @@ class ConvexHull(Obstacle):
 
     Args:
         vertices: Points (V, 3) [m] in the obstacle's frame, at least four, not in one plane.
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
 
-    def __init__(self, vertices: ArrayLike, **placement: Unpack[Placement]) -> None:
+    def __init__(
+        self, vertices: ArrayLike, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None, motion: Motion | None = None,
+    ) -> None:  # fmt: skip
         points = check_points("ConvexHull vertices", vertices, (None, 3))
         solid = Solid([hull_part(points, "ConvexHull vertices")])
-        self._fill("convex", {"vertices": points}, solid, **placement)
+        self._fill("convex", {"vertices": points}, solid, at, quat, name, motion)
 
 
 class Mesh(Obstacle):
@@ -294,12 +291,16 @@ class Mesh(Obstacle):
     Args:
         vertices: Vertices (V, 3) [m] in the obstacle's frame.
         faces: Triangles (F, 3), indices of vertices.
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
 
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike, **placement: Unpack[Placement]) -> None:
+    def __init__(
+        self, vertices: ArrayLike, faces: ArrayLike,
+        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None, motion: Motion | None = None,
+    ) -> None:  # fmt: skip
         points = check_points("Mesh vertices", vertices, (None, 3))
         raw = check_points("Mesh faces", faces, (None, 3), limit=float(2**31))
         triangles = raw.astype(np.int64)
@@ -311,16 +312,19 @@ class Mesh(Obstacle):
         triangles.flags.writeable = False
         solid = Solid([hull_part(piece, "Mesh piece") for piece in convex_pieces(points, triangles)])
         spec = {"vertices": points, "faces": triangles}
-        self._fill("mesh", spec, solid, **placement)
+        self._fill("mesh", spec, solid, at, quat, name, motion)
 
     @classmethod
-    def from_file(cls, path: str | os.PathLike[str], *, scale: float = 1.0, **placement: Unpack[Placement]) -> Mesh:
+    def from_file(
+        cls, path: str | os.PathLike[str], *, scale: float = 1.0, at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0), name: str | None = None, motion: Motion | None = None,
+    ) -> Mesh:  # fmt: skip
         """Read an STL, OBJ, PLY or DAE file.
 
         Args:
             path: The file.
             scale: Its numbers times this are metres.
-            at, quat, name, motion: See `Placement`.
+            at, quat, name, motion: See `Obstacle`.
 
         Raises:
             SceneError: The file is missing, unreadable, empty, corrupt or of another kind.
@@ -328,7 +332,7 @@ class Mesh(Obstacle):
         factor = check_number("Mesh scale", scale, low=1e-9, high=1e9, error=SceneError)
         vertices, faces = load_mesh(Path(path))
         try:
-            mesh = cls(vertices * factor, faces, **placement)
+            mesh = cls(vertices * factor, faces, at=at, quat=quat, name=name, motion=motion)
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from None
         mesh.spec.update(path=str(path), scale=factor)
@@ -341,17 +345,21 @@ class Voxels(Obstacle):
     Args:
         centers: Centres of the voxels (V, 3) [m] in the obstacle's frame.
         size: Edge of a voxel [m], or its lengths (3,) along x, y, z.
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
 
-    def __init__(self, centers: ArrayLike, size: ArrayLike, **placement: Unpack[Placement]) -> None:
+    def __init__(
+        self, centers: ArrayLike, size: ArrayLike,
+        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None, motion: Motion | None = None,
+    ) -> None:  # fmt: skip
         points = check_points("Voxels centers", centers, (None, 3))
         edges = check_sizes("Voxels size", size, 3) if np.ndim(size) else np.full(3, check_length("Voxels size", size))
         edges.flags.writeable = False
         spec = {"centers": points, "size": edges}
-        self._fill("voxels", spec, cluster_solid(points, edges), **placement)
+        self._fill("voxels", spec, cluster_solid(points, edges), at, quat, name, motion)
 
 
 class Points(Obstacle):
@@ -360,16 +368,20 @@ class Points(Obstacle):
     Args:
         points: Points (V, 3) [m] in the obstacle's frame.
         radius: Half the edge of a point's box [m].
-        at, quat, name, motion: See `Placement`.
+        at, quat, name, motion: See `Obstacle`.
     """
 
     __slots__ = ()
 
-    def __init__(self, points: ArrayLike, radius: float, **placement: Unpack[Placement]) -> None:
+    def __init__(
+        self, points: ArrayLike, radius: float,
+        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None, motion: Motion | None = None,
+    ) -> None:  # fmt: skip
         cloud = check_points("Points points", points, (None, 3))
         r = check_length("Points radius", radius)
         solid = cluster_solid(cloud, np.full(3, 2.0 * r))
-        self._fill("points", {"points": cloud, "radius": r}, solid, **placement)
+        self._fill("points", {"points": cloud, "radius": r}, solid, at, quat, name, motion)
 
 
 def check_name(value: object) -> str | None:

@@ -93,7 +93,7 @@ class Simulation(Generic[_Driver]):
         self.controller = controller
         self.world: World = world
         self.plant: Plant = plant
-        self.perception: _Senses = perception
+        self.perception: Sensing = perception
         self.robot: RobotModel = controller.robot
         self.limits: MotionLimits = controller.limits
         self.params: DriveParams = controller.params

@@ -14,7 +14,7 @@ from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.summary import Summary
 
-from .classes import ClusterMap, HomotopyClass, ObstacleCluster, cluster_map, homotopy_class, homotopy_paths
+from .classes import ClusterMap, HomotopyClass, cluster_map, homotopy_class, homotopy_paths
 
 _log = logging.getLogger(__name__)
 _NO_CLEARANCE_COST = 1.0  # [m] of a strip without any clearance
@@ -100,7 +100,7 @@ class AlternativesSearch(PathSearch):
         self.found: dict[HomotopyClass, Alternative] = {}
         self.initial: dict[HomotopyClass, Strip] = {}
         self.best: tuple[DeformReport, Strip] | None = None
-        self.reason = ""
+        self.reason: str = ""
         self._notes: list[str] = []
         self._classes = 1  # that the grid knows
         if clusters is None and problem.region is not None:

@@ -98,10 +98,10 @@ class BaseController(ControlLoop[Sequence[Reading]]):
             )
         super().__init__(robot, start, params, limits)
         self.goal = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
-        self.steering = make_base_method(method, BaseLimits.of(self.limits))
+        self.steering: BaseMethod = make_base_method(method, BaseLimits.of(self.limits))
         self.method = self.steering.name
         self.patience = patience
-        self.command = BaseCommand(0.0, 0.0, "moving")
+        self.command: BaseCommand = BaseCommand(0.0, 0.0, "moving")
         self._run = RunLog()
         self._past = PoseBuffer()
         self._past.add(0.0, self.estimate)

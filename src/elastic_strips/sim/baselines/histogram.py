@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.validation import Bound, Count, NonNegative, Positive, check_fields

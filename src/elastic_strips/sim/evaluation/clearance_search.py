@@ -197,7 +197,7 @@ class ClearanceSearch:
 
     def __init__(self, robot: RobotModel, time: Array, coordinates: Array, world: World) -> None:
         """Place the robot at times (T,) [s], strictly ascending, and coordinates (T, nv); bound all distances."""
-        self.queries = 0
+        self.queries: int = 0
         self._world, self._obstacles = world, tuple(world.scene)
         self._parts = [part for o in self._obstacles for part in o.parts]
         self._owner = np.repeat(np.arange(len(self._obstacles)), [len(o.parts) for o in self._obstacles]).astype(int)
