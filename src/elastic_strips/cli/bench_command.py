@@ -75,10 +75,8 @@ def replan(robot: str, seeds: int, json_file: str | None) -> None:
     click.echo(f"{figures['robot']}, {figures['pushes']} pushes on {seeds} corridors")
     _row("certified again", f"{100 * figures['certified']:.1f} %")
     _row("time", _times(figures["time_to_certified_ms"]))
-    _row(
-        "ticks",
-        f"p50 {figures['ticks']['p50']:.0f}, p99 {figures['ticks']['p99']:.0f}, max {figures['ticks']['max']:.0f}",
-    )
+    ticks = figures["ticks"]
+    _row("ticks", f"p50 {ticks['p50']:.0f}, p99 {ticks['p99']:.0f}, max {ticks['max']:.0f}")
     jump = figures["jump_m"]
     _row("jump of the strip", f"p50 {jump['p50']:.3f} m, p99 {jump['p99']:.3f} m")
     for failure in figures["failures"]:

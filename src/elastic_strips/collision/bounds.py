@@ -195,3 +195,28 @@ class MotionBounds:
         one, two = support[pairs[:, 0]], support[pairs[:, 1]]
         only_one, only_two = one & ~two, two & ~one
         return self.radius[:, pairs[:, 0]] * only_one.T + self.radius[:, pairs[:, 1]] * only_two.T
+
+
+class Displacement:
+    """Workspace: upper bounds of the displacement of any point of a robot between two configurations.
+
+    A body lies within its capsule. A point of it is a point of the capsule's segment plus a vector of at most its
+    radius r: between two poses it moves by at most the larger displacement of the segment's two ends, plus
+    ``2 r sin(φ/2)``, φ the angle between the poses. It is an upper bound, loose by at most that second part.
+    """
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._bodies = BodySet.links(robot)
+        self._one, self._two = Kinematics(robot.tree), Kinematics(robot.tree)
+
+    def __call__(self, a: Array, b: Array) -> Array:
+        """Bounds (S,) [m] between the coordinate rows ``a`` and ``b`` (S, nv)."""
+        self._one.update(a, jacobians=False)
+        self._two.update(b, jacobians=False)
+        bodies = self._bodies
+        ends = bodies.capsule_ends(self._two) - bodies.capsule_ends(self._one)  # (S, G, 2, 3)
+        way = np.sqrt((ends**2).sum(axis=-1)).max(axis=-1)
+        R_one, R_two = self._one.T[:, : self._one.n, :, :3], self._two.T[:, : self._two.n, :, :3]
+        # 2 sin(φ/2) is the norm of R_two − R_one as a map: its Frobenius norm over √2
+        turn = np.sqrt(((R_two - R_one) ** 2).sum(axis=(-2, -1)) * 0.5).T  # (S, njoints)
+        return (way + bodies.radius * turn[:, bodies.joint]).max(axis=1, initial=0.0)

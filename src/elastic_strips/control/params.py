@@ -94,8 +94,10 @@ class DriveParams(Checked):
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
         sample_dt: step of planned motions; between samples base and joints go on exact arcs and lines.
-        tracking_error: how far any point of the robot may be from where the planned motion has it. In the closed loop,
-            with motors that have no reserves: at most 0.012 m in 40 runs among moving obstacles.
+        tracking_error: largest distance of any point of the robot from its place by the planned motion. Measured on
+            planned corridors (880 runs, 3.5 hours; Silvermate, TIAGo) with the default plant, gains and estimator: 99 %
+            within 0.0091 m, the largest 0.0179 m, nearly all of it by the slip of the wheels. Twice the slip 0.025 m,
+            motors with 1.5 or 0.5 times the assumed lag 0.025 m, fixes twice as noisy 0.021 m; MuJoCo 0.028 m.
         margin: clearance that is kept beyond the tracking error.
         settle_time: how long the robot may creep on after a planned motion has ended.
         recover_iterations: further iterations of a tick in which the strip has lost its certificate.

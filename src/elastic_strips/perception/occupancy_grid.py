@@ -56,7 +56,6 @@ class OccupancyGrid:
         self._stale: dict[str, dict[_Tile, float]] = {name: {}, "unseen": {}}  # tile → when it is due
         self._made: dict[str, dict[_Tile, Obstacle]] = {name: {}, "unseen": {}}
         self._time = -math.inf
-        self.rebuilt: int = 0
 
     def add_scan(self, rays: ScanRays, ignored: Mask | None = None) -> None:
         """Take a scan in.
@@ -145,7 +144,6 @@ class OccupancyGrid:
         occupied next to it, changes it with a delay (``settle_delay``), so that not
         every scan makes new obstacles.
         """
-        self.rebuilt = 0
         for kind, stale in self._stale.items():
             due = sorted(tile for tile, time in stale.items() if time <= self._time)
             self._rebuild(kind, due)
@@ -162,7 +160,6 @@ class OccupancyGrid:
             if kind == self.name:
                 self._shown[cells] = self.filled[cells]
             at = np.argwhere(self.filled[cells] if kind == self.name else self._blocked[cells])
-            self.rebuilt += 1
             if not len(at):
                 made.pop(tile, None)
                 continue

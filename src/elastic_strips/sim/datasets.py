@@ -115,14 +115,7 @@ def load_barn(path: str | os.PathLike[str], id: int) -> DriveProblem:
 
 
 def dynabarn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
-    """Ids of the worlds in a file, ascending.
-
-    Args:
-        path: The file, or the folder that holds ``dynabarn_worlds.json``.
-
-    Raises:
-        ScenarioError: The file is missing or no JSON, or an entry does not fit; the message names file and place.
-    """
+    """Ids of the worlds in ``dynabarn_worlds.json``, ascending; else as `barn_ids`."""
     return _ids(path, _DYNABARN_FILE)
 
 
@@ -145,10 +138,9 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     obstacles: list[Obstacle] = [_wall(wall) for wall in world["walls"]]
     for disc in world["obstacles"]:
         frames = disc["keyframes"].rows(3, limit=MAX_LENGTH)
-        if abs(frames[-1, 0] - frames[0, 0] - disc["period"].number(low=0.0, unit="s")) > 1e-6:
-            disc.fail(
-                f"the period is {disc['period'].value} s, but the keyframes last {frames[-1, 0] - frames[0, 0]:g} s"
-            )
+        last = frames[-1, 0] - frames[0, 0]
+        if abs(last - disc["period"].number(low=0.0, unit="s")) > 1e-6:
+            disc.fail(f"the period is {disc['period'].value} s, but the keyframes last {last:g} s")
         positions = np.column_stack((frames[:, 1:], np.full(len(frames), z)))
         motion = disc.checked(Keyframes, frames[:, 0], positions, loop=True)
         obstacles.append(disc.checked(Cylinder, radius, length, name=disc["name"].text(), motion=motion))

@@ -124,7 +124,7 @@ def test_faults_are_parsed(text, message):
     [
         ({"control_dt": 0.0}, "control_dt=0.0 must be a finite number > 0"),
         ({"plan_every": 2.5}, "plan_every=2.5 must be a whole number"),
-        ({"speeds": (1.0, 0.0)}, "must be fractions"),
+        ({"speeds": (1.0, 0.0)}, "must be a finite number > 0 and ≤ 1"),
         ({"tracking_error": float("nan")}, "tracking_error=nan"),
     ],
 )

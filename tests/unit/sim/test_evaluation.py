@@ -431,7 +431,7 @@ def test_wrong_input_is_refused(silvermate, tiago):
         evaluate((time, coordinates, v), silvermate, world, accuracy=0)
     with pytest.raises(ParameterError, match="goal has shape"):
         evaluate((time, coordinates, v), silvermate, world, goal=[1, 2])
-    with pytest.raises(ParameterError, match="yaw = -1"):
+    with pytest.raises(ParameterError, match=r"Tolerance\.yaw=-1 must be"):
         Tolerance(yaw=-1)
     with pytest.raises(RecordError, match="the record is of 'silvermate'"):
         evaluate(straight_run(silvermate, world), tiago)

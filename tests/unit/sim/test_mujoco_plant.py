@@ -9,6 +9,7 @@ from motions import smooth_motion
 
 pytest.importorskip("mujoco", reason="mujoco (extra sim) is not installed")
 
+from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.interfaces import Command
 from elastic_strips.control.tracking import TrackingController
@@ -32,7 +33,6 @@ from elastic_strips.sim.mujoco.model import LINK, ROLLING
 from elastic_strips.sim.mujoco.plant import MujocoPlant
 from elastic_strips.sim.plant import OdometryParams, PlantParams
 from elastic_strips.sim.scenarios.corridors import corridor_scene
-from elastic_strips.sim.tracking_bound import Displacement
 from elastic_strips.strip import Strip, strip_clearance
 from elastic_strips.trajectory.limits import MotionLimits
 from elastic_strips.trajectory.retiming import retime

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from brute_force import configuration, link_distances
 
+from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import DriveParams, RunState
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, UnknownMotion, World
 from elastic_strips.sim import FAULTS, Fault, PerceptionError, PerceptionParams, evaluate, simulation
 from elastic_strips.sim.evaluation.drive_evaluation import REST_SPEED
-from elastic_strips.sim.tracking_bound import Displacement
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits
 

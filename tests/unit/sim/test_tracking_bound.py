@@ -10,15 +10,18 @@ import pytest
 from following import follow_trajectory
 from motions import smooth_motion
 
+from elastic_strips.collision.bounds import Displacement
+from elastic_strips.control import DriveParams
 from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.planning import plan
 from elastic_strips.robot.coal_shapes import support_points
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
 from elastic_strips.sim.scenarios.corridors import corridor_scene
-from elastic_strips.sim.tracking_bound import DEFAULT_TRACKING_ERROR, Displacement
 from elastic_strips.trajectory.limits import MotionLimits
 from elastic_strips.trajectory.retiming import retime
+
+TRACKING_ERROR = DriveParams().tracking_error
 
 
 def limits_of(robot) -> MotionLimits:
@@ -85,8 +88,8 @@ def test_the_default_holds_for_smooth_motions_of_the_plant(name, request):
     limits = limits_of(robot)
     motions = [smooth_motion(robot, limits, seed, turn=seed % 3 == 0, seconds=5.0) for seed in range(6)]
     errors = displacements(robot, limits, motions, 12)
-    assert errors.max() <= DEFAULT_TRACKING_ERROR
-    assert np.median(errors) < 0.3 * DEFAULT_TRACKING_ERROR
+    assert errors.max() <= TRACKING_ERROR
+    assert np.median(errors) < 0.3 * TRACKING_ERROR
     assert errors.max() > 1e-3  # something was measured
 
 
@@ -97,7 +100,7 @@ def test_the_default_holds_for_planned_and_retimed_corridors(silvermate):
         strip = plan(silvermate, corridor_scene(seed), silvermate.home(), silvermate.home(8.0), seed=seed)
         motions.append(retime(strip, limits))
     errors = displacements(silvermate, limits, motions, 6)
-    assert errors.max() <= DEFAULT_TRACKING_ERROR
+    assert errors.max() <= TRACKING_ERROR
     assert min(m.duration for m in motions) > 8.0
 
 
@@ -106,7 +109,7 @@ def test_a_bad_controller_is_found_out(silvermate):
     motions = [smooth_motion(silvermate, limits, 1)]
     bad = TrackingGains(along=0.0, across=0.0, heading=0.0, joint=0.0)
     errors = displacements(silvermate, limits, motions, 3, gains=bad)
-    assert errors.max() > DEFAULT_TRACKING_ERROR
+    assert errors.max() > TRACKING_ERROR
 
 
 def test_the_joints_of_a_fixed_base_count(gantry):

@@ -59,7 +59,7 @@ def make_report(robot):
             "forces": SimpleNamespace(points=np.ones((5, 3)), vectors=np.eye(5, 3)),
             "hulls": SimpleNamespace(
                 points=np.array([robot.control_points(q) for q in strip.q]),
-                radius=np.full((nodes, len(robot.control_point_names)), 0.2),
+                radius=np.full((nodes, len(robot.control_point_set.names)), 0.2),
             ),
             "connectivity_counts": False,
         }

@@ -114,10 +114,8 @@ class MujocoPlant:
         self._top = np.concatenate([limits.drive_speed / limits.wheel_radius, limits.joint_speed]) * params.speed_margin
         self._motor_sign = np.concatenate([self._layout.wheel_sign, np.ones(len(robot.joint_names))])
         self._drag, self._friction = self._layout.compensation
-        filters = self._layout.filters
-        self._follow = 1.0 - np.exp(
-            -timestep / np.maximum(filters, 1e-9)
-        )  # part of the way to a command in a time step
+        # part of the way to a command in a time step
+        self._follow = 1.0 - np.exp(-timestep / np.maximum(self._layout.filters, 1e-9))
         self._events: list[TouchEvent] = []
         self.reset(robot.space.to_coordinates(robot.home_q))
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
+from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
 from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import SwitchingReplanner
@@ -28,7 +29,6 @@ from elastic_strips.sim.faults import Fault
 from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
-from elastic_strips.sim.tracking_bound import Displacement
 from elastic_strips.summary import Summary
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_choice, check_count, check_type

@@ -119,7 +119,7 @@ def test_a_drive_is_drawn_with_its_arm(short: PaperRun) -> None:
         axes = _axes()
         draw_drive(axes, short.robot, short.scenario.scene, short.line, coordinates, arm=arm)
         assert len(_polygons(axes, filled=False)) == 21
-        points = len(short.robot.control_point_names) - 1
+        points = len(short.robot.control_point_set.names) - 1
         arms = [line for line in axes.lines if len(np.asarray(line.get_xydata())) == points]
         assert len(arms) == (21 if arm else 0)
         np.testing.assert_allclose(_line(axes, "way of the mobile"), 1e3 * coordinates[:, :2])
