@@ -10,9 +10,9 @@ import click
 
 from elastic_strips.files import atomic_write, write_json
 from elastic_strips.robot import load_robot
-from elastic_strips.sim import FAULTS
+from elastic_strips.sim import FAULTS, Fault
 from elastic_strips.sim.bench import bench_plan, bench_replan, bench_tick
-from elastic_strips.sim.bench.drive import bench_drive, bench_faults, bench_reaction, bench_soak
+from elastic_strips.sim.bench.drive import bench_disturb, bench_drive, bench_reaction, bench_soak
 from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
 from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
@@ -195,23 +195,35 @@ def drive(
     _write(json_file, figures)
 
 
-@bench.command(short_help="Put faults into many runs.")
-@options.robot_option("silvermate")
-@_seeds(50, "Runs of each fault.")
-@options.processes_option
-@_json_runs
-def faults(robot: str, seeds: int, processes: int | None, json_file: str | None) -> None:
-    """Every kind of fault at a random time: the robot has to end at rest or at the goal, without a contact at speed."""
-    with options.LateProgress("putting in faults", seeds * len(FAULTS)) as bar:
-        figures = bench_faults(robot, range(seeds), bar.step, processes=processes)
-    for kind, row in figures["kinds"].items():
-        _row(
-            kind,
-            f"{row['count']} runs: {100 * row['at_rest_or_goal']:.0f} % end at rest or at the goal, "
-            f"{100 * row['reached']:.0f} % reached, {row['collisions']} contacts at speed, "
-            f"{100 * row['named']:.0f} % named in the log",
-        )
-    _write(json_file, figures)
+def _disturb(name: str, scenario: str) -> None:
+    @bench.command(name, short_help="Put faults into many runs.")
+    @options.robot_option("silvermate")
+    @_seeds(50, "Runs of each fault.")
+    @click.option("--scenario", default=scenario, show_default=True, help="What is driven.")
+    @click.option("--kind", "kinds", multiple=True, metavar="KIND", help="Only this fault; may be given again.")
+    @options.processes_option
+    @_json_runs
+    def command(
+        robot: str, seeds: int, scenario: str, kinds: tuple[str, ...], processes: int | None, json_file: str | None
+    ) -> None:
+        """Every kind of fault at a random time: the robot has to come to rest without a contact at speed, to name what
+        is wrong, and to go on to the goal when it is over."""
+        chosen = tuple(Fault.parse(f"{kind}@0").kind for kind in kinds) or tuple(FAULTS)
+        with options.LateProgress("putting in faults", seeds * len(chosen)) as bar:
+            figures = bench_disturb(robot, range(seeds), bar.step, kinds=chosen, scenario=scenario, processes=processes)
+        for kind, row in figures["kinds"].items():
+            _row(
+                kind,
+                f"{row['count']} runs: {100 * row['reached']:.0f} % reached, {row['collisions']} contacts at speed "
+                f"({row['collisions_standing']} with what stands), {100 * row['at_rest_or_goal']:.0f} % end at rest or "
+                f"at the goal, at most {row['tracking_m'].get('max', 0.0):.3f} m off, "
+                f"{100 * row['named']:.0f} % named in the log",
+            )
+        _write(json_file, figures)
+
+
+_disturb("disturb", "corridor")
+_disturb("faults", "moving-corridor")
 
 
 def _problem(kind: str, text: str) -> None:

@@ -57,8 +57,9 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option("--realtime", is_flag=True, help="As fast as the clock; without it, as fast as it can.")
 @click.option(
-    "--fault", "faults", multiple=True, metavar="KIND@START[:DURATION]",
-    help="Put in a fault, times in seconds. KIND: " + ", ".join(FAULTS) + ". May be given again.",
+    "--disturb", "--fault", "faults", multiple=True, metavar="KIND[=SIZE]@START[+DURATION]",
+    help="Put in a fault, say slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
+    + ", ".join(kind.replace("_", "-") for kind in FAULTS) + ".",
 )  # fmt: skip
 @options.json_option("Write the result (docs/drive-format.md).")
 @click.option(

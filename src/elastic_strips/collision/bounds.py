@@ -220,3 +220,8 @@ class Displacement:
         # 2 sin(φ/2) is the norm of R_two − R_one as a map: its Frobenius norm over √2
         turn = np.sqrt(((R_two - R_one) ** 2).sum(axis=(-2, -1)) * 0.5).T  # (S, njoints)
         return (way + bodies.radius * turn[:, bodies.joint]).max(axis=1, initial=0.0)
+
+    def reach(self) -> float:
+        """Largest horizontal distance [m] of a point of any body from the base's origin, at the last ``b``."""
+        ends = self._bodies.capsule_ends(self._two)[..., :2] - self._two.coordinates[: self._two.n, None, None, :2]
+        return float((np.sqrt((ends**2).sum(axis=-1)).max(axis=-1) + self._bodies.radius).max(initial=0.0))

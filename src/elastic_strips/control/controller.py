@@ -7,10 +7,11 @@ sensed scenes.
 from __future__ import annotations
 
 import logging
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Generic, TypeVar
 
@@ -30,6 +31,7 @@ from elastic_strips.validation import check_able, check_count, check_number, che
 from .estimation import StateEstimator
 from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
+from .monitor import Monitor
 from .params import DriveParams, Tolerance
 from .record import TickStatistics
 from .replanning import Replanner
@@ -40,6 +42,7 @@ from .tracking import TrackingController, TrackingGains
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
 """Events that are kept by default: a robot may run for days."""
+_STEP = 0.005  # [m] in which the tracking error grows
 _RESTS = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
 _Planned = TypeVar("_Planned")
 _Sensed = TypeVar("_Sensed", contravariant=True)
@@ -225,7 +228,7 @@ class Controller(ControlLoop[Scene]):
         goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
         result: of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
-        planner, supervisor, replanner, tracker: the parts; other attributes as of :class:`ControlLoop`.
+        planner, supervisor, replanner, tracker, monitor: the parts; other attributes as of :class:`ControlLoop`.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
@@ -272,6 +275,9 @@ class Controller(ControlLoop[Scene]):
         self.tolerance = self.params.tolerance
         resting = stationary(robot, self.limits, self.estimate, 0.0, self.params.control_dt)
         self.supervisor: Supervisor = Supervisor(resting, keep=events)
+        self.monitor: Monitor = Monitor(robot, self.limits, self.params.monitor, self.params.control_dt)
+        self._halt = ""  # why the robot has to stand before it goes on from where it is
+        self._power_cut: float | None = None  # since when [s]
         self._run = self.supervisor
         self._passed = 0
         self._executor = executor
@@ -376,15 +382,13 @@ class Controller(ControlLoop[Scene]):
             raise ParameterError(f"t={t!r} s must be later than the last step, at {self.time!r} s")
         check_type("scene", scene, Scene, SceneError, none=True)
         began, self.time = self.time, t
-        if measurement is not None:
-            before = self.estimate
-            self._take_in(measurement)
-            step = self.robot.space.difference(before, self.estimate)
-            self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
-            if measurement.drive is None:
-                self.log("fault", "odometry lost")
+        self._measure(t, began, measurement)
         if scene is not None:
-            self._newest, self._trouble = scene, ""
+            doubt = self.monitor.scene(t, scene, at_rest=self.supervisor.at_rest(t))
+            if doubt:
+                self.log("fault", doubt)
+            else:
+                self._newest, self._trouble = scene, ""
         if trouble:
             self._trouble = trouble
         if self.state is RunState.REACHED and self.goals and self.settled:
@@ -396,11 +400,116 @@ class Controller(ControlLoop[Scene]):
             elif self.state in (RunState.MOVING, RunState.BRAKING):  # a robot at rest has another reason
                 self.supervisor.reject(self._stopping, t)
         self._publish(t)
+        self._watch(t)
+        self._check_arrival(t)
         self.supervisor.update(t)
         self._steps += 1
+        command = self._command(t)
+        self.monitor.commanded(command)
+        return command
+
+    def _measure(self, t: float, began: float, raw: Measurement | None) -> None:
+        """Take in what can be true of a measurement."""
+        measurement = None
+        if raw is not None:
+            measurement, faults = self.monitor.measurement(t, raw, self.estimate)
+            for fault in faults:
+                self.log("fault", fault)
+        elif self._steps:
+            self.monitor.nothing(t)
+        if measurement is None:
+            return
+        before = self.estimate
+        self._take_in(measurement)
+        step = self.robot.space.difference(before, self.estimate)
+        self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
+        if measurement.drive is None:
+            self.log("fault", "odometry lost")
+        if self.estimator.doubt:
+            self.log("fault", self.estimator.doubt)
+
+    def _watch(self, t: float) -> None:
+        """Brake where what the active trajectory was proven with holds no longer."""
+        monitor, supervisor, params = self.monitor, self.supervisor, self.params
+        monitor.follow(self.reference.coordinates, self.estimate, self.estimator)
+        if monitor.motor_fault and self._power_cut is None:
+            self.log("fault", monitor.motor_fault)
+            self._power_cut = t
+        off, known = monitor.deviation, monitor.uncertainty
+        reason = monitor.motor_fault
+        if not reason and monitor.silent is not None and t - monitor.silent >= params.monitor.silence:
+            reason = f"no usable measurement for {t - monitor.silent:.2f} s"
+        proven = self.planner.params.tracking_error
+        if monitor.silent is not None:  # where the robot is now is not known
+            off = 0.0
+        if not reason and off + known > params.monitor.brake_at * proven:
+            reason = f"{1e3 * off:.0f} mm off the reference, known to {1e3 * known:.0f} mm, of {1e3 * proven:.0f} mm"
+            if self.estimator.doubt:
+                reason += f": {self.estimator.doubt}"
+        if reason and not self._halt and (not supervisor.at_rest(t) or off > proven):
+            self._halt = reason
+            slipped = self.estimator.slipped
+            self.log("fault", f"wheels slip: odometry is {1e3 * slipped:.0f} mm off; {reason}" if slipped else reason)
+            self._ready.clear()
+            if not supervisor.at_rest(t):
+                supervisor.brake(self.planner.timer.hard.brake(supervisor.active, self._begin(t)), reason, t)
+        if self._halt and off > proven:
+            supervisor.log(t, "unproven", f"the robot is further off its reference than was proven with: {self._halt}")
+
+    def _tracking_error(self) -> float:
+        """How far [m] the robot may be off its reference, as exact as its estimate is now; in steps of 5 mm."""
+        params = self.params
+        needed = params.monitor.control_share * params.tracking_error + 1.25 * self.monitor.uncertainty
+        return params.tracking_error if needed <= params.tracking_error else math.ceil(needed / _STEP) * _STEP
+
+    def _check_arrival(self, t: float) -> None:
+        """At rest at the end of a motion to the goal, look whether the robot is there, too."""
+        supervisor, off = self.supervisor, np.abs(self.robot.space.difference(self.goal, self.estimate))
+        if self._halt or not supervisor.at_goal or not supervisor.at_rest(t) or self.state is RunState.REACHED:
+            return
+        base, wide = self.robot.space.base_nv, self.tolerance
+        apart = float(np.hypot(*off[:2])) if base else 0.0
+        turned = float(off[2]) if base else 0.0
+        if apart <= wide.position and turned <= wide.yaw and float(off[base:].max(initial=0.0)) <= wide.joints:
+            return
+        self._halt = f"at rest {apart:.2f} m and {math.degrees(turned):.0f}° from the goal"
+        self.log("fault", self._halt)
+        supervisor.restart(self._halt, t)
+
+    def _recovers(self, t: float) -> bool:
+        """After a halt, go on from where the robot is, as soon as it stands and that is known; False until then."""
+        supervisor, monitor, params = self.supervisor, self.monitor, self.params
+        cut, known = self._power_cut, monitor.uncertainty
+        why = ""
+        cooling = cut is not None and t < max(cut, supervisor.active.end_time) + params.monitor.motor_wait
+        if cooling or not (supervisor.at_rest(t) and self.settled):
+            why = self._halt
+        elif monitor.silent is not None or self.estimator.lost_for > 0.0:
+            why = "nothing is measured"
+        elif self.estimator.doubt:
+            why = self.estimator.doubt
+        elif self._tracking_error() > max(params.monitor.largest, params.tracking_error):
+            why = f"the robot's place is known to {1e3 * known:.0f} mm only"
+        if why:
+            supervisor.reject(why, t)
+            return False
+        self._power_cut = None
+        self.log("recovered", f"goes on from {monitor.deviation:.2f} m beside its reference, after: {self._halt}")
+        self._halt = ""
+        supervisor.reset(stationary(self.robot, self.limits, np.array(self.estimate), t, params.control_dt))
+        supervisor.restart("recovered", t)
+        self.replanner.pending, self.replanner.due = True, t + params.replan_time
+        return True
+
+    def _command(self, t: float) -> Command:
+        """Speeds that follow the reference; the base and joints that are not measured are not fed back."""
         reference, estimate, base = self.reference, self.estimate, self.robot.space.base_nv
+        if self._power_cut is not None:
+            return replace(self.tracker.rest, stop=True)
         if self.estimator.lost_for > 0.0:  # feedback on a frozen estimate would drive the base away
             estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))
+        if self.monitor.silent is not None:
+            estimate = reference.coordinates
         return self.tracker.command(reference, estimate)
 
     # the planning loop
@@ -434,6 +543,8 @@ class Controller(ControlLoop[Scene]):
             self._ready.clear()
             supervisor.brake(self.planner.timer.hard.brake(supervisor.active, self._begin(t)), contact, t)
             return
+        if self._halt and not self._recovers(t):
+            return
         if self._trouble or self._newest is None:
             supervisor.reject(self._trouble, t)
             supervisor.log(t, "fault", self._trouble)
@@ -454,6 +565,14 @@ class Controller(ControlLoop[Scene]):
         waiting = self._replan(t)
         if (waiting and self.planner.evasion is None) or self._rest_of_goal(t, scene):
             return
+        allowed = min(self._tracking_error(), max(params.monitor.largest, params.tracking_error))
+        before = self.planner.params.tracking_error
+        if allowed != before:
+            if min(before, allowed) == params.tracking_error:
+                coarse = f"coarse: known to {1e3 * self.monitor.uncertainty:.0f} mm"
+                self.log("localization", coarse if allowed > before else "as good as assumed again")
+            self.planner.allow(allowed)
+            self.replanner.deform = self.planner.params.strip
         begin = self._begin(t)
         at_rest = supervisor.at_rest(t)
         if at_rest and t >= supervisor.active.end_time + params.settle_time:

@@ -50,6 +50,7 @@ def _inverse(a: Pose) -> Pose:
     return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], -a[2]
 
 
+_Odometry = tuple[float, Pose, tuple[float, ...]]  # time, pose, encoder travel
 _KEEP = 64  # odometry poses kept for delayed fixes
 _SLACK = 1e-9  # [s]
 
@@ -64,6 +65,12 @@ class EstimatorParams(Checked):
         fix_noise, fix_angle_noise: standard deviations of a fix [m, rad].
         drift: standard deviation of what else moves the base, after one second [m, rad].
         coast: after the loss of odometry the last velocity is kept this long [s]; then the estimate stands.
+        gate: a fix that is more standard deviations from what odometry says is a sign of wheels that slip, where their
+            travel can explain it; else it is not believed.
+        believe_after: a fix that is not believed is, after all, where the robot has stood for this time [s] and all
+            fixes agreed meanwhile,
+        believe_within: and it is within this distance [m]: somebody may have pushed the robot. What is further needs
+            :meth:`StateEstimator.reset`.
     """
 
     slip: NonNegative = 0.01
@@ -72,6 +79,9 @@ class EstimatorParams(Checked):
     fix_angle_noise: Positive = 0.003
     drift: NonNegative = 0.001
     coast: NonNegative = 0.05
+    gate: Positive = 5.0
+    believe_after: NonNegative = 3.0
+    believe_within: NonNegative = 0.3
 
 
 class StateEstimator:
@@ -89,7 +99,14 @@ class StateEstimator:
         robot: the robot; any kind of base.
         limits: track and kind of drive.
         params: assumed noise.
+
+    Attributes:
+        doubt: why the last fix was not believed; empty where it was.
+        slipped: by how much [m] odometry was off at the last fix, where only wheels that slip explain it; else 0.
     """
+
+    doubt: str
+    slipped: float
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: EstimatorParams | None = None) -> None:
         self.robot: RobotModel = robot
@@ -107,11 +124,11 @@ class StateEstimator:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviations of the pose at the last fix, by the filter: position [m], heading [rad]; 0 for a fixed
-        base."""
+        """Standard deviations of the present pose, by the filter: position [m], heading [rad]; 0 for a fixed base."""
         if not self._k:
             return 0.0, 0.0
-        return math.sqrt(self._P[0, 0] + self._P[1, 1]), math.sqrt(self._P[2, 2])
+        P = self._predicted(self._past[-1])
+        return math.sqrt(P[0, 0] + P[1, 1]), math.sqrt(P[2, 2])
 
     def reset(self, coordinates: Array, time: float = 0.0) -> None:
         """Restart from a known coordinate row (nv,) at a time [s]."""
@@ -125,8 +142,11 @@ class StateEstimator:
         self._twist: Pose = (0.0, 0.0, 0.0)
         self._lost_since: float | None = None
         self._back_at: float | None = None
-        self._past: deque[tuple[float, Pose, tuple[float, ...]]] = deque([(self._time, pose, (0.0,) * self._k)], _KEEP)
+        self._past: deque[_Odometry] = deque([(self._time, pose, (0.0,) * self._k)], _KEEP)
         self._at_fix = self._past[0]
+        self._last_fix = (self._past[0], np.zeros(3))  # where odometry was at the last fix, and how far from it
+        self._doubted: _Odometry | None = None  # since when, where, at which travel
+        self.doubt, self.slipped = "", 0.0
         self._P = np.zeros((3 + self._k, 3 + self._k))
         for i in range(self._k):
             self._P[3 + i, 3 + i] = self.params.slip**2
@@ -151,7 +171,7 @@ class StateEstimator:
                 self._twist = (travel[0] / dt, travel[1] / dt, travel[2] / dt)
         self._past.append((self._time, self._pose, tuple(self._sum)))
         if measurement.pose is not None and measurement.pose_time is not None:
-            self._blend(measurement.pose_time, measurement.pose.tolist())
+            self._blend(measurement.pose_time, measurement.pose.tolist(), measurement.pose_covariance)
         return np.concatenate((self._pose, self._joints))
 
     def _travelled(self, drive: list[float]) -> Pose:
@@ -169,22 +189,30 @@ class StateEstimator:
             vx, vy, turn = self._twist
             self._pose = compose(self._pose, exp((vx * dt, vy * dt, turn * dt)))
 
-    def _blend(self, at: float, fix: list[float]) -> None:
+    def _blend(self, at: float, fix: list[float], covariance: Array | None) -> None:
         """Correct all poses since the time ``at`` [s] by a fix that was measured then."""
         past = self._lookup(at)
         if past is None:
             return  # older than the kept poses, or than the last fix
-        self._predict(past)
+        p, P = self.params, self._predicted(past)
         found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - _SLACK
         if found:  # the travel since the loss is unknown
-            self._P[:3, :3] = np.eye(3)
-        p = self.params
+            P[:3, :3] = np.eye(3)
         _, pose, _ = past
         error = np.array(_log(compose(_inverse(pose), (fix[0], fix[1], fix[2]))))
-        noise = np.array([p.fix_noise**2, p.fix_noise**2, p.fix_angle_noise**2])
-        gain = np.linalg.solve(self._P[:3, :3] + np.diag(noise), self._P[:3]).T  # (3 + k, 3), P is symmetric
+        noise = np.diag([p.fix_noise**2, p.fix_noise**2, p.fix_angle_noise**2]) if covariance is None else covariance
+        self.slipped = 0.0
+        if error @ np.linalg.solve(P[:3, :3] + noise, error) > p.gate**2 and not self._believed(
+            past, fix, error, noise
+        ):
+            return
+        if self.slipped or self._doubted is not None:  # the filter does not know how far off odometry is
+            P[:3, :3] += np.diag([*np.repeat(error[:2] @ error[:2], 2), error[2] ** 2])
+        self.doubt, self._doubted = "", None
+        self._last_fix = (past, np.zeros(3))
+        gain = np.linalg.solve(P[:3, :3] + noise, P[:3]).T  # (3 + k, 3), P is symmetric
+        self._P = P - gain @ P[:3]
         delta = (gain @ error).tolist()
-        self._P -= gain @ self._P[:3]
         self._slip = [max(-0.1, min(0.1, s + d)) for s, d in zip(self._slip, delta[3:], strict=True)]
         # carry the correction along the odometry since: all later poses move rigidly with the one corrected
         moved = compose(pose, exp((delta[0], delta[1], delta[2])))
@@ -195,7 +223,31 @@ class StateEstimator:
         if found:
             self._lost_since = self._back_at = None
 
-    def _lookup(self, at: float) -> tuple[float, Pose, tuple[float, ...]] | None:
+    def _believed(self, past: _Odometry, fix: list[float], error: Array, noise: Array) -> bool:
+        """Whether a fix that contradicts odometry is to be believed: wheels slip, or the robot was pushed."""
+        p, (last, before) = self.params, self._last_fix
+        self._last_fix = (past, error)
+        travel = np.abs(np.subtract(past[2], last[2]))
+        far, turn = (
+            float(travel[:2].max()),
+            float(travel.sum() / self.limits.track if self._k == 2 else travel[2] + 0.2 * travel.sum()),
+        )
+        change, spread = error - before, 6.0 * np.sqrt(np.diag(noise))
+        if self._doubted is None and math.hypot(*change[:2]) <= far + spread[0] and abs(change[2]) <= turn + spread[2]:
+            self.slipped = math.hypot(*error[:2])
+            return True
+        off = math.hypot(*error[:2])
+        self.doubt = f"fixes are {off:.1f} m and {math.degrees(abs(error[2])):.0f}° from what odometry says"
+        there = self._doubted
+        if there is not None:
+            moved = float(np.abs(np.subtract(past[2], there[2])).max())
+            apart = math.hypot(fix[0] - there[1][0], fix[1] - there[1][1])
+        if there is None or moved > 1e-3 + 2.0 * p.drift or apart > 2.0 * spread[0]:
+            self._doubted = (past[0], (fix[0], fix[1], fix[2]), past[2])
+            return False
+        return off <= p.believe_within and past[0] - there[0] >= p.believe_after
+
+    def _lookup(self, at: float) -> _Odometry | None:
         """Odometry at a past time, interpolated between the kept poses."""
         later = None
         for entry in reversed(self._past):
@@ -209,8 +261,8 @@ class StateEstimator:
             later = entry
         return None
 
-    def _predict(self, past: tuple[float, Pose, tuple[float, ...]]) -> None:
-        """Covariance from the last fix to the time of a new one; errors live in the base's own frame."""
+    def _predicted(self, past: _Odometry) -> Array:
+        """Covariance of pose and slip at a time after the last fix; errors live in the base's own frame."""
         p, k = self.params, self._k
         dt = max(past[0] - self._at_fix[0], 0.0)
         x, y, turn = compose(_inverse(self._at_fix[1]), past[1])
@@ -226,7 +278,7 @@ class StateEstimator:
         P = F @ self._P @ F.T
         P[range(3), range(3)] += p.drift**2 * dt
         P[range(3, 3 + k), range(3, 3 + k)] += p.slip**2 * (1.0 - keep * keep)
-        self._P = P
+        return P
 
 
 _KEPT = 200

@@ -31,6 +31,7 @@ class Measurement:
     joints: Array
     pose: Array | None = None
     pose_time: float | None = None
+    pose_covariance: Array | None = None
     contact: str = ""
 
 
@@ -42,10 +43,12 @@ class Command:
         drive: (k,) drive coordinates: rims left, right [m/s] of a differential drive; x, y, yaw in the body frame
             [m/s, rad/s] of an omnidirectional base; empty for a fixed one.
         joints: (n,) joint rates [rad/s or m/s].
+        stop: a safe stop: the driver cuts the motors' power and lets the brakes fall in, whatever the speeds say.
     """
 
     drive: Array
     joints: Array
+    stop: bool = False
 
     @staticmethod
     def rest(limits: MotionLimits) -> Command:

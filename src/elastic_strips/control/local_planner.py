@@ -63,6 +63,16 @@ class LocalPlanner:
         self.strip = strip
         self._last = None
 
+    def allow(self, tracking_error: float) -> None:
+        """Plan for another tracking error [m] from now on; what was certified for a smaller one is certified anew."""
+        if tracking_error > self.params.tracking_error:
+            self._proof = None
+        self.params = replace(self.params, tracking_error=tracking_error)
+        self.deformer.keep_clearance(self.params.strip.clearance)
+        self.timer.certifier.clearance = self.params.clearance
+        if self.evasion is not None:
+            self.evasion.clearance = self.params.clearance
+
     def reset(self) -> None:
         """Discard all state that is kept from tick to tick, except the strip; for use after an exception."""
         self.deformer.reset()

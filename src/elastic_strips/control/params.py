@@ -7,7 +7,7 @@ from typing import Annotated
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.strip import DeformParams, OrientationConstraint
-from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive, Whole, check_fields
+from elastic_strips.validation import Bound, Checked, Count, Fraction, NonNegative, Positive, Whole, check_fields
 
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
 """Parameters of strips that are driven: nodes may be further apart and the certificate coarser, for motions have a
@@ -73,6 +73,40 @@ class EvasionParams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MonitorParams(Checked):
+    """When an assumption counts as broken.
+
+    Attributes:
+        control_share: part of ``DriveParams.tracking_error`` that control takes up by itself; where localization is so
+            coarse that the rest does not do, motions are planned for a larger one,
+        largest: but not for more than this [m].
+        brake_at: part of the tracking error at which the robot brakes; the rest is used up while it does.
+        sigmas: standard deviations of the estimate that count as its error.
+        clock_skew: largest time [s] by which a time stamp may be later than now.
+        silence: longest time [s] without a usable measurement of wheels or joints.
+        motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor,
+        motor_time: for at most this time [s]; then power is cut.
+        motor_wait: and for this time [s] at rest the power stays off.
+        wheel_lag: time constant [s] of the motors' model.
+        vanished: a scene that lacks this part of what stood in the one before is not believed
+        scene_doubt: before this time [s] is over.
+    """
+
+    control_share: Fraction = 0.6
+    largest: Positive = 0.1
+    brake_at: Fraction = 0.9
+    sigmas: Positive = 2.0
+    clock_skew: NonNegative = 0.02
+    silence: Positive = 0.05
+    motor_error: Positive = 0.15
+    motor_time: Positive = 0.1
+    motor_wait: NonNegative = 1.0
+    wheel_lag: NonNegative = 0.04
+    vanished: Fraction = 0.8
+    scene_doubt: NonNegative = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance(Checked):
     """How near a goal counts as reached: the base [m], its heading [rad], each joint [rad or m]; inf: any."""
 
@@ -88,6 +122,7 @@ class DriveParams(Checked):
     Attributes:
         deform: parameters of the strip; its clearance is raised to what execution needs.
         assumptions: of the obstacles.
+        monitor: when what is assumed of robot and inputs counts as broken.
         evasion: how the robot gets out of the way of what moves; None: it only brakes and waits.
         constraint: what the strip has to satisfy besides its goal.
         control_dt: period of the control loop.
@@ -117,6 +152,7 @@ class DriveParams(Checked):
 
     deform: DeformParams = DRIVE_STRIP
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
+    monitor: MonitorParams = field(default_factory=MonitorParams)
     evasion: EvasionParams | None = None
     constraint: OrientationConstraint | None = None
     control_dt: Positive = 0.01

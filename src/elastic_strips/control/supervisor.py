@@ -13,6 +13,7 @@ from .interfaces import Event, RunState
 
 _log = logging.getLogger(__name__)
 _NOTHING_NEWER = "no newer motion came"
+_REPEATS = 2.0  # [s] an event is not written down again within this time
 _JUMP = 2e-3  # [m or rad] largest one from the active trajectory to a new one; ten times that in speed
 _SOONER = 0.01
 """A motion that comes to rest less than this [s] earlier is not worth taking."""
@@ -72,11 +73,14 @@ class Supervisor(RunLog):
         self._enter(RunState.STOPPED, reason, now)
 
     def log(self, time: float, kind: str, text: str) -> None:
-        """Write down an event, unless it equals the last one of its kind; ``time`` is in [s]."""
+        """Write down an event at ``time`` [s], unless it equals the last one of its kind, or one of a moment ago."""
+        last = True
         for event in reversed(self.events):
             if event.kind == kind:
-                if event.reason == text:
+                if event.reason == text and (last or time - event.time < _REPEATS):
                     return
+                last = False
+            if not last and time - event.time >= _REPEATS:
                 break
         self.events.append(Event(time, kind, text))
         if self._keep is not None:

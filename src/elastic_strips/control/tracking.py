@@ -78,7 +78,7 @@ class TrackingController:
         self._circular = robot.space.circular.copy() if robot.space.circular.any() else None
         self._drive_top = (limits.drive_speed * gains.headroom).tolist()
         self._joint_top = limits.joint_speed * gains.headroom
-        self._rest = Command.rest(limits)
+        self.rest: Command = Command.rest(limits)
 
     def command(self, reference: ReferenceState, estimate: Array) -> Command:
         """The command for the period that begins now.
@@ -89,7 +89,7 @@ class TrackingController:
         """
         v, a = reference.v, reference.a
         if max(v.max(), -v.min(), a.max(), -a.min()) <= _REST:
-            return self._rest
+            return self.rest
         g, first = self.gains, self._first
         error = reference.coordinates[first:] - estimate[first:]
         if self._circular is not None:
@@ -98,7 +98,7 @@ class TrackingController:
         rates = v[first:] + (g.joint_lag + g.hold) * a[first:] + feedback
         joints = np.minimum(np.maximum(rates, -self._joint_top), self._joint_top)
         if not self._k:
-            return Command(self._rest.drive, joints)
+            return Command(self.rest.drive, joints)
         return Command(self._drive(reference, estimate), joints)
 
     def _drive(self, reference: ReferenceState, estimate: Array) -> Array:

@@ -153,6 +153,9 @@ class Simulation(Generic[_Driver]):
                 sensed = self.perception.sense(t)
             except PerceptionError as error:
                 trouble = str(error)
+            except Exception as error:  # of whoever wrote it: the robot has to come to rest
+                _log.exception("sensing failed")
+                trouble = f"sensing exception: {type(error).__name__}: {error}"
         command = controller.step(t, measurement, sensed, trouble=trouble)
         if controller.tick is not None and controller.tick.time == t:
             self._after_tick(controller.tick)
@@ -173,9 +176,15 @@ class Simulation(Generic[_Driver]):
         )  # fmt: skip
         self.perception.observe(t, plant.coordinates, controller.estimate)
         self.pedestrians.step(t, plant.coordinates, plant.v)
-        measurement = plant.step(command, self.params.control_dt)
+        self._measurement = None
+        try:
+            self._measurement = plant.step(command, self.params.control_dt)
+        except Exception as error:  # of a driver: the controller gets no measurement
+            _log.exception("the plant's driver failed")
+            controller.log("fault", f"driver exception: {type(error).__name__}: {error}")
         contact = self.perception.contact
-        self._measurement = replace(measurement, contact=contact) if contact else measurement
+        if contact and self._measurement is not None:
+            self._measurement = replace(self._measurement, contact=contact)
 
     def _settled(self) -> bool:
         """Whether the robot truly stands; only to end the recording."""
@@ -313,7 +322,7 @@ def simulation(
     )  # fmt: skip
     if fault_plan.faults:
         senses = cast("Perception", FaultyPerception(senses, fault_plan))
-        machine = cast("Plant", FaultyPlant(machine, fault_plan))
+        machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
         slow = 10.0 * params.latency * params.control_dt
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))

@@ -1,14 +1,20 @@
-"""Faults that are injected around a controller, to test that the robot comes to rest.
+"""Faults that are injected around a controller, to test that the robot comes to rest, and goes on where it can.
 
 They are wrappers around perception, plant and planning tick.
 """
 
 from __future__ import annotations
 
+import math
+import re
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated
 
+import numpy as np
+
+from elastic_strips.arrays import Array
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.strip_timer import PlanResult
@@ -18,19 +24,42 @@ from elastic_strips.trajectory import Trajectory
 from elastic_strips.validation import Bound, check_choice, check_fields, check_type, shown
 
 from .perception import Perception, PerceptionError
-from .plant import Plant
+from .plant import KinematicPlant, Plant
 
+_SIZES = {
+    "slip": 0.5, "slip_left": 0.5, "slip_right": 0.5, "spin": 1.0, "localization_jump": 1.0, "localization_coarse": 1.0,
+    "scene_late": 0.3, "scene_future": 1.0,
+}  # fmt: skip
 FAULTS = {
-    "scene_frozen": "the scene is not renewed",
-    "scene_late": "the scene comes 0.3 s late",
+    "slip": "the wheels lose this part of their travel",
+    "slip_left": "the left wheel loses this part of its travel",
+    "slip_right": "the right wheel loses this part of its travel",
+    "spin": "the wheels spin: they lose this part, all, of their travel",
+    "amplifier_holds": "the motors go on at the last speeds and take no commands; a safe stop works",
+    "amplifier_dead": "the motors are without power, and the robot rolls on; a safe stop works",
+    "localization_lost": "no fixes come",
+    "localization_jump": "fixes are so far [m] beside the truth",
+    "localization_coarse": "fixes of 20 mm and 10 mrad (times this) at 10 Hz, 0.1 s late, one in 50 off by 0.3 m",
+    "lost_odometry": "neither wheel travel nor fixes are measured",
+    "nan_fix": "fixes are not numbers",
+    "nan_odometry": "wheel travel is not a number",
+    "nan_joints": "joint readings are not numbers",
     "nan_obstacle": "an obstacle's pose is not a number",
+    "driver_exception": "reading the measurements raises an exception",
+    "sensing_exception": "sensing the scene raises an exception",
     "planning_exception": "the planning tick raises an exception",
     "slow_tick": "the planning tick takes ten times its budget",
-    "lost_odometry": "neither wheel travel nor position is measured",
+    "scene_frozen": "the scene is not renewed",
+    "scene_late": "the scene comes so much [s] late",
+    "scene_future": "the scene's time stamp is so much [s] ahead",
+    "scene_empty": "the scene holds no obstacle",
     "viewer_killed": "the viewer's process dies",
 }
-_SCENE_DELAY = 0.3
-"""Lateness [s] of the fault ``scene_late``."""
+"""What can be injected, and what it does; where it has a size, that is what "this" and "so" stand for."""
+_SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
+_COARSE = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
+_OUTLIER = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]
+_ROLLS_ON = 1.0  # [s] time constant of the speed of a drive without power
 _Seconds = Annotated[float, Bound(low=0.0, unit="s")]
 
 
@@ -42,15 +71,20 @@ class Fault:
         kind: one of ``FAULTS``.
         start: when it begins [s].
         duration: how long it lasts [s].
+        size: how large it is, where that has a meaning; of the kind's own size where None.
     """
 
     kind: str
     start: _Seconds
     duration: _Seconds = 1.0
+    size: Annotated[float, Bound(low=0.0)] | None = None
 
     def __post_init__(self) -> None:
         check_choice("Fault.kind", self.kind, FAULTS)
         check_fields(self, f"Fault({self.kind!r})")
+        if self.size is not None and self.kind not in _SIZES:
+            raise ParameterError(f"fault {self.kind!r} has no size; those that have one: {', '.join(_SIZES)}")
+        object.__setattr__(self, "size", _SIZES.get(self.kind) if self.size is None else self.size)
 
     def active(self, t: float) -> bool:
         """Whether it is there at time ``t`` [s]."""
@@ -58,20 +92,26 @@ class Fault:
 
     @staticmethod
     def parse(text: str) -> Fault:
-        """A fault from ``kind@start`` or ``kind@start:duration``.
+        """A fault from ``kind@start``, ``kind@start+duration`` or ``kind=size@start+duration``.
+
+        A kind may be written with hyphens, and a colon stands for the plus.
 
         Raises:
             ParameterError: anything else.
         """
         check_type("a fault", text, str)
-        kind, _, rest = text.partition("@")
-        start, _, duration = rest.partition(":")
+        wanted = f"fault {text!r} must read kind[=size]@start[+duration], in seconds, say slip-left=0.5@4+2"
+        found = _SYNTAX.fullmatch(text.strip())
+        kind = text.partition("@")[0].partition("=")[0].strip().replace("-", "_")
+        check_choice("fault", kind, FAULTS)
+        if found is None:
+            raise ParameterError(wanted)
         try:
-            return Fault(kind, float(start or 0.0), float(duration or 1.0))
-        except ValueError as error:
-            if isinstance(error, ParameterError):
-                raise
-            raise ParameterError(f"fault {text!r} must read kind@start or kind@start:duration, in seconds") from None
+            size = None if found["size"] is None else float(found["size"])
+            start, duration = float(found["start"]), float(found["duration"] or 1.0)
+        except ValueError:
+            raise ParameterError(wanted) from None
+        return Fault(kind, start, duration, size)
 
 
 class FaultPlan:
@@ -88,9 +128,13 @@ class FaultPlan:
         """Whether a fault of that kind is there at time ``t`` [s]."""
         return any(f.kind == kind and f.active(t) for f in self.faults)
 
+    def size(self, kind: str, t: float) -> float:
+        """Size of a fault of that kind at time ``t`` [s]; 0 where there is none."""
+        return max((f.size or 0.0 for f in self.faults if f.kind == kind and f.active(t)), default=0.0)
+
 
 class FaultyPerception:
-    """Workspace: a perception whose scenes are frozen, late or invalid at times; else the wrapped one."""
+    """Workspace: a perception whose scenes are frozen, late, of the future, empty or invalid at times."""
 
     def __init__(self, inner: Perception, faults: FaultPlan) -> None:
         self._inner, self._faults = inner, faults
@@ -100,26 +144,102 @@ class FaultyPerception:
         return getattr(self._inner, name)
 
     def sense(self, t: float) -> Scene:
-        if self._faults.active("nan_obstacle", t):
+        faults = self._faults
+        if faults.active("nan_obstacle", t):
             raise PerceptionError("the sensed scene holds a pose that is not finite")
-        if self._last is None or not self._faults.active("scene_frozen", t):
-            self._last = self._inner.sense(t - (_SCENE_DELAY if self._faults.active("scene_late", t) else 0.0))
-        return self._last
+        if faults.active("sensing_exception", t):
+            raise RuntimeError("sensing exception put in on purpose")
+        if self._last is None or not faults.active("scene_frozen", t):
+            self._last = self._inner.sense(t - faults.size("scene_late", t))
+        if faults.active("scene_empty", t):
+            return Scene([], time=self._last.time)
+        ahead = faults.size("scene_future", t)
+        return Scene(self._last, time=self._last.time + ahead) if ahead else self._last
 
 
 class FaultyPlant:
-    """Workspace: a plant whose odometry is lost at times; else the wrapped one."""
+    """Workspace: a plant whose wheels slip, whose motors do not obey, and whose measurements are wrong at times.
 
-    def __init__(self, inner: Plant, faults: FaultPlan) -> None:
+    Args:
+        inner: the plant.
+        faults: what is wrong, and when.
+        seed: of the noise of coarse localization.
+
+    Raises:
+        ParameterError: wheels that slip, on a plant that cannot have them slip.
+    """
+
+    def __init__(self, inner: Plant, faults: FaultPlan, seed: int = 0) -> None:
         self._inner, self._faults = inner, faults
+        self._rng = np.random.default_rng(seed)
+        self._held: Command | None = None
+        self._fixes: deque[tuple[float, Array]] = deque()  # coarse ones that are under way: times, poses
+        self._next_fix = -math.inf
+        if any(f.kind.startswith(("slip", "spin")) for f in faults.faults) and not isinstance(inner, KinematicPlant):
+            raise ParameterError("wheels slip on purpose on the kinematic plant only")
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._inner, name)
 
     def step(self, command: Command, dt: float) -> Measurement:
-        if self._faults.active("lost_odometry", self._inner.time):
-            self._inner.lost_odometry(self._inner.time + dt)
-        return self._inner.step(command, dt)
+        t, inner, faults = self._inner.time, self._inner, self._faults
+        if faults.active("lost_odometry", t):
+            inner.lost_odometry(t + dt)
+        if isinstance(inner, KinematicPlant):
+            every = max(faults.size("slip", t), faults.size("spin", t))
+            sides = ("slip_left", "slip_right") if len(inner.motors) == 2 else ()
+            inner.lost = [
+                max(every, *(faults.size(side, t) for side in sides[i : i + 1])) for i in range(len(inner.motors))
+            ]
+        measurement = inner.step(self._obeyed(command, t, dt), dt)
+        if faults.active("driver_exception", t):
+            raise RuntimeError("driver exception put in on purpose")
+        return self._misread(measurement, t)
+
+    def _obeyed(self, command: Command, t: float, dt: float) -> Command:
+        """What the motors do of a command. A safe stop cuts their power and brakes, whatever the amplifier does."""
+        if not self._faults.active("amplifier_holds", t):
+            self._held = command
+        if command.stop:
+            return command
+        if self._faults.active("amplifier_dead", t):
+            return Command(self._inner.motors * math.exp(-dt / _ROLLS_ON), np.zeros_like(command.joints))
+        return self._held or command
+
+    def _misread(self, measurement: Measurement, t: float) -> Measurement:
+        faults, nan = self._faults, np.nan
+        if faults.active("nan_odometry", t) and measurement.drive is not None:
+            measurement = replace(measurement, drive=np.full_like(measurement.drive, nan))
+        if faults.active("nan_joints", t):
+            measurement = replace(measurement, joints=np.full_like(measurement.joints, nan))
+        if faults.active("localization_lost", t):
+            return replace(measurement, pose=None, pose_time=None)
+        coarse = faults.size("localization_coarse", t)
+        if coarse and self._inner.robot.space.base_nv:
+            return self._coarse(measurement, coarse)
+        if measurement.pose is None:
+            return measurement
+        if faults.active("nan_fix", t):
+            return replace(measurement, pose=np.full(3, nan))
+        jump = faults.size("localization_jump", t)
+        return replace(measurement, pose=measurement.pose + np.array([0.6 * jump, 0.8 * jump, 0.0]))
+
+    def _coarse(self, measurement: Measurement, scale: float) -> Measurement:
+        """A measurement with a fix that is less exact, rarer and later, and says so."""
+        off, turn, period, latency = _COARSE
+        t = measurement.time
+        if t >= self._next_fix:
+            noise = np.clip(self._rng.standard_normal(3), -3.0, 3.0) * scale * np.array([off, off, turn])
+            if self._rng.random() < _OUTLIER[0]:
+                way = self._rng.uniform(0.0, 2.0 * np.pi)
+                noise[:2] += _OUTLIER[1] * np.array([np.cos(way), np.sin(way)])
+            self._fixes.append((t, self._inner.coordinates[:3] + noise))
+            self._next_fix = t + period
+        if not self._fixes or self._fixes[0][0] + latency > t:
+            return replace(measurement, pose=None, pose_time=None)
+        at, pose = self._fixes.popleft()
+        covariance = np.diag(np.square(scale * np.array([off, off, turn])))
+        return replace(measurement, pose=pose, pose_time=at, pose_covariance=covariance)
 
 
 def faulty_planning(plan_tick: PlanTick, faults: FaultPlan, *, slow: float) -> PlanTick:

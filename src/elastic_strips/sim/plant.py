@@ -206,6 +206,11 @@ class Plant(Protocol):
     """A simulated machine: commands in, measurements out; its true state is for the evaluation."""
 
     @property
+    def robot(self) -> RobotModel:
+        """What it simulates."""
+        ...
+
+    @property
     def time(self) -> float:
         """Time of the state [s]."""
         ...
@@ -255,9 +260,14 @@ class KinematicPlant:
         params: how the machine differs.
         seed: of all noise, or a generator.
 
+    Attributes:
+        lost: (k,) further part of each drive coordinate's travel that is lost on the floor, as a fault.
+
     Raises:
         ParameterError: limits that do not fit the robot.
     """
+
+    lost: list[float]
 
     def __init__(
         self,
@@ -295,7 +305,7 @@ class KinematicPlant:
     def v(self) -> Array:
         if not self._k:
             return np.array(self._joint_speed)
-        ground = [w * (1.0 - s) for w, s in zip(self._wheel, self._slip, strict=True)]
+        ground = [w * (1.0 - s - x) for w, s, x in zip(self._wheel, self._slip, self.lost, strict=True)]
         return np.array([*self._twist(ground), *self._joint_speed])
 
     @property
@@ -320,6 +330,7 @@ class KinematicPlant:
         half = 0.5 * self.params.slip
         self._wander = [half * next(self._normal) for _ in range(self._k)]
         self._slip = [max(-2.0 * half, min(2.0 * half, s)) for s in self._wander]
+        self.lost: list[float] = [0.0] * self._k
         self._odometry.reset(self._time, self._travel)
 
     def step(self, command: Command, dt: float) -> Measurement:
@@ -333,6 +344,8 @@ class KinematicPlant:
             raise ParameterError(
                 f"command {drive} and {joints}: {self._k} finite speeds of the drive and {self._n} of joints are wanted"
             )
+        if command.stop:
+            drive, joints = [0.0] * self._k, [0.0] * self._n
         drive = [max(-top, min(top, u)) for u, top in zip(drive, self._top, strict=True)]
         joints = [max(-top, min(top, u)) for u, top in zip(joints, self._joint_top, strict=True)]
         p = self.params
@@ -379,7 +392,7 @@ class KinematicPlant:
                 for i in range(self._k):
                     self._wheel[i], way = speed_loop(self._wheel[i], drive[i], p.wheel_lag, self._push[i], piece)
                     self._travel[i] += way
-                    ground.append(way * (1.0 - self._slip[i]))
+                    ground.append(way * (1.0 - self._slip[i] - self.lost[i]))
                 self._pose = compose(self._pose, exp(self._twist(ground)))
         for i in range(self._n):
             speed, way = speed_loop(self._joint_speed[i], joints[i], p.joint_lag, self._joint_push[i], h)

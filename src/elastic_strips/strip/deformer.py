@@ -57,7 +57,7 @@ class Deformer(BaseDeformer[DeformReport]):
         super().__init__(
             robot, params, reach=params.influence, self_reach=self_reach, self_influence=params.self_influence
         )
-        self.params = params
+        self.params: DeformParams = params
         self.constraint: ConstraintForce | None = None if constraint is None else ConstraintForce(robot, constraint)
         space = robot.space
         b = space.base_nv
@@ -81,6 +81,14 @@ class Deformer(BaseDeformer[DeformReport]):
         self._proven = False  # the current nodes could be driven
         self._scene: Scene | None = None
         self._trust = 1.0
+
+    def keep_clearance(self, clearance: float) -> None:
+        """Keep another clearance [m] from now on.
+
+        Raises:
+            ParameterError: it is negative, or not below the influence distance.
+        """
+        self.params = self.workspace.params = self.params.replaced(clearance=clearance)
 
     def step(
         self,

@@ -247,3 +247,69 @@ def test_its_own_doubt_is_of_the_size_of_its_errors(silvermate):
 def test_parameters_are_checked(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         EstimatorParams(**wrong)
+
+
+def test_wheels_that_slip_are_found_out_and_followed(silvermate):
+    """Half of the left wheel's travel is lost: the filter's own noise would take seconds to believe the fixes."""
+    limits = limits_of(silvermate)
+    for seed in range(3):
+        plant, estimator = KinematicPlant(silvermate, limits, seed=seed), StateEstimator(silvermate, limits)
+        estimator.reset(plant.coordinates)
+        slipped = 0.0
+        for k, c in enumerate(curve(silvermate, 300, (0.8, 0.8))):
+            plant.lost = [0.5 if k >= 100 else 0.0, 0.0]
+            estimate = estimator.update(plant.step(c, 0.01))
+            slipped = max(slipped, estimator.slipped)
+            assert estimator.doubt == ""
+            off = silvermate.space.difference(plant.coordinates, estimate)
+            assert np.hypot(*off[:2]) < 0.1
+        assert slipped > 0.01
+
+
+def test_a_fix_that_jumps_is_not_believed(silvermate):
+    limits = limits_of(silvermate)
+    plant, estimator = KinematicPlant(silvermate, limits), StateEstimator(silvermate, limits)
+    estimator.reset(plant.coordinates)
+    for k, c in enumerate(curve(silvermate, 400, (0.4, 0.4))):
+        m = plant.step(c, 0.01)
+        jumps = 100 <= k < 300 and m.pose is not None
+        estimate = estimator.update(replace(m, pose=np.add(m.pose, (0.0, 1.0, 0.0))) if jumps else m)
+        if 110 <= k < 300:
+            assert "1.0 m" in estimator.doubt
+        assert np.hypot(*silvermate.space.difference(plant.coordinates, estimate)[:2]) < 0.1
+    assert estimator.doubt == ""
+    assert np.hypot(*silvermate.space.difference(plant.coordinates, estimate)[:2]) < 0.01
+
+
+@pytest.mark.parametrize(("push", "believed"), [(0.2, True), (1.0, False)])
+def test_a_robot_that_stands_may_have_been_pushed(silvermate, push, believed):
+    limits = limits_of(silvermate)
+    estimator = StateEstimator(silvermate, limits)
+    home = silvermate.space.to_coordinates(silvermate.home_q)
+    estimator.reset(home)
+    for k in range(1, 100):
+        got = estimator.update(
+            Measurement(0.05 * k, np.zeros(2), home[3:], np.add(home[:3], (push, 0.0, 0.0)), 0.05 * k)
+        )
+    assert got[0] == pytest.approx(home[0] + (push if believed else 0.0), abs=0.01)
+    assert (estimator.doubt == "") == believed
+
+
+def test_coarse_fixes_say_so(silvermate):
+    limits = limits_of(silvermate)
+    last = []
+    for noise in (0.003, 0.02):
+        rng, plant, estimator = (
+            np.random.default_rng(0),
+            KinematicPlant(silvermate, limits),
+            StateEstimator(silvermate, limits),
+        )
+        estimator.reset(plant.coordinates)
+        for c in curve(silvermate, 500):
+            m = plant.step(c, 0.01)
+            if m.pose is not None:
+                off = rng.normal(size=3) * noise
+                m = replace(m, pose=m.pose + off, pose_covariance=np.eye(3) * noise**2)
+            estimator.update(m)
+        last.append(estimator.deviation[0])
+    assert last[1] > 2.0 * last[0]

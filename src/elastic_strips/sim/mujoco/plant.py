@@ -192,7 +192,7 @@ class MujocoPlant:
         if count < 1 or abs(count * self.timestep - dt) > 1e-9:
             raise ParameterError(f"dt={dt!r} must be a multiple of the time step {self.timestep:g} s")
         mujoco, model, data, layout = self._mujoco, self._model, self._data, self._layout
-        new = np.clip(wanted, -self._top, self._top)
+        new = np.zeros_like(wanted) if command.stop else np.clip(wanted, -self._top, self._top)
         late = round(self.params.jitter * float(self._rng.random()) / self.timestep) if self.params.jitter > 0 else 0
         begin = self._time
         self._exist()

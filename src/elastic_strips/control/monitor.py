@@ -1,0 +1,179 @@
+"""Monitor: checks at the control rate what the certificate of a motion assumes, and says what no longer holds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision.bounds import Displacement
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.trajectory import MotionLimits
+
+from .estimation import StateEstimator
+from .interfaces import Command, Measurement
+from .params import MonitorParams
+
+_TOO_FAST = 2.0
+"""A motor that seems this many times as fast as its limit was misread."""
+_SLACK = 0.05  # [m, rad] and what a reading may be off besides
+_FEW = 2
+"""So few obstacles may vanish at once."""
+
+
+class Monitor:
+    """Workspace: what sensors and motors have done so far, compared with what they can do.
+
+    Args:
+        robot: the robot.
+        limits: of its motors.
+        params: when an assumption counts as broken.
+        dt: control period [s].
+
+    Attributes:
+        deviation: bound [m] of the distance of any point of the robot from its place by the reference, estimated.
+        uncertainty: error [m] of any point of the estimated robot, by the estimator's standard deviations.
+        silent: since when [s] no usable measurement of wheels or joints has come; None where the last one was.
+        motor_fault: what a motor does that it was not told to; empty where all obey.
+    """
+
+    def __init__(self, robot: RobotModel, limits: MotionLimits, params: MonitorParams, dt: float) -> None:
+        self.robot: RobotModel = robot
+        self.limits: MotionLimits = limits
+        self.params: MonitorParams = params
+        self.deviation: float = 0.0
+        self.uncertainty: float = 0.0
+        self.silent: float | None = None
+        self.motor_fault: str = ""
+        self._dt = dt
+        self._displacement = Displacement(robot)
+        self._last: Measurement | None = None
+        self._model = np.zeros(len(limits.drive_speed))  # speeds that the motors ought to have
+        self._wrong_since: float | None = None
+        self._standing: frozenset[str] = frozenset()
+        self._doubted_since: float | None = None
+
+    def measurement(self, t: float, raw: Measurement, estimate: Array) -> tuple[Measurement | None, tuple[str, ...]]:
+        """A measurement without what cannot be true.
+
+        Args:
+            t: time [s].
+            raw: what came.
+            estimate: (nv,) the last one; its joints stand for those that were misread.
+
+        Returns:
+            The rest of it, None where nothing can be used; and what is wrong with it.
+        """
+        last, faults = self._last, []
+        before = t - self._dt if last is None else last.time
+        if not math.isfinite(raw.time) or raw.time > t + self.params.clock_skew:
+            faults.append(f"a measurement is of time {raw.time:g} s, which is still to come")
+            raw = replace(raw, time=t)
+        if raw.time <= before:
+            self._silence(t)
+            return None, (*faults, f"a measurement of time {raw.time:g} s is no newer than the last")
+        span = raw.time - before
+        drive, joints = raw.drive, raw.joints
+        if drive is not None and not _near(drive, np.zeros_like(self._model), self.limits.drive_speed, span):
+            faults.append("odometry is misread")
+            drive = None
+        elif drive is not None and span > self.params.silence:
+            faults.append(f"odometry was silent for {span:.2f} s")
+            drive = None
+        first = self.robot.space.base_nv
+        if not _near(joints, estimate[first:], self.limits.joint_speed, span):
+            faults.append("joints are misread")
+            joints = estimate[first:].copy()
+            self._silence(t)
+        elif drive is None:
+            self._silence(t)
+        else:
+            self.silent = None
+        pose, covariance = raw.pose, raw.pose_covariance
+        if pose is not None:
+            sound = np.shape(pose) == (3,) and np.isfinite(pose).all() and raw.pose_time is not None
+            if not sound or not raw.time - 10.0 < (raw.pose_time or 0.0) <= raw.time + self.params.clock_skew:
+                faults.append("a fix is misread")
+                pose = None
+            elif covariance is not None and not _is_covariance(covariance):
+                faults.append("the covariance of a fix is none")
+                covariance = None
+        self._last = replace(raw, drive=drive, joints=joints, pose=pose, pose_covariance=covariance)
+        if drive is not None:
+            self._check_motors(t, drive / span)
+        return self._last, tuple(faults)
+
+    def nothing(self, t: float) -> None:
+        """Take note that no measurement has come at time ``t`` [s]."""
+        self._silence(t)
+
+    def _silence(self, t: float) -> None:
+        self.silent = t if self.silent is None else self.silent
+
+    def scene(self, t: float, scene: Scene, *, at_rest: bool) -> str:
+        """Why a scene is not to be believed; empty where it is.
+
+        Args:
+            t: time [s].
+            scene: the newest one.
+            at_rest: whether the robot stands: only then a scene without what stood is believed in the end.
+        """
+        if not scene.time <= t + self.params.clock_skew:
+            return f"the scene's time is {scene.time - t:.2f} s ahead"
+        standing = frozenset(o.name or "" for o in scene if o.motion is None)
+        gone = len(self._standing - standing)
+        if gone > _FEW and gone > self.params.vanished * len(self._standing):
+            self._doubted_since = t if self._doubted_since is None else self._doubted_since
+            if t - self._doubted_since < self.params.scene_doubt or not at_rest:
+                return f"{gone} of {len(self._standing)} obstacles that stood have vanished at once"
+        self._standing, self._doubted_since = standing, None
+        return ""
+
+    def commanded(self, command: Command) -> None:
+        """Take note of a command: what the motors have to do in the period that begins now."""
+        wanted = np.zeros_like(self._model) if command.stop else command.drive
+        push = self.limits.drive_acceleration * self._dt
+        change = (wanted - self._model) * (1.0 - math.exp(-self._dt / max(self.params.wheel_lag, 1e-9)))
+        self._model = self._model + np.clip(change, -push, push)
+
+    def _check_motors(self, t: float, speed: Array) -> None:
+        """Compare measured speeds (k,) [m/s, rad/s] with the motors' model."""
+        error = np.abs(speed - self._model)
+        if float(error.max(initial=0.0)) <= self.params.motor_error:
+            self._wrong_since, self.motor_fault = None, ""
+            return
+        self._wrong_since = t if self._wrong_since is None else self._wrong_since
+        if t - self._wrong_since >= self.params.motor_time:
+            i = int(error.argmax())
+            self.motor_fault = (
+                f"motor {i} of the drive does not obey: {speed[i]:.2f} m/s where {self._model[i]:.2f} are expected"
+            )
+
+    def follow(self, reference: Array, estimate: Array, estimator: StateEstimator) -> None:
+        """Bring :attr:`deviation` and :attr:`uncertainty` up to date.
+
+        Args:
+            reference, estimate: (nv,) where the robot has to be, and where it is estimated to be.
+            estimator: knows how exact that is.
+        """
+        self.deviation = float(self._displacement(reference[None], estimate[None])[0])
+        position, heading = estimator.deviation
+        self.uncertainty = self.params.sigmas * (position + heading * self._displacement.reach())
+
+
+def _near(values: Array, others: Array, speed: Array, span: float) -> bool:
+    """Whether values can be what others have become in ``span`` [s], at speeds of at most about ``speed``."""
+    return np.shape(values) == others.shape and bool(
+        (np.abs(np.asarray(values) - others) <= _TOO_FAST * speed * span + _SLACK).all()  # False of what is no number
+    )
+
+
+def _is_covariance(value: Array) -> bool:
+    """Whether a value is a (3, 3) matrix that is symmetric, finite and positive definite."""
+    matrix = np.asarray(value)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T):
+        return False
+    return bool(np.linalg.eigvalsh(matrix)[0] > 0.0)

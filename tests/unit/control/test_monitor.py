@@ -1,0 +1,129 @@
+"""The monitor: what cannot be true of inputs is taken out of them; motors that do not obey are found out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.monitor import Monitor
+from elastic_strips.control.params import MonitorParams
+from elastic_strips.scene import Box, Scene
+from elastic_strips.trajectory.limits import MotionLimits
+
+DT = 0.01
+
+
+@pytest.fixture
+def monitor(silvermate) -> Monitor:
+    return Monitor(silvermate, MotionLimits.for_robot(silvermate), MonitorParams(), DT)
+
+
+@pytest.fixture
+def home(silvermate) -> np.ndarray:
+    return silvermate.space.to_coordinates(silvermate.home_q)
+
+
+def reading(home: np.ndarray, t: float = DT, **changes: object) -> Measurement:
+    sound = Measurement(t, np.full(2, 0.005), home[3:].copy(), home[:3].copy(), t - 0.005)
+    return replace(sound, **changes)
+
+
+def test_a_sound_measurement_is_not_touched(monitor, home):
+    raw = reading(home, pose_covariance=np.diag([1e-4, 1e-4, 1e-5]))
+    got, faults = monitor.measurement(DT, raw, home)
+    assert faults == ()
+    assert got is not None
+    for name in ("time", "drive", "joints", "pose", "pose_time", "pose_covariance"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(raw, name))
+    assert monitor.silent is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault", "gone"),
+    [
+        ({"drive": np.array([np.nan, 0.0])}, "odometry", "drive"),
+        ({"drive": np.array([0.5, 0.0])}, "odometry", "drive"),
+        ({"drive": np.zeros(3)}, "odometry", "drive"),
+        ({"pose": np.array([0.0, np.inf, 0.0])}, "fix", "pose"),
+        ({"pose": np.zeros(2)}, "fix", "pose"),
+        ({"pose_time": 5.0}, "fix", "pose"),
+        ({"pose_time": None}, "fix", "pose"),
+        ({"pose_covariance": -np.eye(3)}, "covariance", "pose_covariance"),
+        ({"pose_covariance": np.full((3, 3), np.nan)}, "covariance", "pose_covariance"),
+    ],
+)
+def test_what_cannot_be_true_is_taken_out(monitor, home, changes, fault, gone):
+    got, faults = monitor.measurement(DT, reading(home, **changes), home)
+    assert got is not None
+    assert getattr(got, gone) is None
+    assert len(faults) == 1
+    assert fault in faults[0]
+
+
+@pytest.mark.parametrize("joints", [np.full(7, np.nan), np.zeros(6), "far"])
+def test_misread_joints_are_those_of_before(monitor, home, joints):
+    joints = home[3:] + 1.0 if isinstance(joints, str) else joints
+    got, faults = monitor.measurement(DT, reading(home, joints=joints), home)
+    assert got is not None
+    np.testing.assert_array_equal(got.joints, home[3:])
+    assert faults == ("joints are misread",)
+    assert monitor.silent == DT
+    monitor.measurement(2 * DT, reading(home, 2 * DT), home)
+    assert monitor.silent is None
+
+
+def test_times_are_checked(monitor, home):
+    got, faults = monitor.measurement(DT, reading(home, 7.0, pose=None, pose_time=None), home)
+    assert got is not None
+    assert got.time == DT
+    assert "still to come" in faults[0]
+    got, faults = monitor.measurement(2 * DT, reading(home, DT), home)
+    assert got is None
+    assert "no newer" in faults[0]
+    got, faults = monitor.measurement(1.0, reading(home, 1.0), home)
+    assert got is not None
+    assert got.drive is None
+    assert "silent for 0.99 s" in faults[0]
+
+
+def test_a_scene_of_the_future_is_refused(monitor):
+    assert monitor.scene(1.0, Scene(time=1.01), at_rest=False) == ""
+    assert "ahead" in monitor.scene(1.0, Scene(time=2.0), at_rest=False)
+
+
+def test_obstacles_that_vanish_all_at_once_are_missed(monitor):
+    boxes = [Box((0.2, 0.2, 0.2), at=(k, 3.0, 0.1), name=f"box {k}") for k in range(5)]
+    assert monitor.scene(0.0, Scene(boxes), at_rest=False) == ""
+    assert "5 of 5" in monitor.scene(0.1, Scene(time=0.1), at_rest=False)
+    assert monitor.scene(0.2, Scene(boxes, time=0.2), at_rest=False) == ""
+    assert monitor.scene(0.3, Scene(boxes[:2], time=0.3), at_rest=False) == ""  # some may go
+    assert monitor.scene(0.4, Scene(boxes, time=0.4), at_rest=False) == ""
+    for k in range(5, 30):  # a robot that moves never believes it; one that stands does in the end
+        assert monitor.scene(0.1 * k, Scene(time=0.1 * k), at_rest=False)
+    assert monitor.scene(3.0, Scene(time=3.0), at_rest=True) == ""
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+def test_motors_that_hold_their_speed_are_found_out(monitor, home, obeys):
+    wheels, t, seen = np.zeros(2), 0.0, None
+    for k in range(200):
+        told = np.full(2, 0.6 if k < 100 else 0.0)
+        monitor.commanded(Command(told, np.zeros(7)))
+        if obeys or k < 100:
+            change = (told - wheels) * (1.0 - np.exp(-DT / 0.04))
+            wheels = wheels + np.clip(
+                change, -DT * monitor.limits.drive_acceleration, DT * monitor.limits.drive_acceleration
+            )
+        t += DT
+        monitor.measurement(t, Measurement(t, wheels * DT, home[3:]), home)
+        if monitor.motor_fault and seen is None:
+            seen = t
+    if obeys:
+        assert seen is None
+    else:
+        assert seen is not None
+        assert 1.0 < seen < 1.5
+        assert "does not obey" in monitor.motor_fault
