@@ -102,10 +102,12 @@ class StateEstimator:
 
     Attributes:
         doubt: why the last fix was not believed; empty where it was.
+        localized: whether a fix has ever come; else the pose is that of odometry, in a frame of its own.
         slipped: by how much [m] odometry was off at the last fix, where only wheels that slip explain it; else 0.
     """
 
     doubt: str
+    localized: bool
     slipped: float
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: EstimatorParams | None = None) -> None:
@@ -146,7 +148,7 @@ class StateEstimator:
         self._at_fix = self._past[0]
         self._last_fix = (self._past[0], np.zeros(3))  # where odometry was at the last fix, and how far from it
         self._doubted: _Odometry | None = None  # since when, where, at which travel
-        self.doubt, self.slipped = "", 0.0
+        self.doubt, self.slipped, self.localized = "", 0.0, False
         self._P = np.zeros((3 + self._k, 3 + self._k))
         for i in range(self._k):
             self._P[3 + i, 3 + i] = self.params.slip**2
@@ -201,7 +203,7 @@ class StateEstimator:
         _, pose, _ = past
         error = np.array(_log(compose(_inverse(pose), (fix[0], fix[1], fix[2]))))
         noise = np.diag([p.fix_noise**2, p.fix_noise**2, p.fix_angle_noise**2]) if covariance is None else covariance
-        self.slipped = 0.0
+        self.slipped, self.localized = 0.0, True
         if error @ np.linalg.solve(P[:3, :3] + noise, error) > p.gate**2 and not self._believed(
             past, fix, error, noise
         ):

@@ -20,7 +20,7 @@ from .params import MonitorParams
 _TOO_FAST = 2.0
 """A motor that seems this many times as fast as its limit was misread."""
 _SLACK = 0.05  # [m, rad] and what a reading may be off besides
-_FEW = 2
+_FEW = 1
 """So few obstacles may vanish at once."""
 
 
@@ -53,7 +53,7 @@ class Monitor:
         self._last: Measurement | None = None
         self._model = np.zeros(len(limits.drive_speed))  # speeds that the motors ought to have
         self._wrong_since: float | None = None
-        self._standing: frozenset[str] = frozenset()
+        self._seen: frozenset[str] = frozenset()  # names of the obstacles of the last scene that was believed
         self._doubted_since: float | None = None
 
     def measurement(self, t: float, raw: Measurement, estimate: Array) -> tuple[Measurement | None, tuple[str, ...]]:
@@ -119,17 +119,16 @@ class Monitor:
         Args:
             t: time [s].
             scene: the newest one.
-            at_rest: whether the robot stands: only then a scene without what stood is believed in the end.
+            at_rest: whether the robot stands: only then a scene without what was there is believed in the end.
         """
         if not scene.time <= t + self.params.clock_skew:
             return f"the scene's time is {scene.time - t:.2f} s ahead"
-        standing = frozenset(o.name or "" for o in scene if o.motion is None)
-        gone = len(self._standing - standing)
-        if gone > _FEW and gone > self.params.vanished * len(self._standing):
+        gone = len(self._seen.difference(scene.names))
+        if gone > _FEW and gone > self.params.vanished * len(self._seen):
             self._doubted_since = t if self._doubted_since is None else self._doubted_since
             if t - self._doubted_since < self.params.scene_doubt or not at_rest:
-                return f"{gone} of {len(self._standing)} obstacles that stood have vanished at once"
-        self._standing, self._doubted_since = standing, None
+                return f"{gone} of {len(self._seen)} obstacles have vanished at once"
+        self._seen, self._doubted_since = frozenset(scene.names), None
         return ""
 
     def commanded(self, command: Command) -> None:
@@ -160,7 +159,7 @@ class Monitor:
             estimator: knows how exact that is.
         """
         self.deviation = float(self._displacement(reference[None], estimate[None])[0])
-        position, heading = estimator.deviation
+        position, heading = estimator.deviation if estimator.localized else (0.0, 0.0)
         self.uncertainty = self.params.sigmas * (position + heading * self._displacement.reach())
 
 

@@ -88,7 +88,7 @@ class MonitorParams(Checked):
         motor_time: for at most this time [s]; then power is cut.
         motor_wait: and for this time [s] at rest the power stays off.
         wheel_lag: time constant [s] of the motors' model.
-        vanished: a scene that lacks this part of what stood in the one before is not believed
+        vanished: a scene that lacks this part of the obstacles of the one before is not believed
         scene_doubt: before this time [s] is over.
     """
 

@@ -107,7 +107,7 @@ def test_appearing_obstacles_are_seen_when_they_exist():
     "text, message",
     [
         ("scene_frozn@2", "did you mean 'scene_frozen'"),
-        ("scene_late@soon", "must read kind@start"),
+        ("scene_late@soon", "must read kind"),
         ("scene_late@-1", "start=-1.0 must be a finite number of s ≥ 0"),
         ("scene_late@1:nan", "duration=nan"),
     ],

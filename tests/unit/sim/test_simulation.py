@@ -74,8 +74,13 @@ def test_faults_end_at_rest_or_at_the_goal(silvermate, kind):
     named = {
         "scene_frozen": "stale scene", "scene_late": "stale scene", "nan_obstacle": "not finite",
         "planning_exception": "planning exception", "slow_tick": "late tick", "lost_odometry": "odometry lost",
+        "slip": "slip", "slip_left": "slip", "slip_right": "slip", "spin": "slip", "scene_empty": "vanished",
+        "scene_future": "ahead", "nan_fix": "fix is misread", "nan_odometry": "odometry is misread",
+        "nan_joints": "joints are misread", "driver_exception": "driver exception",
+        "sensing_exception": "sensing exception", "localization_lost": "known to", "localization_jump": "fixes are",
+        "localization_coarse": "", "amplifier_holds": "does not obey", "amplifier_dead": "does not obey",
     }[kind]  # fmt: skip
-    faults = [e for e in result.events if e.kind == "fault"]
+    faults = [e for e in result.events if e.kind in ("fault", "localization")]
     assert any(named in e.reason for e in faults)
     assert 1.5 <= faults[0].time < 1.5 + duration + 0.5
 
