@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -202,10 +203,11 @@ def test_a_contact_between_two_planning_ticks_counts(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
     wheels = Wheels(silvermate)
     first = drive(controller, wheels, 150, still()) + 1
+    measurement = None
     for k in range(first, first + 20):
-        contact = "the left bumper" if k == first + 2 else ""
-        measurement = Measurement(k * DT, np.zeros(2), wheels.coordinates[3:], contact=contact)
-        controller.step(k * DT, measurement, Scene([], time=k * DT))
+        command = controller.step(k * DT, measurement, Scene([], time=k * DT))
+        felt = "the left bumper" if k == first + 2 else ""
+        measurement = replace(wheels.drive(command, (k + 1) * DT), contact=felt)
     assert any("bumper" in e.reason for e in controller.events if e.kind == "braked")
 
 
