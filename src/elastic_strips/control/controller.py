@@ -459,7 +459,7 @@ class Controller(ControlLoop[Scene]):
     def _tracking_error(self) -> float:
         """How far [m] the robot may be off its reference, as exact as its estimate is now; in steps of 5 mm."""
         params = self.params
-        needed = params.monitor.control_share * params.tracking_error + 1.25 * self.monitor.uncertainty
+        needed = params.monitor.control_share * params.tracking_error + self.monitor.uncertainty
         return params.tracking_error if needed <= params.tracking_error else math.ceil(needed / _STEP) * _STEP
 
     def _check_arrival(self, t: float) -> None:

@@ -80,8 +80,9 @@ class MonitorParams(Checked):
         control_share: part of ``DriveParams.tracking_error`` that control takes up by itself; where localization is so
             coarse that the rest does not do, motions are planned for a larger one,
         largest: but not for more than this [m].
-        brake_at: part of the tracking error at which the robot brakes; the rest is used up while it does.
-        sigmas: standard deviations of the estimate that count as its error.
+        brake_at: part of the tracking error that the distance from the reference and the error of the estimate may take
+            up together; then the robot brakes.
+        sigmas: standard deviations of the estimate that count as its largest error.
         clock_skew: largest time [s] by which a time stamp may be later than now.
         silence: longest time [s] without a usable measurement of wheels or joints.
         motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor,
@@ -92,10 +93,10 @@ class MonitorParams(Checked):
         scene_doubt: before this time [s] is over.
     """
 
-    control_share: Fraction = 0.6
+    control_share: Fraction = 0.55
     largest: Positive = 0.1
-    brake_at: Fraction = 0.9
-    sigmas: Positive = 2.0
+    brake_at: Fraction = 1.0
+    sigmas: Positive = 3.0
     clock_skew: NonNegative = 0.02
     silence: Positive = 0.05
     motor_error: Positive = 0.15
