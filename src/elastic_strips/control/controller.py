@@ -400,7 +400,7 @@ class Controller(ControlLoop[Scene]):
             elif self.state in (RunState.MOVING, RunState.BRAKING):  # a robot at rest has another reason
                 self.supervisor.reject(self._stopping, t)
         self._publish(t)
-        self._watch(t)
+        self._check_proof(t)
         self._check_arrival(t)
         self.supervisor.update(t)
         self._steps += 1
@@ -428,7 +428,7 @@ class Controller(ControlLoop[Scene]):
         if self.estimator.doubt:
             self.log("fault", self.estimator.doubt)
 
-    def _watch(self, t: float) -> None:
+    def _check_proof(self, t: float) -> None:
         """Brake where what the active trajectory was proven with holds no longer."""
         monitor, supervisor, params = self.monitor, self.supervisor, self.params
         monitor.follow(self.reference.coordinates, self.estimate, self.estimator)

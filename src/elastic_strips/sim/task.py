@@ -109,5 +109,5 @@ class TaskSimulation:
         drive = self.simulation.run(time_limit=time_limit)
         order = control.decide()
         reason = control.sequencing.reason if order in (Order.DONE, Order.GIVE_UP) else drive.reason
-        events = () if control.monitor is None else tuple(control.monitor.events)
+        events = () if control.constraint_monitor is None else tuple(control.constraint_monitor.events)
         return TaskResult(order is Order.DONE, reason, self.deliberation, drive, tuple(control.orders), events)

@@ -230,7 +230,7 @@ class HybridControl(Controller):
     Attributes:
         paths: plans paths when the sequencing layer requests them.
         sequencing: the layer.
-        monitor: of the constraint, or None.
+        constraint_monitor: of the constraint, or None.
         orders: (time [s], order, reason) of the sequencing layer, at every change.
 
     Raises:
@@ -273,7 +273,7 @@ class HybridControl(Controller):
             executor=executor, seed=seed, events=events,
         )  # fmt: skip
         force = self.planner.deformer.constraint
-        self.monitor: ConstraintMonitor | None = None if force is None else ConstraintMonitor(force)
+        self.constraint_monitor: ConstraintMonitor | None = None if force is None else ConstraintMonitor(force)
         self.orders: list[tuple[float, Order, str]] = []
         self._report: object = None
 
@@ -301,9 +301,9 @@ class HybridControl(Controller):
 
     def _watch(self) -> None:
         report = None if self.result is None else self.result.report
-        if self.monitor is not None and report is not None and report is not self._report:
+        if self.constraint_monitor is not None and report is not None and report is not self._report:
             self._report = report
-            self.monitor.update(self.time, report)
+            self.constraint_monitor.update(self.time, report)
         order = self.decide()
         if order is Order.REQUEST_PATH:
             self.paths.request()
