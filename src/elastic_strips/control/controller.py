@@ -1,4 +1,4 @@
-"""Controller: the control loop of a robot; measurements and scenes in, commands out, step by step.
+"""Controller: the planning loop of a robot, around an executor; measurements and scenes in, commands out, step by step.
 
 It has no access to a simulator's true state: the robot's state is estimated from measurements, obstacles come from
 sensed scenes.
@@ -7,204 +7,52 @@ sensed scenes.
 from __future__ import annotations
 
 import logging
-import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from concurrent.futures import Executor as Workers
+from concurrent.futures import Future, ThreadPoolExecutor
 from time import perf_counter
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.errors import ConfigurationError, ElasticStripsError, ParameterError, RobotError, SceneError
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, SceneError
 from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
-from elastic_strips.validation import check_able, check_count, check_number, check_type
+from elastic_strips.validation import check_able, check_count, check_type
 
-from .estimation import StateEstimator
-from .interfaces import Command, Event, Measurement, RunState
+from .control_loop import ControlLoop, Tick
+from .executor import Executor, ExecutorLink
+from .interfaces import Command, Measurement, RunState
 from .local_planner import LocalPlanner
-from .monitor import Monitor
-from .params import DriveParams, Tolerance
-from .record import TickStatistics
+from .monitor import SceneMonitor
+from .pace import Pace
+from .params import DriveParams
 from .replanning import Replanner
 from .strip_timer import PlanOutcome, PlanResult
-from .supervisor import RunLog, Supervisor
-from .tracking import TrackingController, TrackingGains
+from .supervisor import RunLog
 
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
 """Events that are kept by default: a robot may run for days."""
-_STEP = 0.005  # [m] in which the tracking error grows
-_RESTS = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
 _Planned = TypeVar("_Planned")
-_Sensed = TypeVar("_Sensed", contravariant=True)
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tick:
-    """A finished planning tick.
-
-    Attributes:
-        time: of the control step [s].
-        seconds: duration by the wall clock [s].
-        result: of the planner; None where it gave none.
-        strip: (N, nv) coordinate rows of the strip; None where there is none.
-        horizon_end: time [s] at which the active trajectory comes to rest; NaN where it is unknown.
-        status: of the strip, or of the method that steers without one.
-        reason: why there is no better result, or the reason of the robot's state.
-    """
-
-    time: float
-    seconds: float
-    result: PlanResult | None
-    strip: Array | None
-    horizon_end: float
-    status: str
-    reason: str
-
-
-class ControlLoop(ABC, Generic[_Sensed]):
-    """Workspace: base of all controllers: a robot and its limits, an estimate, planning ticks, and a stop.
-
-    It is generic in what it senses: a scene, or readings.
-
-    Args:
-        robot: the robot.
-        start: configuration (nq,) of the robot at rest.
-        params: of the drive.
-        limits: of the motors; read off the robot where None.
-
-    Attributes:
-        method: name of the method that steers.
-        goal: (nv,) coordinate row of the present goal.
-        tolerance: how near counts as reached.
-        time: of the last step [s].
-        estimate: (nv,) estimated coordinate row of the robot.
-        tick: the last planning tick, or None.
-        statistics: durations of the planning ticks.
-        estimator: of the robot's state, from measurements.
-
-    Raises:
-        ConfigurationError: start is not a valid configuration.
-    """
-
-    method: str
-    goal: Array
-    tolerance: Tolerance
-    _run: RunLog
-
-    def __init__(
-        self, robot: RobotModel, start: npt.ArrayLike, params: DriveParams | None, limits: MotionLimits | None
-    ) -> None:
-        check_type("robot", robot, RobotModel, RobotError)
-        check_type("params", params, DriveParams, none=True)
-        check_type("limits", limits, MotionLimits, none=True)
-        self.robot: RobotModel = robot
-        self.params: DriveParams = params or DriveParams()
-        self.limits: MotionLimits = limits or MotionLimits.for_robot(robot)
-        self.time: float = 0.0
-        self.estimate: Array = robot.space.to_coordinates(robot.check_q(start, what="start"))
-        self.estimator: StateEstimator = StateEstimator(robot, self.limits)
-        self.estimator.reset(self.estimate, 0.0)
-        self.tick: Tick | None = None
-        self.statistics: TickStatistics = TickStatistics()
-        self._contact = self._stopping = ""
-        self._steps = 0
-
-    @property
-    def state(self) -> RunState:
-        """What the robot is doing."""
-        return self._run.state
-
-    @property
-    def reason(self) -> str:
-        """Why it does so."""
-        return self._run.reason
-
-    @property
-    def events(self) -> list[Event]:
-        """What happened, in order of time."""
-        return self._run.events
-
-    @property
-    def stops(self) -> list[tuple[float, str]]:
-        """(time [s], reason) of every stop short of the goal."""
-        return self._run.stops
-
-    @property
-    def replans(self) -> int:
-        """How often a strip was planned anew."""
-        return 0
-
-    @property
-    def reference(self) -> ReferenceState | None:
-        """State that the robot follows at the time of the last step; None where the method has no reference."""
-        return None
-
-    @property
-    def plans_next(self) -> bool:
-        """Whether the next step has a planning tick, and so makes use of what is sensed."""
-        return True
-
-    @property
-    @abstractmethod
-    def ended(self) -> bool:
-        """Whether the robot has come to its last goal, or has stopped for good."""
-
-    @abstractmethod
-    def log(self, kind: str, reason: str) -> None:
-        """Write down an event at the present time: its kind in one word, and a reason."""
-
-    @abstractmethod
-    def step(
-        self, t: float, measurement: Measurement | None, sensed: _Sensed | None, /, *, trouble: str = ""
-    ) -> Command:
-        """One control period: the command of the motors from now on.
-
-        Args:
-            t: time [s].
-            measurement: what has been measured since the last step; None at the first.
-            sensed: what has been sensed since the last step; None where nothing came.
-            trouble: why nothing came.
-        """
-
-    def stop(self, reason: str = "asked to stop") -> None:
-        """Bring the robot to rest; it stands until :meth:`resume`.
-
-        Args:
-            reason: becomes the reason of the state.
-        """
-        self._stopping = self._stopping or reason
-
-    def resume(self) -> None:
-        """Continue after :meth:`stop`."""
-        self._stopping = ""
-
-    def _take_in(self, measurement: Measurement) -> None:
-        self.estimate = self.estimator.update(measurement)
-        self._contact = self._contact or measurement.contact
-
-    def _finish_tick(self, tick: Tick) -> None:
-        self.tick = tick
-        self.statistics.add(tick.seconds, self.params.latency * self.params.control_dt)
 
 
 class Controller(ControlLoop[Scene]):
     """Workspace: drives a robot along an elastic strip to its goals.
 
-    In every control period :meth:`step` takes measurements and scenes, and returns the command of the motors. In every
-    ``plan_every``-th one the strip is deformed, and a motion along it is certified up to its stop. On any failure the
-    active trajectory is driven to its end, and the reason is in :attr:`events`.
+    In every control period :meth:`step` takes measurements and scenes, and returns the command of the motors. At the
+    planning rate the strip is deformed, and a motion along it is certified up to its stop. On any failure the active
+    trajectory is driven to its end, and the reason is in :attr:`events`.
+
+    Where the executor runs elsewhere, :meth:`plan` does the planning alone.
 
     Args:
         robot: the robot.
@@ -217,9 +65,12 @@ class Controller(ControlLoop[Scene]):
         path: waypoints (K, 2) [m] that the first plan tries first.
         grid: whether plans may use a path over a grid.
         replanner: decides when a strip is planned anew, and plans it; a :class:`Replanner` where None.
-        executor: runs plans while the control loop goes on; an own thread where None.
+        workers: run plans while the control loop goes on; an own thread where None.
         seed: of the planner.
         events: the newest events and stops that are kept at least; all where None.
+        executor: one that runs elsewhere, with the same robot, limits, start and goal; an own one where None.
+        meter: reading [s] of the clock that computing is measured with; motions begin later where planning takes
+            longer. None where it takes no time.
 
     Attributes:
         first_plan: report of the first strip's plan; None where the strip was given.
@@ -228,7 +79,7 @@ class Controller(ControlLoop[Scene]):
         goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
         result: of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
-        planner, supervisor, replanner, tracker, monitor: the parts; other attributes as of :class:`ControlLoop`.
+        executor, planner, replanner, pace: the parts; other attributes as of :class:`ControlLoop`.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
@@ -249,15 +100,18 @@ class Controller(ControlLoop[Scene]):
         path: npt.ArrayLike | None = None,
         grid: bool = True,
         replanner: Replanner | None = None,
-        executor: Executor | None = None,
+        workers: Workers | None = None,
         seed: int = 0,
         events: int | None = KEPT_EVENTS,
+        executor: ExecutorLink | None = None,
+        meter: Callable[[], float] | None = None,
     ) -> None:
         super().__init__(robot, start, params, limits)
         check_type("scene", scene, Scene, SceneError, none=True)
         check_type("strip", strip, Strip, none=True)
         check_able("replanner", replanner, "plan")
-        check_able("executor", executor, "submit")
+        check_able("workers", workers, "submit")
+        check_able("meter", meter)
         check_count("seed", seed)
         goals = np.atleast_2d(robot.check_q(goal, what="goal"))
         self.goals: list[ArrayLike] = list(goals[1:])
@@ -269,26 +123,27 @@ class Controller(ControlLoop[Scene]):
         if strip is None:
             self.first_plan = self.replanner.plan(self.scene, start, self.goal_q, path=path)
             strip = self.first_plan.strip
-        self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip)
+        self.pace: Pace = Pace(self.params, meter)
+        self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
-        self.tracker: TrackingController = TrackingController(robot, self.limits, TrackingGains(headroom=1.0))
         self.tolerance = self.params.tolerance
-        resting = stationary(robot, self.limits, self.estimate, 0.0, self.params.control_dt)
-        self.supervisor: Supervisor = Supervisor(resting, keep=events)
-        self.monitor: Monitor = Monitor(robot, self.limits, self.params.monitor, self.params.control_dt)
-        self._halt = ""  # why the robot has to stand before it goes on from where it is
-        self._power_cut: float | None = None  # since when [s]
-        self._run = self.supervisor
-        self._passed = 0
-        self._executor = executor
+        self._here: Executor | None = None
+        if executor is None:
+            executor = self._here = Executor(
+                robot, self.limits, self.params, self.start, self.goal, self.tolerance, keep=events
+            )
+        self.executor: ExecutorLink = executor
+        self.result: PlanResult | None = None
+        self._doubts = SceneMonitor(self.params.monitor)
+        self._passed = self._recoveries = 0
+        self._workers = workers
         self._own: ThreadPoolExecutor | None = None
         self._replan_task: Future[tuple[Strip | None, str]] | None = None  # replans a strip to the same goal
         self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
-        self._ready: list[tuple[float, PlanResult]] = []
+        self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
-        self._no_path = ""
-        self.result: PlanResult | None = None
-        self._speed = 0.0
+        self._no_path = self._stopping = ""
+        self._next_tick = 0  # number of the step with the next planning tick
 
     def __enter__(self) -> Controller:
         return self
@@ -302,6 +157,15 @@ class Controller(ControlLoop[Scene]):
             self._own.shutdown()
 
     @property
+    def _run(self) -> RunLog:
+        return self.executor.run
+
+    @property
+    def estimate(self) -> Array:
+        """(nv,) estimated coordinate row of the robot."""
+        return self.executor.estimate
+
+    @property
     def replans(self) -> int:
         """How often a strip was planned anew."""
         return self.replanner.count
@@ -309,17 +173,12 @@ class Controller(ControlLoop[Scene]):
     @property
     def reference(self) -> ReferenceState:
         """State that the robot follows at the time of the last step."""
-        return self.supervisor.reference(self.time)
+        return self.executor.reference(self.time)
 
     @property
     def strip(self) -> Strip:
         """The strip that is followed."""
         return self.planner.strip
-
-    @property
-    def settled(self) -> bool:
-        """Whether the robot stands, by its measured speed."""
-        return self._speed < _RESTS
 
     @property
     def reached(self) -> int:
@@ -329,18 +188,33 @@ class Controller(ControlLoop[Scene]):
     @property
     def plans_next(self) -> bool:
         """Whether the next step has a planning tick, which needs a scene."""
-        return not self._stopping and self._steps % self.params.plan_every == 0
+        return not self._stopping and self._steps >= self._next_tick
 
     @property
     def ended(self) -> bool:
         """Whether the last goal is reached, or the robot was to stop, and the active trajectory is over."""
         if self._stopping:
-            return self.supervisor.at_rest(self.time)
+            return self.executor.at_rest(self.time)
         return self.state is RunState.REACHED and not self.goals and self._next_plan is None
 
     def log(self, kind: str, reason: str) -> None:
         """Write down an event at the present time: its kind in one word, and a reason."""
-        self.supervisor.log(self.time, kind, reason)
+        self.executor.log(kind, reason)
+
+    def stop(self, reason: str = "asked to stop") -> None:
+        """Bring the robot to rest; it stands until :meth:`resume`.
+
+        Args:
+            reason: becomes the reason of the state.
+        """
+        self._stopping = self._stopping or reason
+        self._ready.clear()
+        self.executor.stop(self._stopping)
+
+    def resume(self) -> None:
+        """Continue after :meth:`stop`, or after an emergency stop that is pressed no longer."""
+        self._stopping = ""
+        self.executor.resume()
 
     def retarget(self, goal: npt.ArrayLike) -> None:
         """At rest, take another goal, and start planning a strip to it.
@@ -358,7 +232,7 @@ class Controller(ControlLoop[Scene]):
         self._no_path = ""
         self._replan_task, self.replanner.pending = None, False  # the running plan leads to the previous goal
         self._ready.clear()
-        self.supervisor.restart("new goal", self.time)
+        self.executor.retarget(self.goal, self.tolerance)
         q = self.robot.space.from_coordinates(self.reference.coordinates)
         self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
 
@@ -377,259 +251,179 @@ class Controller(ControlLoop[Scene]):
         Raises:
             ParameterError: a time that does not ascend.
             SceneError: not a scene.
+            ConfigurationError: the executor runs elsewhere.
         """
-        if self._steps and not check_number("t", t, unit="s") > self.time:
-            raise ParameterError(f"t={t!r} s must be later than the last step, at {self.time!r} s")
+        if self._here is None:
+            raise ConfigurationError("step: the executor of this controller runs elsewhere; call plan()")
         check_type("scene", scene, Scene, SceneError, none=True)
-        began, self.time = self.time, t
-        self._measure(t, began, measurement)
+        self._here.measure(t, measurement)
+        self.time = t
+        self._see(t, scene, trouble)
+        if self.plans_next:
+            seconds = self._planning_tick(t)
+            periods = self.params.plan_every, int(np.ceil(seconds / self.params.control_dt - 1e-9))
+            self._next_tick = self._steps + max(periods)
+        self._publish(t)
+        command = self._here.command(t)
+        self._steps += 1
+        return command
+
+    def plan(self, t: float, scene: Scene | None, *, trouble: str = "") -> None:
+        """One planning tick; for a robot whose executor runs elsewhere.
+
+        Args:
+            t: time [s] on the executor's clock.
+            scene, trouble: as in :meth:`step`.
+        """
+        check_type("scene", scene, Scene, SceneError, none=True)
+        self.time = t
+        self._see(t, scene, trouble)
+        if not self._stopping:
+            self._planning_tick(t)
+        self._publish(np.inf)
+
+    def _see(self, t: float, scene: Scene | None, trouble: str) -> None:
+        """Take in a scene, and set out for the next goal where this one is reached."""
         if scene is not None:
-            doubt = self.monitor.scene(t, scene, at_rest=self.supervisor.at_rest(t))
+            doubt = self._doubts.doubt(t, scene, at_rest=self.executor.at_rest(t))
             if doubt:
                 self.log("fault", doubt)
             else:
                 self._newest, self._trouble = scene, ""
         if trouble:
             self._trouble = trouble
-        if self.state is RunState.REACHED and self.goals and self.settled:
+        if self.executor.recoveries > self._recoveries:  # the robot is somewhere beside its strip
+            self._recoveries = self.executor.recoveries
+            self._ready.clear()
+            self.replanner.pending, self.replanner.due = True, t + self.params.replan_time
+        if self.state is RunState.REACHED and self.goals and self.executor.settled:
             self._passed += 1
             self.retarget(self.goals.pop(0))
-        if self._steps % self.params.plan_every == 0:
-            if not self._stopping:
-                self._planning_tick(t)
-            elif self.state in (RunState.MOVING, RunState.BRAKING):  # a robot at rest has another reason
-                self.supervisor.reject(self._stopping, t)
-        self._publish(t)
-        self._check_proof(t)
-        self._check_arrival(t)
-        self.supervisor.update(t)
-        self._steps += 1
-        command = self._command(t)
-        self.monitor.commanded(command)
-        return command
-
-    def _measure(self, t: float, began: float, raw: Measurement | None) -> None:
-        """Take in what can be true of a measurement."""
-        measurement = None
-        if raw is not None:
-            measurement, faults = self.monitor.measurement(t, raw, self.estimate)
-            for fault in faults:
-                self.log("fault", fault)
-        elif self._steps:
-            self.monitor.nothing(t)
-        if measurement is None:
-            return
-        before = self.estimate
-        self._take_in(measurement)
-        step = self.robot.space.difference(before, self.estimate)
-        self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
-        if measurement.drive is None:
-            self.log("fault", "odometry lost")
-        if self.estimator.doubt:
-            self.log("fault", self.estimator.doubt)
-
-    def _check_proof(self, t: float) -> None:
-        """Brake where what the active trajectory was proven with holds no longer."""
-        monitor, supervisor, params = self.monitor, self.supervisor, self.params
-        monitor.follow(self.reference.coordinates, self.estimate, self.estimator)
-        if monitor.motor_fault and self._power_cut is None:
-            self.log("fault", monitor.motor_fault)
-            self._power_cut = t
-        off, known = monitor.deviation, monitor.uncertainty
-        reason = monitor.motor_fault
-        if not reason and monitor.silent is not None and t - monitor.silent >= params.monitor.silence:
-            reason = f"no usable measurement for {t - monitor.silent:.2f} s"
-        proven = self.planner.params.tracking_error
-        if monitor.silent is not None:  # where the robot is now is not known
-            off = 0.0
-        if not reason and off + known > params.monitor.brake_at * proven:
-            reason = f"{1e3 * off:.0f} mm off the reference, known to {1e3 * known:.0f} mm, of {1e3 * proven:.0f} mm"
-            if self.estimator.doubt:
-                reason += f": {self.estimator.doubt}"
-        if reason and not self._halt and (not supervisor.at_rest(t) or off > proven):
-            self._halt = reason
-            slipped = self.estimator.slipped
-            self.log("fault", f"wheels slip: odometry is {1e3 * slipped:.0f} mm off; {reason}" if slipped else reason)
-            self._ready.clear()
-            if not supervisor.at_rest(t):
-                supervisor.brake(self.planner.timer.hard.brake(supervisor.active, self._begin(t)), reason, t)
-        if self._halt and off > proven:
-            supervisor.log(t, "unproven", f"the robot is further off its reference than was proven with: {self._halt}")
-
-    def _tracking_error(self) -> float:
-        """How far [m] the robot may be off its reference, as exact as its estimate is now; in steps of 5 mm."""
-        params = self.params
-        needed = params.monitor.control_share * params.tracking_error + self.monitor.uncertainty
-        return params.tracking_error if needed <= params.tracking_error else math.ceil(needed / _STEP) * _STEP
-
-    def _check_arrival(self, t: float) -> None:
-        """At rest at the end of a motion to the goal, look whether the robot is there, too."""
-        supervisor, off = self.supervisor, np.abs(self.robot.space.difference(self.goal, self.estimate))
-        if self._halt or not supervisor.at_goal or not supervisor.at_rest(t) or self.state is RunState.REACHED:
-            return
-        base, wide = self.robot.space.base_nv, self.tolerance
-        apart = float(np.hypot(*off[:2])) if base else 0.0
-        turned = float(off[2]) if base else 0.0
-        if apart <= wide.position and turned <= wide.yaw and float(off[base:].max(initial=0.0)) <= wide.joints:
-            return
-        self._halt = f"at rest {apart:.2f} m and {math.degrees(turned):.0f}° from the goal"
-        self.log("fault", self._halt)
-        supervisor.restart(self._halt, t)
-
-    def _recovers(self, t: float) -> bool:
-        """After a halt, go on from where the robot is, as soon as it stands and that is known; False until then."""
-        supervisor, monitor, params = self.supervisor, self.monitor, self.params
-        cut, known = self._power_cut, monitor.uncertainty
-        why = ""
-        cooling = cut is not None and t < max(cut, supervisor.active.end_time) + params.monitor.motor_wait
-        if cooling or not (supervisor.at_rest(t) and self.settled):
-            why = self._halt
-        elif monitor.silent is not None or self.estimator.lost_for > 0.0:
-            why = "nothing is measured"
-        elif self.estimator.doubt:
-            why = self.estimator.doubt
-        elif self._tracking_error() > max(params.monitor.largest, params.tracking_error):
-            why = f"the robot's place is known to {1e3 * known:.0f} mm only"
-        if why:
-            supervisor.reject(why, t)
-            return False
-        self._power_cut = None
-        self.log("recovered", f"goes on from {monitor.deviation:.2f} m beside its reference, after: {self._halt}")
-        self._halt = ""
-        supervisor.reset(stationary(self.robot, self.limits, np.array(self.estimate), t, params.control_dt))
-        supervisor.restart("recovered", t)
-        self.replanner.pending, self.replanner.due = True, t + params.replan_time
-        return True
-
-    def _command(self, t: float) -> Command:
-        """Speeds that follow the reference; the base and joints that are not measured are not fed back."""
-        reference, estimate, base = self.reference, self.estimate, self.robot.space.base_nv
-        if self._power_cut is not None:
-            return replace(self.tracker.rest, stop=True)
-        if self.estimator.lost_for > 0.0:  # feedback on a frozen estimate would drive the base away
-            estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))
-        if self.monitor.silent is not None:
-            estimate = reference.coordinates
-        return self.tracker.command(reference, estimate)
 
     # the planning loop
 
-    def _planning_tick(self, t: float) -> None:
-        """Plan; on any failure the active trajectory is driven to its end, and the reason is logged."""
+    def _planning_tick(self, t: float) -> float:
+        """Plan; on any failure the active trajectory is driven to its end, and the reason is logged.
+
+        Returns:
+            What it took [s], by the meter.
+        """
         began = perf_counter()
-        supervisor = self.supervisor
+        executor = self.executor
         self.result = None
+        before = len(self._ready)
+        self.pace.begin()
         try:
             self._plan(t)
         except ElasticStripsError as error:
-            supervisor.reject(f"{type(error).__name__}: {error}", t)
-            supervisor.log(t, "fault", str(error))
+            executor.reject(f"{type(error).__name__}: {error}")
+            executor.log("fault", str(error))
         except Exception as error:
             _log.exception("planning tick failed")
             self.planner.reset()
-            supervisor.reject(f"planning failed: {type(error).__name__}: {error}", t)
-            supervisor.log(t, "fault", f"planning exception: {type(error).__name__}: {error}")
-        seconds = perf_counter() - began
+            executor.reject(f"planning failed: {type(error).__name__}: {error}")
+            executor.log("fault", f"planning exception: {type(error).__name__}: {error}")
         result = self.result
-        reason = (result.reason if result else "") or supervisor.reason
+        charged = self.pace.finish(full=bool(result and result.timings))
+        self._ready[before:] = [(due + charged, ready, proven) for due, ready, proven in self._ready[before:]]
+        seconds = perf_counter() - began
+        reason = (result.reason if result else "") or self.reason
         status = result.report.status.value if result else ""
-        self._finish_tick(Tick(t, seconds, result, self.strip.coordinates, supervisor.active.end_time, status, reason))
+        self.tick = Tick(t, seconds, result, self.strip.coordinates, executor.active.end_time, status, reason)
+        self.statistics.add(seconds, self.params.latency * self.params.control_dt)
+        return charged
 
     def _plan(self, t: float) -> None:
-        params, supervisor = self.params, self.supervisor
-        if self._contact:
-            contact, self._contact = self._contact, ""
-            supervisor.log(t, "fault", contact)
-            self._ready.clear()
-            supervisor.brake(self.planner.timer.hard.brake(supervisor.active, self._begin(t)), contact, t)
-            return
-        if self._halt and not self._recovers(t):
+        params, executor = self.params, self.executor
+        if executor.waits:
             return
         if self._trouble or self._newest is None:
-            supervisor.reject(self._trouble, t)
-            supervisor.log(t, "fault", self._trouble)
+            executor.reject(self._trouble)
+            executor.log("fault", self._trouble)
             return
         scene = self._newest
         age = t - scene.time
         if age > params.max_scene_age:
-            supervisor.reject(f"stale scene: {age:.2f} s old, at most {params.max_scene_age:g} s", t)
-            supervisor.log(t, "fault", "stale scene")
+            executor.reject(f"stale scene: {age:.2f} s old, at most {params.max_scene_age:g} s")
+            executor.log("fault", "stale scene")
             return
         self.scene = scene
-        if self.estimator.lost_for > 0.1:
-            supervisor.reject("odometry lost", t)
+        if executor.lost_for > 0.1:
+            executor.reject("odometry lost")
             return
         if self._no_path:  # the strip leads to the previous goal
-            supervisor.reject(self._no_path, t)
+            executor.reject(self._no_path)
             return
         waiting = self._replan(t)
         if (waiting and self.planner.evasion is None) or self._rest_of_goal(t, scene):
             return
-        allowed = min(self._tracking_error(), max(params.monitor.largest, params.tracking_error))
-        before = self.planner.params.tracking_error
-        if allowed != before:
-            if min(before, allowed) == params.tracking_error:
-                coarse = f"coarse: known to {1e3 * self.monitor.uncertainty:.0f} mm"
-                self.log("localization", coarse if allowed > before else "as good as assumed again")
-            self.planner.allow(allowed)
-            self.replanner.deform = self.planner.params.strip
+        self._allow()
         begin = self._begin(t)
-        at_rest = supervisor.at_rest(t)
-        if at_rest and t >= supervisor.active.end_time + params.settle_time:
-            supervisor.reset(stationary(self.robot, self.limits, np.array(self.estimate), begin, params.control_dt))
-        result = self.result = self.plan_tick(t, scene, supervisor.active, begin)
+        at_rest = executor.at_rest(t)
+        if at_rest and t >= executor.active.end_time + params.settle_time:
+            executor.anchor(stationary(self.robot, self.limits, np.array(executor.estimate), begin, params.control_dt))
+        result = self.result = self.plan_tick(t, scene, executor.active, begin)
         if result.late:
-            supervisor.log(t, "fault", f"late tick: it is ready only after {result.late:.2f} s")
+            executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
         due = "" if waiting else self.replanner.watch(t, result, scene, at_rest=at_rest)
         if due:
-            supervisor.log(t, "replanning", due)
+            executor.log("replanning", due)
         if not waiting or result.outcome is PlanOutcome.EVADE:
             self._decide(t, result)
 
+    def _allow(self) -> None:
+        """Plan with as large a tracking error as the estimate asks for."""
+        params, executor = self.params, self.executor
+        allowed = min(executor.needed_error, max(params.monitor.largest, params.tracking_error))
+        before = self.planner.params.tracking_error
+        if allowed == before:
+            return
+        if min(before, allowed) == params.tracking_error:
+            coarse = f"coarse: known to {1e3 * executor.coarse:.0f} mm"
+            self.log("localization", coarse if allowed > before else "as good as assumed again")
+        self.planner.allow(allowed)
+        self.replanner.deform = self.planner.params.strip
+
     def _decide(self, t: float, result: PlanResult) -> None:
         """Replace, brake or hold the active trajectory, or let it go on to its end."""
-        outcome = result.outcome
+        outcome, proven = result.outcome, self.planner.params.tracking_error
         if self.replanner.halted and outcome not in (PlanOutcome.BRAKE, PlanOutcome.EVADE):
-            self.supervisor.reject(f"the strip is broken: {result.report.certificate.broken}", t)
+            self.executor.reject(f"the strip is broken: {result.report.certificate.broken}")
         elif outcome is PlanOutcome.BRAKE or result.accepted:
-            self._ready.append((t + result.late, result))
+            self._ready.append((t + result.late, result, proven))
         elif outcome is PlanOutcome.UNCHANGED:
-            self.supervisor.hold(t, result.reason)
+            self.executor.hold(result.reason, proven)
         else:
-            self.supervisor.reject(result.reason, t)
+            self.executor.reject(result.reason)
 
     def _begin(self, t: float) -> float:
         """Start time [s] of a motion that is planned now."""
-        return t + self.params.latency * self.params.control_dt
+        return t + self.pace.latency
 
     def _publish(self, t: float) -> None:
-        """Submit planned motions that are ready by now to the supervisor."""
-        ready = [result for due, result in self._ready if due <= t + 1e-9]
-        self._ready = [(due, result) for due, result in self._ready if due > t + 1e-9]
-        for result in ready:
-            if result.motion is None or result.certificate is None:
-                continue
-            if result.motion.start_time < t - 1e-9:
-                self.supervisor.log(t, "fault", "late tick")
+        """Hand planned motions that are ready by time ``t`` [s] to the executor."""
+        ready = [entry for entry in self._ready if entry[0] <= t + 1e-9]
+        self._ready = [entry for entry in self._ready if entry[0] > t + 1e-9]
+        for _, result, proven in ready:
             if result.outcome is PlanOutcome.BRAKE:
-                self.supervisor.brake(result.motion, result.reason, t)
-            else:
+                self.executor.brake(result.reason)
+            elif result.motion is not None and result.certificate is not None:
                 at_goal = result.outcome is PlanOutcome.ARRIVE
-                self.supervisor.submit(result.motion, result.certificate, t, at_goal=at_goal)
+                self.executor.submit(result.motion, result.certificate, at_goal=at_goal, proven=proven)
 
     def _rest_of_goal(self, t: float, scene: Scene) -> bool:
         """Whether the active trajectory ends at the goal and is still certified: then there is nothing to plan."""
-        supervisor = self.supervisor
-        if not supervisor.at_goal or supervisor.at_rest(t):
-            return supervisor.at_goal
-        certificate = self.planner.certify(supervisor.active.tail(self._begin(t)), scene)
+        executor = self.executor
+        if not executor.at_goal or executor.at_rest(t):
+            return executor.at_goal
+        certificate = self.planner.certify(executor.active.tail(self._begin(t)), scene)
         if certificate.certified:
-            supervisor.hold(t, "the motion ends at the goal")
+            executor.hold("the motion ends at the goal", self.planner.params.tracking_error)
         return certificate.certified
 
     def _replan(self, t: float) -> bool:
         """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it."""
-        replanner, supervisor = self.replanner, self.supervisor
+        replanner, executor = self.replanner, self.executor
         if self._next_plan is not None:
             if not self._next_plan.done():
                 return True
@@ -639,7 +433,7 @@ class Controller(ControlLoop[Scene]):
             except Exception as error:  # on any error: the present strip leads to another goal
                 self._no_path = f"no way to the goal: {error}"
                 raise
-            supervisor.log(t, "goal", report.reason)
+            executor.log("goal", report.reason)
             self.planner.take(report.strip)
         if not replanner.pending and self._replan_task is None:
             return False
@@ -650,12 +444,12 @@ class Controller(ControlLoop[Scene]):
             planned, self._replan_task = self._replan_task, None
             replanner.pending = False
             strip, reason = planned.result()
-            supervisor.log(t, "replanned", reason)
+            executor.log("replanned", reason)
             if strip is not None:
                 self.planner.take(strip)
         return True
 
     def _submit(self, plan: Callable[..., _Planned], *arguments: object) -> Future[_Planned]:
-        if self._executor is None:
-            self._executor = self._own = ThreadPoolExecutor(1, thread_name_prefix="planner")
-        return self._executor.submit(plan, *arguments)
+        if self._workers is None:
+            self._workers = self._own = ThreadPoolExecutor(1, thread_name_prefix="planner")
+        return self._workers.submit(plan, *arguments)

@@ -241,6 +241,7 @@ class EvasivePlanner:
         clearance: distance [m] that certificates require.
 
     Attributes:
+        hold: see above.
         time: (T,) times [s] after the start at which costs are taken.
     """
 
@@ -254,7 +255,7 @@ class EvasivePlanner:
         self.dt: float = dt
         self.clearance: float = clearance
         self._footprint = PlanarFootprint(robot)
-        self._holds = hold + np.array(_LONGER)
+        self.hold: float = hold
         if limits.drive_dim:
             self._lattice = lattice(limits)
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
@@ -390,7 +391,7 @@ class EvasivePlanner:
             if len(tried) >= params.tries:
                 break
             tried.add(kind)
-            duration = float(self._holds[hold[kind]])
+            duration = self.hold + _LONGER[hold[kind]]
             motion = motion_to(self.robot, self.limits, start, kinds[kind], part=part, duration=duration, dt=self.dt)
             if motion is not None:
                 self._last = kinds[kind]
@@ -399,8 +400,8 @@ class EvasivePlanner:
 
     def _room(self, start: ReferenceState, kinds: Array) -> Mask:
         """(D, H) whether motions to targets (D, k), held for H different times, keep clear of the forecast."""
-        count = len(self._holds)
-        hold = np.tile(self._holds, len(kinds))
+        count = len(_LONGER)
+        hold = np.tile(self.hold + np.array(_LONGER), len(kinds))
         time, pose, rest = roll_to_rest(
             self.limits, start, np.repeat(kinds, count, axis=0), hold, part=self.params.acceleration, dt=0.1
         )

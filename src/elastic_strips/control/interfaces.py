@@ -23,7 +23,9 @@ class Measurement:
         joints: (n,) joint positions, from encoders [rad or m].
         pose: (3,) localization fix x, y [m], yaw [rad] in the world, where one arrives now; else None.
         pose_time: time [s] at which the fix was measured, earlier than ``time``; None without a fix.
+        pose_covariance: (3, 3) of the fix, in the robot's frame [m², rad²]; None where it is not told.
         contact: description of a felt contact; empty without one.
+        emergency: description of a pressed emergency stop; empty without one.
     """
 
     time: float
@@ -33,6 +35,7 @@ class Measurement:
     pose_time: float | None = None
     pose_covariance: Array | None = None
     contact: str = ""
+    emergency: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

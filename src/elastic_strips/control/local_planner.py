@@ -16,6 +16,7 @@ from elastic_strips.strip.report import DeformReport
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 
 from .evasion import EvasivePlanner
+from .pace import Pace
 from .params import DriveParams
 from .prediction import ArrivalTimes, as_expected, predict
 from .progress import reconnect, trim_passed
@@ -30,6 +31,7 @@ class LocalPlanner:
         limits: of its motors.
         params: of the drive.
         strip: from the start to the goal.
+        pace: how much time a tick has; enough where None.
 
     Attributes:
         strip: the strip that is followed, from the robot's configuration in the last tick on.
@@ -37,18 +39,20 @@ class LocalPlanner:
         evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
     """
 
-    def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip) -> None:
+    def __init__(
+        self, robot: RobotModel, limits: MotionLimits, params: DriveParams, strip: Strip, pace: Pace | None = None
+    ) -> None:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.params: DriveParams = params
         self.deformer: Deformer = Deformer(robot, params.strip, constraint=params.constraint)
-        self.timer: StripTimer = StripTimer(robot, limits, params, self.deformer.spacing_weight)
+        self.pace: Pace = Pace(params, None) if pace is None else pace
+        self.timer: StripTimer = StripTimer(robot, limits, params, self.deformer.spacing_weight, self.pace)
         self.arrival: ArrivalTimes = ArrivalTimes(robot, limits)
         self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
-            hold = 2 * params.plan_every * params.control_dt
             self.evasion = EvasivePlanner(
-                robot, limits, params.evasion, dt=params.sample_dt, hold=hold, clearance=params.clearance
+                robot, limits, params.evasion, dt=params.sample_dt, hold=self._held, clearance=params.clearance
             )
         self.strip: Strip = strip
         self.report: DeformReport | None = None
@@ -57,6 +61,12 @@ class LocalPlanner:
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._off_strip = False
+        self._step_took = self._evasion_took = 0.0  # [s] the last time
+
+    @property
+    def _held(self) -> float:
+        """Time [s] for which a manoeuvre is held at least: until after the next one."""
+        return 2 * self.pace.every * self.params.control_dt
 
     def take(self, strip: Strip) -> None:
         """Follow another strip from now on."""
@@ -116,17 +126,27 @@ class LocalPlanner:
         return PlanResult(PlanOutcome.UNCHANGED, active, last.certificate, "", last.report, last.speed)
 
     def _plan(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
-        """Deform the strip, and plan a motion along it."""
+        """Deform the strip, and plan a motion along it.
+
+        Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once.
+        """
         start = active.at(begin)
         watch = Stopwatch()
         self._age = 0
         possible = predict(scene, self.params.assumptions)
+        if self.pace.slow and self.report is not None and start.v.any():
+            brake = self._brake(start, active, scene, possible, self.report, watch)
+            if brake is not None:
+                return brake
         report = self._deform(now, scene, start, watch)
         result = self.timer.motion(start, active, scene, possible, report, watch, off_strip=self._off_strip)
         if not result.accepted and start.v.any():
             result = self._on_active(result, start, active, scene, possible, watch)
-        if self.evasion is not None:
+        if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
+            self.evasion.hold = self._held
+            before = self.pace.reading()
             result = self.evasion.improved(result, start, active, scene, possible, self.timer.certifier, self.arrival)
+            self._evasion_took = self.pace.reading() - before
             watch.lap("evasion")
         self._off_strip = result.outcome is PlanOutcome.EVADE or (self._off_strip and not result.accepted)
         if result.outcome is PlanOutcome.BRAKE:
@@ -134,6 +154,27 @@ class LocalPlanner:
         elif result.accepted and result.motion is not None:
             self._proof = result.motion, scene, possible
         return result
+
+    def _brake(
+        self, start: ReferenceState, active: Trajectory, scene: Scene, possible: Forecast, report: DeformReport,
+        watch: Stopwatch,
+    ) -> PlanResult | None:  # fmt: skip
+        """The active trajectory braked, where the scene is not what it was certified for, and it is certified no
+        longer; else None."""
+        if not self._surprised(active, scene):
+            return None
+        rest = active.tail(start.time)
+        certificate = self.timer.certifier.certify(rest, scene, possible)
+        watch.lap("motion certificate")
+        if certificate.certified:
+            self._proof = active, scene, possible
+            return None
+        self._proof = None
+        reason = f"the held motion is no longer certified: {certificate.broken}"
+        braked = self.timer.hard.brake(active, start.time)
+        if braked.end_time >= active.end_time - 0.01:  # it brakes already: look for a way on
+            return None
+        return PlanResult(PlanOutcome.BRAKE, braked, certificate, reason, report, 0.0, watch.timings)
 
     def _on_active(
         self, result: PlanResult, start: ReferenceState, active: Trajectory, scene: Scene, possible: Forecast,
@@ -187,12 +228,14 @@ class LocalPlanner:
         if before is not None and waits and scene.names == self._names and prediction is not None and self._ticks % 2:
             report = replace(before, strip=strip)  # only the motion is planned again
         else:
+            began = self.pace.reading()
             report = self.deformer.step(
                 strip, scene, prediction=prediction, nodes=self._ticks % params.maintain_every == 0
             )
+            self._step_took = self.pace.reading() - began
         if before is not None and before.certified and not self._off_strip:
             for _ in range(params.recover_iterations):
-                if report.certified:
+                if report.certified or not self.pace.has(self._step_took):
                     break
                 report = self.deformer.step(report.strip, scene, prediction=prediction)
         self.strip, self.report = report.strip, report

@@ -53,8 +53,6 @@ class Monitor:
         self._last: Measurement | None = None
         self._model = np.zeros(len(limits.drive_speed))  # speeds that the motors ought to have
         self._wrong_since: float | None = None
-        self._seen: frozenset[str] = frozenset()  # names of the obstacles of the last scene that was believed
-        self._doubted_since: float | None = None
 
     def measurement(self, t: float, raw: Measurement, estimate: Array) -> tuple[Measurement | None, tuple[str, ...]]:
         """A measurement without what cannot be true.
@@ -113,24 +111,6 @@ class Monitor:
     def _silence(self, t: float) -> None:
         self.silent = t if self.silent is None else self.silent
 
-    def scene(self, t: float, scene: Scene, *, at_rest: bool) -> str:
-        """Why a scene is not to be believed; empty where it is.
-
-        Args:
-            t: time [s].
-            scene: the newest one.
-            at_rest: whether the robot stands: only then a scene without what was there is believed in the end.
-        """
-        if not scene.time <= t + self.params.clock_skew:
-            return f"the scene's time is {scene.time - t:.2f} s ahead"
-        gone = len(self._seen.difference(scene.names))
-        if gone > _FEW and gone > self.params.vanished * len(self._seen):
-            self._doubted_since = t if self._doubted_since is None else self._doubted_since
-            if t - self._doubted_since < self.params.scene_doubt or not at_rest:
-                return f"{gone} of {len(self._seen)} obstacles have vanished at once"
-        self._seen, self._doubted_since = frozenset(scene.names), None
-        return ""
-
     def commanded(self, command: Command) -> None:
         """Take note of a command: what the motors have to do in the period that begins now."""
         wanted = np.zeros_like(self._model) if command.stop else command.drive
@@ -161,6 +141,37 @@ class Monitor:
         self.deviation = float(self._displacement(reference[None], estimate[None])[0])
         position, heading = estimator.deviation if estimator.localized else (0.0, 0.0)
         self.uncertainty = self.params.sigmas * (position + heading * self._displacement.reach())
+
+
+class SceneMonitor:
+    """Workspace: the scenes so far, compared with the newest one.
+
+    Args:
+        params: when an assumption counts as broken.
+    """
+
+    def __init__(self, params: MonitorParams) -> None:
+        self.params: MonitorParams = params
+        self._seen: frozenset[str] = frozenset()  # names of the obstacles of the last scene that was believed
+        self._doubted_since: float | None = None
+
+    def doubt(self, t: float, scene: Scene, *, at_rest: bool) -> str:
+        """Why a scene is not to be believed; empty where it is.
+
+        Args:
+            t: time [s].
+            scene: the newest one.
+            at_rest: whether the robot stands: only then a scene without what was there is believed in the end.
+        """
+        if not scene.time <= t + self.params.clock_skew:
+            return f"the scene's time is {scene.time - t:.2f} s ahead"
+        gone = len(self._seen.difference(scene.names))
+        if gone > _FEW and gone > self.params.vanished * len(self._seen):
+            self._doubted_since = t if self._doubted_since is None else self._doubted_since
+            if t - self._doubted_since < self.params.scene_doubt or not at_rest:
+                return f"{gone} of {len(self._seen)} obstacles have vanished at once"
+        self._seen, self._doubted_since = frozenset(scene.names), None
+        return ""
 
 
 def _near(values: Array, others: Array, speed: Array, span: float) -> bool:

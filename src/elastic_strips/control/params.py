@@ -91,6 +91,7 @@ class MonitorParams(Checked):
         wheel_lag: time constant [s] of the motors' model.
         vanished: a scene that lacks this part of the obstacles of the one before is not believed
         scene_doubt: before this time [s] is over.
+        heartbeat: longest time [s] in which executor and planning, each in its process, hear nothing of each other.
     """
 
     control_share: Fraction = 0.55
@@ -105,6 +106,7 @@ class MonitorParams(Checked):
     wheel_lag: NonNegative = 0.04
     vanished: Fraction = 0.8
     scene_doubt: NonNegative = 1.0
+    heartbeat: Positive = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,6 +22,7 @@ from elastic_strips.trajectory import (
     TrajectoryCertifier,
 )
 
+from .pace import Pace
 from .params import DriveParams
 from .progress import trim_passed
 
@@ -100,12 +101,20 @@ class StripTimer:
         limits: of its motors.
         params: of the drive.
         spacing_weight: (nv,) metric of the strip's node spacing.
+        pace: how long planning takes; as long as ``params`` say where None.
     """
 
     easy: Retimer
     hard: Retimer
 
-    def __init__(self, robot: RobotModel, limits: MotionLimits, params: DriveParams, spacing_weight: Array) -> None:
+    def __init__(
+        self,
+        robot: RobotModel,
+        limits: MotionLimits,
+        params: DriveParams,
+        spacing_weight: Array,
+        pace: Pace | None = None,
+    ) -> None:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.params: DriveParams = params
@@ -119,7 +128,9 @@ class StripTimer:
             self_clearance=params.deform.self_clearance,
             settle_time=params.settle_time,
         )
+        self.pace: Pace = Pace(params, None) if pace is None else pace
         self._failures = 0
+        self._attempt_took = 0.0  # [s] the last time
 
     def motion(
         self,
@@ -161,12 +172,15 @@ class StripTimer:
             distance = self._distance(speed_now, speed)
             if distance >= last:
                 break  # it would not be slower: the robot has not yet gathered speed
-            last = distance
+            if last < np.inf and not self.pace.has(self._attempt_took):
+                break  # the next tick tries the slowest first
+            last, began = distance, self.pace.reading()
             motion, reason = self._timed(coordinates, start, active, distance, speed, off_strip)
             watch.lap("retiming")
             if motion is None:
                 continue
             certificate = self.certifier.certify(motion, scene, possible)
+            self._attempt_took = self.pace.reading() - began
             watch.lap("motion certificate")
             if certificate.certified:
                 self._failures, reason = 0, ""
@@ -223,7 +237,7 @@ class StripTimer:
         top = float(limits.drive_speed.max(initial=0.0)) or 1.0
         change = float(limits.drive_acceleration.min(initial=np.inf)) if limits.drive_dim else 4.0
         change *= params.acceleration_scale
-        period = ((params.motion_every + 1) * params.plan_every + params.latency) * params.control_dt
+        period = ((params.motion_every + 1) * self.pace.every + self.pace.periods) * params.control_dt
         v = min(speed_now + change * period, max(speed * top, speed_now))
         return v * period + v * v / (2.0 * change) + 0.02
 

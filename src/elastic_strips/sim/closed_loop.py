@@ -14,7 +14,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control import DriveParams
-from elastic_strips.control.controller import KEPT_EVENTS, Controller, ControlLoop, Tick
+from elastic_strips.control.control_loop import ControlLoop, Tick
+from elastic_strips.control.controller import KEPT_EVENTS, Controller
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
@@ -317,7 +318,7 @@ def simulation(
         senses = noise
     begin = make or cast("Callable[..., _StripDriver]", partial(Controller, robot, start, goal))
     controller = begin(
-        senses.known(), params=params, limits=limits, seed=seed, executor=InlineExecutor(),
+        senses.known(), params=params, limits=limits, seed=seed, workers=InlineExecutor(),
         events=None if record else KEPT_EVENTS, **options,
     )  # fmt: skip
     if fault_plan.faults:

@@ -127,7 +127,7 @@ def test_it_does_not_wait_for_a_plan(silvermate):
     through = Strip.from_coordinates(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
     later, wheels = Later(), Wheels(silvermate)
     controller = Controller(
-        silvermate, start, goal, Scene([wall]), strip=through, executor=later, params=DriveParams(replan_after=0.1)
+        silvermate, start, goal, Scene([wall]), strip=through, workers=later, params=DriveParams(replan_after=0.1)
     )
     k = 0
     while not later.jobs and k < 1000:
@@ -145,7 +145,7 @@ def test_it_does_not_wait_for_a_plan(silvermate):
 
 def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
     controller, wheels = (
-        Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=InlineExecutor()),
+        Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), workers=InlineExecutor()),
         Wheels(silvermate),
     )
     k = drive(controller, wheels, 2000, still(CRATE))
@@ -160,7 +160,7 @@ def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
 def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_one(silvermate, monkeypatch, error):
     """The strip that it has leads to the goal before: nothing may call that reached."""
     controller = Controller(
-        silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), executor=InlineExecutor()
+        silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), workers=InlineExecutor()
     )
     wheels = Wheels(silvermate)
     k = drive(controller, wheels, 2000, still(CRATE))
@@ -181,7 +181,7 @@ def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
     through = Strip.from_coordinates(silvermate, straight_line(silvermate, start, goal, spacing=0.13))
     later, wheels, k = Later(), Wheels(silvermate), 0
     controller = Controller(
-        silvermate, start, goal, Scene([wall]), strip=through, executor=later, params=DriveParams(replan_after=0.1)
+        silvermate, start, goal, Scene([wall]), strip=through, workers=later, params=DriveParams(replan_after=0.1)
     )
     while not later.jobs and k < 1000:
         k = drive(controller, wheels, 5, still(wall), first=k) + 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.control.monitor import Monitor
+from elastic_strips.control.monitor import Monitor, SceneMonitor
 from elastic_strips.control.params import MonitorParams
 from elastic_strips.scene import Box, Scene
 from elastic_strips.trajectory.limits import MotionLimits
@@ -89,21 +89,23 @@ def test_times_are_checked(monitor, home):
     assert "silent for 0.99 s" in faults[0]
 
 
-def test_a_scene_of_the_future_is_refused(monitor):
-    assert monitor.scene(1.0, Scene(time=1.01), at_rest=False) == ""
-    assert "ahead" in monitor.scene(1.0, Scene(time=2.0), at_rest=False)
+def test_a_scene_of_the_future_is_refused():
+    monitor = SceneMonitor(MonitorParams())
+    assert monitor.doubt(1.0, Scene(time=1.01), at_rest=False) == ""
+    assert "ahead" in monitor.doubt(1.0, Scene(time=2.0), at_rest=False)
 
 
-def test_obstacles_that_vanish_all_at_once_are_missed(monitor):
+def test_obstacles_that_vanish_all_at_once_are_missed():
+    monitor = SceneMonitor(MonitorParams())
     boxes = [Box((0.2, 0.2, 0.2), at=(k, 3.0, 0.1), name=f"box {k}") for k in range(5)]
-    assert monitor.scene(0.0, Scene(boxes), at_rest=False) == ""
-    assert "5 of 5" in monitor.scene(0.1, Scene(time=0.1), at_rest=False)
-    assert monitor.scene(0.2, Scene(boxes, time=0.2), at_rest=False) == ""
-    assert monitor.scene(0.3, Scene(boxes[:2], time=0.3), at_rest=False) == ""  # some may go
-    assert monitor.scene(0.4, Scene(boxes, time=0.4), at_rest=False) == ""
+    assert monitor.doubt(0.0, Scene(boxes), at_rest=False) == ""
+    assert "5 of 5" in monitor.doubt(0.1, Scene(time=0.1), at_rest=False)
+    assert monitor.doubt(0.2, Scene(boxes, time=0.2), at_rest=False) == ""
+    assert monitor.doubt(0.3, Scene(boxes[:2], time=0.3), at_rest=False) == ""  # some may go
+    assert monitor.doubt(0.4, Scene(boxes, time=0.4), at_rest=False) == ""
     for k in range(5, 30):  # a robot that moves never believes it; one that stands does in the end
-        assert monitor.scene(0.1 * k, Scene(time=0.1 * k), at_rest=False)
-    assert monitor.scene(3.0, Scene(time=3.0), at_rest=True) == ""
+        assert monitor.doubt(0.1 * k, Scene(time=0.1 * k), at_rest=False)
+    assert monitor.doubt(3.0, Scene(time=3.0), at_rest=True) == ""
 
 
 @pytest.mark.parametrize("obeys", [True, False])

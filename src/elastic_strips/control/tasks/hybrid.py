@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
+from concurrent.futures import Executor as Workers
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -225,7 +225,7 @@ class HybridControl(Controller):
         params: of the drive.
         seed: of the planner.
         look: called after every planning tick, with this control.
-        limits, strip, path, executor, events: of the :class:`Controller`.
+        limits, strip, path, workers, meter, events: of the :class:`Controller`.
 
     Attributes:
         paths: plans paths when the sequencing layer requests them.
@@ -252,7 +252,8 @@ class HybridControl(Controller):
         limits: MotionLimits | None = None,
         strip: Strip | None = None,
         path: npt.ArrayLike | None = None,
-        executor: Executor | None = None,
+        workers: Workers | None = None,
+        meter: Callable[[], float] | None = None,
         events: int | None = KEPT_EVENTS,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
@@ -270,7 +271,7 @@ class HybridControl(Controller):
         goals = [s.q for s in plan.steps]
         super().__init__(
             robot, start, goals, scene, params=params, limits=limits, strip=strip, path=path, replanner=self.paths,
-            executor=executor, seed=seed, events=events,
+            workers=workers, seed=seed, events=events, meter=meter,
         )  # fmt: skip
         force = self.planner.deformer.constraint
         self.constraint_monitor: ConstraintMonitor | None = None if force is None else ConstraintMonitor(force)
@@ -280,15 +281,19 @@ class HybridControl(Controller):
     def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
         """One control period, as :meth:`Controller.step`; the layers above run after every planning tick."""
         command = super().step(t, measurement, scene, trouble=trouble)
-        if self.tick is not None and self.tick.time == t:
-            self._watch()
+        self._watch()
         return command
+
+    def plan(self, t: float, scene: Scene | None, *, trouble: str = "") -> None:
+        """One planning tick, as :meth:`Controller.plan`, and the layers above."""
+        super().plan(t, scene, trouble=trouble)
+        self._watch()
 
     def decide(self) -> Order:
         """Tick the sequencing layer with the present blackboard."""
         board = Blackboard(
             scene_age=self.time - self.scene.time,
-            localized=self.estimator.lost_for <= 0.1,
+            localized=self.executor.lost_for <= 0.1,
             trouble=self.paths.trouble,
             planning=self.paths.pending,
             attempts=self.paths.attempts,
@@ -300,6 +305,8 @@ class HybridControl(Controller):
         return order
 
     def _watch(self) -> None:
+        if self.tick is None or self.tick.time != self.time:
+            return
         report = None if self.result is None else self.result.report
         if self.constraint_monitor is not None and report is not None and report is not self._report:
             self._report = report

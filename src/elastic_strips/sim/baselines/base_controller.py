@@ -9,8 +9,8 @@ from types import MappingProxyType
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.control.controller import ControlLoop, Tick
-from elastic_strips.control.estimation import PoseBuffer
+from elastic_strips.control.control_loop import ControlLoop, Tick
+from elastic_strips.control.estimation import PoseBuffer, StateEstimator
 from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
 from elastic_strips.control.params import DriveParams, Tolerance
 from elastic_strips.control.supervisor import RunLog
@@ -103,8 +103,12 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         self.patience = patience
         self.command: BaseCommand = BaseCommand(0.0, 0.0, "moving")
         self._run = RunLog()
+        self.estimator: StateEstimator = StateEstimator(robot, self.limits)
+        self.estimator.reset(self.start, 0.0)
+        self._estimate = self.start
         self._past = PoseBuffer()
         self._past.add(0.0, self.estimate)
+        self._contact = self._stopping = ""
         self._blocked = 0.0
 
     @property
@@ -113,6 +117,19 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         if self._contact or self.state is RunState.REACHED:
             return True
         return bool(self._stopping) and not (self.command.v or self.command.omega)
+
+    @property
+    def estimate(self) -> Array:
+        """(nv,) estimated coordinate row of the robot."""
+        return self._estimate
+
+    def stop(self, reason: str = "asked to stop") -> None:
+        """Bring the robot to rest; it stands until :meth:`resume`."""
+        self._stopping = self._stopping or reason
+
+    def resume(self) -> None:
+        """Continue after :meth:`stop`."""
+        self._stopping = ""
 
     def log(self, kind: str, reason: str) -> None:
         """Write down an event at the present time: its kind in one word, and a reason."""
@@ -124,7 +141,8 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         """One control period, on the readings since the last step; see :meth:`ControlLoop.step`."""
         self.time = t
         if measurement is not None:
-            self._take_in(measurement)
+            self._estimate = self.estimator.update(measurement)
+            self._contact = self._contact or measurement.contact
             self._past.add(t, self.estimate)
         for reading in readings or ():
             self.steering.update(reading, self._past.at(reading.time))
@@ -153,7 +171,8 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         began = perf_counter()
         self.command = self.steering.command(t, self.estimate[:3], self._past.velocity(_TWIST_OVER), self.goal[:3])
         seconds = perf_counter() - began
-        self._finish_tick(Tick(t, seconds, None, None, np.nan, self.command.status, self.command.reason))
+        self.tick = Tick(t, seconds, None, None, np.nan, self.command.status, self.command.reason)
+        self.statistics.add(seconds, self.params.latency * self.params.control_dt)
 
     def _enter(self, state: RunState, reason: str) -> None:
         if state is not self.state:

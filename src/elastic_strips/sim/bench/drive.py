@@ -355,8 +355,8 @@ def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, se
     controller = driven.controller
     while driven.time < 3600.0 * hours:
         driven.run(time_limit=3600.0 * hours)
-        legs += controller.supervisor.at_goal
-        if not controller.supervisor.at_goal:
+        legs += controller.executor.at_goal
+        if not controller.executor.at_goal:
             break
         controller.retarget(ends[legs % 2])
     warm = rows[max(len(rows) // 10, 1) - 1] if rows else None

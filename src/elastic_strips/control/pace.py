@@ -1,0 +1,78 @@
+"""Pace: how long planning takes, when a motion that is planned now can begin, and what a tick still has time for."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from .params import DriveParams
+
+_KEPT = 12
+"""Durations of ticks that are remembered."""
+_QUANTILE, _RESERVE = 0.8, 1.1
+"""Most ticks are to be in time; those that are not cost one motion, and the held one goes on meanwhile."""
+
+
+class Pace:
+    """Workspace: durations of the last planning ticks, and the budget of the present one.
+
+    Args:
+        params: of the drive: the least latency.
+        meter: reading [s] of the clock that computing is measured with; None where it takes no time.
+    """
+
+    def __init__(self, params: DriveParams, meter: Callable[[], float] | None) -> None:
+        self.params: DriveParams = params
+        self.meter: Callable[[], float] | None = meter
+        self._seconds: deque[float] = deque(maxlen=_KEPT)
+        self._began = self._end = 0.0
+
+    @property
+    def periods(self) -> int:
+        """Control periods from a tick to the beginning of its motion."""
+        least = self.params.latency
+        if not self._seconds:
+            return least
+        expected = _RESERVE * float(np.quantile(self._seconds, _QUANTILE))
+        return max(least, math.ceil(expected / self.params.control_dt))
+
+    @property
+    def latency(self) -> float:
+        """Time [s] from a tick to the beginning of its motion."""
+        return self.periods * self.params.control_dt
+
+    @property
+    def every(self) -> int:
+        """Control periods from one tick to the next, as long as they take now."""
+        return max(self.params.plan_every, self.periods if self.slow else 0)
+
+    @property
+    def slow(self) -> bool:
+        """Whether planning takes longer than ``DriveParams.latency``."""
+        return self.periods > self.params.latency
+
+    def begin(self) -> None:
+        """A tick begins, and has until its motion begins."""
+        if self.meter is not None:
+            self._began = self.meter()
+            self._end = self._began + self.latency
+
+    def finish(self, *, full: bool) -> float:
+        """A tick has ended; ``full`` where it planned a motion. Returns what it took [s]."""
+        if self.meter is None:
+            return 0.0
+        seconds = self.meter() - self._began
+        if full:
+            self._seconds.append(seconds)
+        return seconds
+
+    def has(self, seconds: float) -> bool:
+        """Whether the tick has so much time left [s]."""
+        return self.meter is None or self.meter() + seconds <= self._end
+
+    def reading(self) -> float:
+        """Reading [s] of the meter; 0 without one."""
+        return 0.0 if self.meter is None else self.meter()
