@@ -24,6 +24,7 @@ class Measurement:
         pose: (3,) localization fix x, y [m], yaw [rad] in the world, where one arrives now; else None.
         pose_time: time [s] at which the fix was measured, earlier than ``time``; None without a fix.
         contact: description of a felt contact; empty without one.
+        emergency: description of a pressed emergency stop; empty without one.
     """
 
     time: float
@@ -33,6 +34,7 @@ class Measurement:
     pose_time: float | None = None
     pose_covariance: Array | None = None
     contact: str = ""
+    emergency: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
