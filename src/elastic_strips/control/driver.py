@@ -1,4 +1,4 @@
-"""Driver: motors and sensors of motion as the process sees them that controls them; the contract of whoever writes one."""
+"""Driver: motors and sensors of motion, as the process that controls sees them; the contract of who writes one."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -160,6 +160,11 @@ class MachineProcess:
         return self._process.is_alive()
 
     @property
+    def pid(self) -> int | None:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
     def now(self) -> float:
         """The machine's time [s]."""
         return time.monotonic() - self.epoch
@@ -259,7 +264,7 @@ class MachineDriver:
 
 def faulty_plant(make_plant: Callable[[], Plant], faults: FaultPlan, seed: int = 0) -> Plant:
     """A plant with faults, for a machine process: ``partial(faulty_plant, make_plant, faults)``."""
-    return FaultyPlant(make_plant(), faults, seed)
+    return cast("Plant", FaultyPlant(make_plant(), faults, seed))
 
 
 class _Machine:

@@ -36,13 +36,14 @@ def wait_for(condition, seconds: float = 60.0) -> None:
 def test_rows_come_back(tmp_path: Path):
     speeds = np.array([0.12345678, np.nan, np.inf])
     with LogStream(tmp_path / "log") as log:
-        log.row({"time": 0.1, "v": speeds, "n": np.int64(3), "why": "a — b", "inner": {"x": [float("nan"), np.ones(2)]}})
+        log.row({"time": 0.1, "v": speeds, "n": np.int64(3), "in": {"why": "a — b", "x": [float("nan"), np.ones(2)]}})
         speeds[:] = 7.0  # it is written as it was
         log.row({"time": np.float64(0.2), "who": object})
     first, second = read_log(tmp_path / "log")
-    assert first == {"time": 0.1, "v": [0.123457, None, None], "n": 3, "why": "a — b", "inner": {"x": [None, [1.0, 1.0]]}}
+    assert first == {"time": 0.1, "v": [0.123457, None, None], "n": 3, "in": {"why": "a — b", "x": [None, [1.0, 1.0]]}}
     assert second == {"time": 0.2, "who": str(object)}
-    assert log.trouble == "" and log.lost == 0
+    assert log.trouble == ""
+    assert log.lost == 0
 
 
 def test_a_killed_process_leaves_its_log(tmp_path: Path):
@@ -55,7 +56,8 @@ def test_a_killed_process_leaves_its_log(tmp_path: Path):
         os.kill(process.pid, signal.SIGKILL)
         process.wait(60.0)
     times = [float(str(row["time"])) for row in read_log(path)]
-    assert times == sorted(times) and len(times) > 10
+    assert times == sorted(times)
+    assert len(times) > 10
     assert times[-1] > killed - 2.0
 
 
@@ -93,7 +95,8 @@ def test_what_is_never_written_is_counted():
     for n in range(5):
         log.row({"n": n})
     log.close()
-    assert log.lost == 5 and "No space left" in log.trouble
+    assert log.lost == 5
+    assert "No space left" in log.trouble
 
 
 def test_a_value_that_cannot_be_shown_costs_one_row(tmp_path: Path):
@@ -102,7 +105,8 @@ def test_a_value_that_cannot_be_shown_costs_one_row(tmp_path: Path):
     with LogStream(tmp_path / "log") as log:
         log.row({"endless": endless})
         log.row({"n": 1})
-    assert read_log(tmp_path / "log") == [{"n": 1}] and log.lost == 1
+    assert read_log(tmp_path / "log") == [{"n": 1}]
+    assert log.lost == 1
 
 
 def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path):

@@ -14,9 +14,12 @@ from elastic_strips.trajectory import MotionLimits
 
 def test_a_pickled_robot_is_the_same(robot: RobotModel):
     copy = pickle.loads(pickle.dumps(robot))
-    assert copy.same_as(robot) and robot.same_as(copy)
-    assert copy.name == robot.name and copy.joint_names == robot.joint_names
-    assert dict(copy.locked) == dict(robot.locked) and dict(copy.states) == dict(robot.states)
+    assert copy.same_as(robot)
+    assert robot.same_as(copy)
+    assert copy.name == robot.name
+    assert copy.joint_names == robot.joint_names
+    assert dict(copy.locked) == dict(robot.locked)
+    assert dict(copy.states) == dict(robot.states)
     for name in ("lower", "upper"):
         np.testing.assert_array_equal(getattr(copy.space, name), getattr(robot.space, name))
     for a, b in zip(copy.geometries, robot.geometries, strict=True):
