@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +27,8 @@ _LONGEST_SLIDE = 1e3
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotModel(Summary):
     """A robot ready for planning: locked joints are gone, every collision shape is convex.
+
+    It can be pickled, to be sent to another process; the copy draws its collision geometry.
 
     Attributes:
         name: the robot's name.
@@ -60,6 +62,17 @@ class RobotModel(Summary):
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "visual"}  # that is a closure
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state, visual=lambda: self.collision_model)
+        for array in (self.home_q, self.space.lower, self.space.upper):
+            array.setflags(write=False)
+        shapes = [piece.geometry for piece in self.geometries]
+        for shape in (*shapes, *(obj.geometry for obj in self.collision_model.geometryObjects)):
+            shape.computeLocalAABB()
 
     def _summary(self) -> dict[str, object]:
         return {

@@ -1,0 +1,436 @@
+"""Machine process: a simulated machine that runs against the wall clock in a process of its own, and its driver.
+
+Two channels lead to it, of one pickled message per datagram: to the driver, in whatever process that is, and to the
+simulated world. Nobody waits for anybody: what does not fit into a channel is dropped. So that nothing is lost by that,
+every reading carries the wheel travel summed up since the start, and the newest localization fix.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import os
+import pickle
+import signal
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.control.driver import COMMAND_TIMEOUT
+from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.process_priority import raise_priority
+from elastic_strips.errors import ParameterError
+from elastic_strips.validation import check_number
+
+from .faults import FaultPlan, FaultyPlant
+from .plant import Plant
+
+_log = logging.getLogger(__name__)
+_MESSAGE = 1 << 16  # [bytes] most of one message
+_READINGS = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
+_STATES = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
+_START = 120.0  # [s] longest start of the process
+_STILL = 1e-3  # [m/s, rad/s] below this speed the machine has come to rest
+_LONGEST_STOP = 5.0  # [s] and it ends after this time if it has not
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueState:
+    """What the simulated machine really does.
+
+    Attributes:
+        time: [s] since the epoch.
+        coordinates: (nv,) configuration as a coordinate row.
+        v: (nv,) velocity: body twist, joint rates.
+        motors: (k,) speeds of the drive's motors [m/s, rad/s].
+        commanded: False where no command is in force, since the last one is too old.
+    """
+
+    time: float
+    coordinates: Array
+    v: Array
+    motors: Array
+    commanded: bool
+
+
+class _Reading(NamedTuple):
+    """What the machine sends to its driver after a step."""
+
+    time: float
+    travel: list[float]  # (k,) since the start
+    lost: int  # how often travel was not measured so far,
+    misread: int  # and how often it was no number
+    joints: list[float]
+    fixes: int  # so many fixes have come so far
+    fix: tuple[list[float], float | None, list[list[float]] | None] | None  # the newest: pose, time, covariance
+    contact: str
+    emergency: str
+    error: str  # what the sensors' driver threw in place of a measurement
+
+
+class MachineProcess:
+    """Workspace: a plant in a process of its own, from ``__enter__`` to ``__exit__``.
+
+    Args:
+        make_plant: makes the plant there; has to be picklable, such as ``partial(KinematicPlant, robot, limits)``.
+        coordinates: (nv,) where it begins, at rest.
+        period: step of the plant [s].
+        timeout: longest time [s] that a command holds.
+
+    Attributes:
+        epoch: ``time.monotonic()`` at which the machine's time is 0, the same in all processes.
+        priority: what it could do to get the processor in time.
+    """
+
+    def __init__(
+        self,
+        make_plant: Callable[[], Plant],
+        coordinates: Array,
+        *,
+        period: float = 0.005,
+        timeout: float = COMMAND_TIMEOUT,
+    ) -> None:
+        self.period: float = check_number("period", period, above=0.0, high=0.1, unit="s")
+        self.timeout: float = check_number("timeout", timeout, above=0.0, unit="s")
+        self.epoch: float = math.nan
+        self.priority: str = ""
+        self._make_plant, self._coordinates = make_plant, np.array(coordinates, dtype=float)
+        self._count = (0, 0)
+        self._states: list[TrueState] = []
+
+    def __enter__(self) -> MachineProcess:
+        """Start it, and wait until it runs.
+
+        Raises:
+            ParameterError: it cannot; the message says why.
+        """
+        self._driver, executor = _channel(_READINGS)
+        self._world, world = _channel(_STATES)
+        context = multiprocessing.get_context("spawn")
+        self._process = context.Process(
+            target=_run,
+            args=(self._make_plant, self._coordinates, self.period, self.timeout, executor, world),
+            name="machine",
+            daemon=True,
+        )
+        try:
+            self._process.start()
+            executor.close()
+            world.close()
+            self._world.settimeout(_START)
+            data = self._world.recv(_MESSAGE)
+            self._world.setblocking(False)
+            ready = pickle.loads(data) if data else "it ended at once"
+        except BaseException as error:
+            self._end(0.0)
+            if isinstance(error, (OSError, pickle.PicklingError, AttributeError)):
+                raise ParameterError(f"the simulated machine does not start: {error}") from error
+            raise
+        if isinstance(ready, str):
+            self._end(_START)
+            raise ParameterError(f"the simulated machine does not start: {ready}")
+        self.epoch, self._count, self.priority = ready
+        _log.info("the simulated machine runs (%s)", self.priority)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let it come to rest and end; what its last true states were is kept for :meth:`truth`."""
+        _put(self._world, ("close", ""))
+        self._end(_LONGEST_STOP + 5.0)
+
+    def _end(self, patience: float) -> None:
+        if self._process.pid is not None:
+            self._process.join(patience)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+        self._states = self.truth()
+        self._driver.close()
+        self._world.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.is_alive()
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
+    def now(self) -> float:
+        """The machine's time [s]."""
+        return time.monotonic() - self.epoch
+
+    def driver(self) -> MachineDriver:
+        """The driver of this machine, to be given to the process that controls; one at a time reads measurements."""
+        return MachineDriver(self._driver.dup(), self.epoch, self._count)
+
+    def truth(self) -> list[TrueState]:
+        """The true states since the last call, one for each step."""
+        states, self._states = self._states, []
+        for time_, coordinates, v, motors, commanded in _take(self._world):
+            states.append(TrueState(time_, np.array(coordinates), np.array(v), np.array(motors), commanded))
+        return states
+
+    def touch(self, description: str) -> None:
+        """Let measurements tell of a felt contact from now on; of none where the description is empty."""
+        _put(self._world, ("contact", description))
+
+    def press(self, description: str) -> None:
+        """Press the emergency stop, which stops the motors and is measured; an empty description releases it."""
+        _put(self._world, ("emergency", description))
+
+
+class MachineDriver:
+    """Workspace: the :class:`~elastic_strips.control.driver.Driver` of a machine process.
+
+    It can be sent to another process as an argument of that.
+
+    Args:
+        channel: to the machine.
+        epoch: ``time.monotonic()`` at which the machine's time is 0.
+        count: (k, n) numbers of drive coordinates and joints.
+    """
+
+    def __init__(self, channel: socket.socket, epoch: float, count: tuple[int, int]) -> None:
+        self.epoch: float = epoch
+        self._channel, self._count = channel, count
+        self._before: _Reading | None = None  # the last one that was returned
+        self._fixes = 0
+        self._felt = ""
+
+    def measure(self, t: float) -> Measurement | None:
+        """What was measured since the last call.
+
+        Raises:
+            RuntimeError: what the sensors' driver threw.
+        """
+        readings = [_Reading(*message) for message in _take(self._channel)]
+        if not readings:
+            return None
+        self._felt = next((r.contact for r in reversed(readings) if r.contact), self._felt)
+        before = self._before = self._before or readings[0]
+        new = readings[-1]
+        if new.error:
+            raise RuntimeError(new.error)
+        drive: Array | None = np.subtract(new.travel, before.travel)
+        if new.lost > before.lost:
+            drive = None
+        elif new.misread > before.misread:
+            drive = np.full(len(new.travel), np.nan)
+        pose, pose_time, covariance = new.fix if new.fix is not None and new.fixes > self._fixes else (None, None, None)
+        contact, self._felt = self._felt, ""
+        self._before, self._fixes = new, new.fixes
+        return Measurement(
+            new.time,
+            drive,
+            np.array(new.joints),
+            None if pose is None else np.array(pose),
+            pose_time,
+            None if covariance is None else np.array(covariance),
+            contact,
+            new.emergency,
+        )
+
+    def send(self, t: float, command: Command) -> None:
+        """Pass on a command of time ``t`` [s].
+
+        Raises:
+            ParameterError: it has the wrong size or is not finite.
+        """
+        drive, joints = np.asarray(command.drive, dtype=float), np.asarray(command.joints, dtype=float)
+        sound = (drive.shape, joints.shape) == ((self._count[0],), (self._count[1],))
+        if not (sound and np.isfinite(drive).all() and np.isfinite(joints).all() and math.isfinite(t)):
+            raise ParameterError(
+                f"command {drive} and {joints} of time {t}: {self._count[0]} finite speeds of the drive and "
+                f"{self._count[1]} of joints are wanted"
+            )
+        _put(self._channel, (float(t), drive.tolist(), joints.tolist(), bool(command.stop)))
+
+    def close(self) -> None:
+        """Stop the machine safely and release the channel."""
+        k, n = self._count
+        _put(self._channel, (time.monotonic() - self.epoch, [0.0] * k, [0.0] * n, True))
+        self._channel.close()
+
+
+def faulty_plant(make_plant: Callable[[], Plant], faults: FaultPlan, seed: int = 0) -> Plant:
+    """A plant with faults, for a machine process: ``partial(faulty_plant, make_plant, faults)``."""
+    return cast("Plant", FaultyPlant(make_plant(), faults, seed))
+
+
+class _Machine:
+    """Workspace: the plant in its process: steps it, and talks."""
+
+    def __init__(
+        self, plant: Plant, period: float, timeout: float, executor: socket.socket, world: socket.socket
+    ) -> None:
+        self.plant, self.period, self.timeout = plant, period, timeout
+        self.executor, self.world = executor, world
+        self.first = plant.robot.space.base_nv
+        self.count = (len(plant.motors), len(plant.robot.joint_names))
+        self.stop = Command(np.zeros(self.count[0]), np.zeros(self.count[1]), stop=True)
+        self.command, self.sent = self.stop, -math.inf
+        self.steps = 0
+        self.said = {"contact": "", "emergency": ""}
+        self.closing = False
+        self.travel = np.zeros(self.count[0])
+        self.lost = self.misread = self.fixes = 0
+        self.fix: tuple[list[float], float | None, list[list[float]] | None] | None = None
+        self.error = ""
+        self.last = Measurement(0.0, None, plant.coordinates[self.first :])
+        self.epoch = 0.0
+
+    def try_out(self) -> None:
+        """One step that does not count: what is loaded at the first use is loaded now.
+
+        Raises:
+            ParameterError: the plant cannot take such steps.
+        """
+        try:
+            self.plant.step(self.stop, self.period)
+        except RuntimeError as error:  # an injected fault
+            _log.info("the simulated machine: %s", error)
+
+    def run(self) -> None:
+        """Follow the wall clock until the parent closes the machine, or is gone, and it has come to rest."""
+        parent, end = os.getppid(), math.inf
+        while True:
+            now = time.monotonic() - self.epoch
+            due = int(now / self.period + 1e-6)
+            if due <= self.steps:
+                time.sleep(max(0.0, (self.steps + 1) * self.period - now))
+                continue
+            while self.steps < due:  # several where the machine was late
+                self.step()
+            self.tell()
+            self.listen()
+            if end == math.inf and (self.closing or os.getppid() != parent):
+                self.closing, end = True, now + _LONGEST_STOP
+            if end < math.inf and (self.at_rest() or now > end):
+                return
+
+    def step(self) -> None:
+        """One step under the command that is in force at its beginning."""
+        commanded = self.steps * self.period - self.sent <= self.timeout
+        obeyed = commanded and not self.closing and not self.said["emergency"]
+        self.steps += 1
+        try:
+            self.note(self.plant.step(self.command if obeyed else self.stop, self.period))
+            self.error = ""
+        except Exception as error:  # as if the sensors' driver had thrown it; the machine goes on
+            if not self.error:
+                _log.warning("the simulated machine: %s", error)
+            self.error = f"{type(error).__name__}: {error}"
+            self.lost += 1
+        plant = self.plant
+        state = (plant.coordinates.tolist(), plant.v.tolist(), plant.motors.tolist())
+        _put(self.world, (plant.time, *state, commanded))
+
+    def note(self, measurement: Measurement) -> None:
+        self.last = measurement
+        drive = measurement.drive
+        if drive is None:
+            self.lost += 1
+        elif np.isfinite(drive).all():
+            self.travel += drive
+        else:
+            self.misread += 1
+        if measurement.pose is not None:
+            self.fixes += 1
+            covariance = measurement.pose_covariance
+            self.fix = (
+                measurement.pose.tolist(),
+                measurement.pose_time,
+                None if covariance is None else covariance.tolist(),
+            )
+
+    def tell(self) -> None:
+        """Send what was measured last."""
+        last = self.last
+        reading = _Reading(
+            last.time, self.travel.tolist(), self.lost, self.misread, last.joints.tolist(), self.fixes, self.fix,
+            last.contact or self.said["contact"], last.emergency or self.said["emergency"], self.error,
+        )  # fmt: skip
+        _put(self.executor, tuple(reading))
+
+    def listen(self) -> None:
+        """Take the newest command, and what the world says."""
+        for sent, drive, joints, stop in _take(self.executor):
+            self.command = Command(np.array(drive), np.array(joints), stop)
+            self.sent = min(sent, time.monotonic() - self.epoch)
+        for what, text in _take(self.world):
+            if what == "close":
+                self.closing = True
+            else:
+                self.said[what] = text
+
+    def at_rest(self) -> bool:
+        speeds = (self.plant.motors, self.plant.v[self.first :])
+        return all(float(np.abs(v).max(initial=0.0)) < _STILL for v in speeds)
+
+
+def _run(
+    make_plant: Callable[[], Plant],
+    coordinates: Array,
+    period: float,
+    timeout: float,
+    executor: socket.socket,
+    world: socket.socket,
+) -> None:
+    """The process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, who closes the machine
+    try:
+        plant = make_plant()
+        plant.reset(coordinates)
+        machine = _Machine(plant, period, timeout, executor, world)
+        machine.try_out()
+        plant.reset(coordinates)
+    except Exception as error:
+        _put(world, f"{type(error).__name__}: {error}")
+        return
+    priority = raise_priority()
+    machine.epoch = time.monotonic()
+    _put(world, (machine.epoch, machine.count, priority))
+    try:
+        machine.run()
+    finally:
+        plant.close()
+
+
+def _channel(size: int) -> tuple[socket.socket, socket.socket]:
+    """Two ends of a channel that holds about ``size`` [bytes] each way, datagram by datagram."""
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    for end in ends:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, size)
+        end.setblocking(False)
+    return ends
+
+
+def _put(channel: socket.socket, message: object) -> None:
+    """Send a message, or drop it where the channel is full, or its other end gone."""
+    try:
+        channel.send(pickle.dumps(message, pickle.HIGHEST_PROTOCOL), socket.MSG_DONTWAIT)
+    except OSError:
+        return
+
+
+def _take(channel: socket.socket) -> list[tuple[Any, ...]]:
+    """All messages that have come."""
+    messages: list[tuple[Any, ...]] = []
+    while True:
+        try:
+            data = channel.recv(_MESSAGE, socket.MSG_DONTWAIT)
+        except OSError:  # nothing more
+            return messages
+        if not data:  # the other end is gone
+            return messages
+        messages.append(pickle.loads(data))
