@@ -15,11 +15,11 @@ from elastic_strips.sim.plant import Plant
 _LONGEST = 300.0  # [s]
 
 
-def execute(driver: MachineDriver) -> None:
+def execute(driver: MachineDriver, epoch: float) -> None:
     """Drive straight on until somebody kills this process."""
     end = time.monotonic() + _LONGEST
     while time.monotonic() < end:
-        driver.send(time.monotonic() - driver.epoch, Command(np.full(2, 0.3), np.zeros(0)))
+        driver.send(time.monotonic() - epoch, Command(np.full(2, 0.3), np.zeros(0)))
         time.sleep(0.01)
 
 
@@ -27,4 +27,4 @@ def own(make_plant: Callable[[], Plant], coordinates: np.ndarray, told: Connecti
     """Start a machine, tell its process id, and drive."""
     with MachineProcess(make_plant, coordinates) as machine:
         told.send(machine.pid)
-        execute(machine.driver())
+        execute(machine.driver(), machine.epoch)

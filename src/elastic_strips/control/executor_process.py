@@ -10,6 +10,7 @@ import gc
 import logging
 import multiprocessing
 import os
+import select
 import signal
 import socket
 import threading
@@ -17,13 +18,14 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import count
+from multiprocessing.context import SpawnProcess
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
-from elastic_strips.errors import ConfigurationError, ElasticStripsError
+from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
@@ -86,10 +88,8 @@ class ExecutorProcess:
         robot: the robot.
         start: configuration (nq,) of the robot at rest.
         goal: configuration (nq,).
-        driver: of its motors; it is sent to the process.
         params: of the drive.
         limits: of the motors; read off the robot where None.
-        epoch: ``time.monotonic()`` at which time is 0; now where None.
         log: file of the log, which is written while the robot drives; none where None.
 
     Attributes:
@@ -105,24 +105,22 @@ class ExecutorProcess:
         robot: RobotModel,
         start: npt.ArrayLike,
         goal: npt.ArrayLike,
-        driver: Driver,
         *,
         params: DriveParams | None = None,
         limits: MotionLimits | None = None,
-        epoch: float | None = None,
         log: str | os.PathLike[str] | None = None,
     ) -> None:
         space = robot.space
         self.robot: RobotModel = robot
         self.params: DriveParams = params or DriveParams()
         self.limits: MotionLimits = limits or MotionLimits.for_robot(robot)
-        self.epoch: float = time.monotonic() if epoch is None else epoch
+        self.epoch: float = time.monotonic()
         self.run: RunLog = RunLog()
         self.priority: str = ""
         row = space.to_coordinates(robot.check_q(start, what="start"))
         self._goal = space.to_coordinates(robot.check_q(goal, what="goal"))
         self._task = (robot, self.limits, self.params, row, self._goal, self.params.tolerance)
-        self._driver, self._log = driver, None if log is None else os.fspath(log)
+        self._log = None if log is None else os.fspath(log)
         self._serial = count(1)
         resting = stationary(robot, self.limits, row, 0.0, self.params.control_dt)
         self._sent: tuple[float, int, Trajectory, bool] = (-np.inf, 0, resting, False)  # when, number, what, at goal
@@ -134,35 +132,49 @@ class ExecutorProcess:
         self._lock = threading.Lock()
         self._ending = threading.Event()
         self._gone = ""
+        self._process: SpawnProcess | None = None
+        self._thread: threading.Thread | None = None
 
-    def __enter__(self) -> ExecutorProcess:
-        """Start the process, and wait until it runs.
+    def start(self, driver: Driver) -> None:
+        """Start the process, and wait until it is ready for :meth:`begin`.
+
+        Args:
+            driver: of the robot's motors; it is sent to the process.
 
         Raises:
-            ConfigurationError: it does not.
+            ConfigurationError: it does not start.
         """
         self._link, child = channel(_BUFFER)
-        self._process = multiprocessing.get_context("spawn").Process(
-            target=_serve, args=(child, self._task, self._driver, self.epoch, self._log), name="executor", daemon=True
+        self._process = process = multiprocessing.get_context("spawn").Process(
+            target=_serve, args=(child, self._task, driver, self._log), name="executor", daemon=True
         )
-        self._process.start()
+        process.start()
         child.close()
         self._link.settimeout(_START)
         try:
             first = self._link.recv(_BUFFER)
         except OSError as error:
-            self._process.kill()
+            process.kill()
             raise ConfigurationError(f"the executor's process does not start: {error}") from error
         finally:
             self._link.setblocking(False)
         if not first:
             raise ConfigurationError("the executor's process ended at once; its log says why")
+
+    def begin(self, epoch: float) -> None:
+        """Let the control loop run; its time is 0 at this ``time.monotonic()``."""
+        self.epoch = epoch
+        self._put("begin", epoch)
         self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         self._thread.start()
+
+    def __enter__(self) -> ExecutorProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
         """Bring the robot to rest, and end the process."""
+        if self._process is None:
+            return
         put(self._link, ("close",))
         self._process.join(_END)
         if self._process.is_alive():
@@ -170,13 +182,14 @@ class ExecutorProcess:
             self._process.kill()
             self._process.join()
         self._ending.set()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
         self._link.close()
 
     @property
     def pid(self) -> int:
         """Number of the process."""
-        return self._process.pid or 0
+        return 0 if self._process is None else self._process.pid or 0
 
     @property
     def now(self) -> float:
@@ -318,28 +331,30 @@ class ExecutorProcess:
 _Task = tuple[RobotModel, MotionLimits, DriveParams, Array, Array, Tolerance]
 
 
-def _serve(link: socket.socket, task: _Task, driver: Driver, epoch: float, log: str | None) -> None:
+def _serve(link: socket.socket, task: _Task, driver: Driver, log: str | None) -> None:
     """The process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for planning, which lets the robot come to rest
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    loop = _Loop(link, Executor(*task, keep=500), driver, epoch, None if log is None else LogStream(log))
+    loop = _Loop(link, Executor(*task, keep=500), driver, None if log is None else LogStream(log))
     gc.collect()
     gc.freeze()
     gc.disable()  # a collection takes longer than a period
     priority = raise_priority()
     _log.info("the executor runs (%s)", priority)
     put(link, ("ready", priority))
-    loop.run()
+    if loop.wait():
+        loop.run()
+    driver.close()
+    if loop.log is not None:
+        loop.log.close()
 
 
 class _Loop:
     """Workspace: the control loop in its process, on the wall clock."""
 
-    def __init__(
-        self, link: socket.socket, executor: Executor, driver: Driver, epoch: float, log: LogStream | None
-    ) -> None:
+    def __init__(self, link: socket.socket, executor: Executor, driver: Driver, log: LogStream | None) -> None:
         self.link, self.executor, self.driver, self.log = link, executor, driver, log
-        self.epoch, self.dt = epoch, executor.params.control_dt
+        self.epoch, self.dt = 0.0, executor.params.control_dt
         self.heard: float | None = None  # [s] when the last word of planning came
         self.silent = self.gone = self.closing = False
         self.serial = 0
@@ -348,6 +363,20 @@ class _Loop:
         self.events = self.stops = 0  # told so far
         self.seen_events: list[Event] = []
         self.log_trouble = ""
+
+    def wait(self) -> bool:
+        """Wait until planning says when time is 0; False where it is gone."""
+        while True:
+            select.select([self.link], [], [])
+            try:
+                for message in take(self.link):
+                    if isinstance(message, tuple) and message[0] == "begin":
+                        self.epoch = message[1]
+                        return True
+                    if isinstance(message, tuple) and message[0] == "close":
+                        return False
+            except ChannelClosedError:
+                return False
 
     def run(self) -> None:
         """Step after step, until the robot has come to rest at the end, or planning is gone and it stands."""
@@ -360,9 +389,6 @@ class _Loop:
             k += max(late, 0)  # periods that were missed are left out
             self.step(k * self.dt)
             k += 1
-        self.driver.close()
-        if self.log is not None:
-            self.log.close()
 
     def over(self) -> bool:
         return (self.closing or self.gone) and self.executor.at_rest(self.executor.time) and self.executor.settled

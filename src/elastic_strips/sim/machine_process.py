@@ -12,16 +12,19 @@ import math
 import multiprocessing
 import os
 import pickle
+import select
 import signal
 import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.control.channel import ChannelClosedError, channel, put, take
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.process_priority import raise_priority
@@ -32,7 +35,7 @@ from .faults import FaultPlan, FaultyPlant
 from .plant import Plant
 
 _log = logging.getLogger(__name__)
-_MESSAGE = 1 << 16  # [bytes] most of one message
+_LARGEST = 1 << 16  # [bytes] of the first message
 _READINGS = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
 _STATES = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
 _START = 120.0  # [s] longest start of the process
@@ -82,6 +85,7 @@ class MachineProcess:
         coordinates: (nv,) where it begins, at rest.
         period: step of the plant [s].
         timeout: longest time [s] that a command holds.
+        paused: whether it waits for :meth:`begin`.
 
     Attributes:
         epoch: ``time.monotonic()`` at which the machine's time is 0, the same in all processes.
@@ -95,7 +99,9 @@ class MachineProcess:
         *,
         period: float = 0.005,
         timeout: float = COMMAND_TIMEOUT,
+        paused: bool = False,
     ) -> None:
+        self._paused = paused
         self.period: float = check_number("period", period, above=0.0, high=0.1, unit="s")
         self.timeout: float = check_number("timeout", timeout, above=0.0, unit="s")
         self.epoch: float = math.nan
@@ -110,8 +116,8 @@ class MachineProcess:
         Raises:
             ParameterError: it cannot; the message says why.
         """
-        self._driver, executor = _channel(_READINGS)
-        self._world, world = _channel(_STATES)
+        self._driver, executor = channel(_READINGS)
+        self._world, world = channel(_STATES)
         context = multiprocessing.get_context("spawn")
         self._process = context.Process(
             target=_run,
@@ -124,7 +130,7 @@ class MachineProcess:
             executor.close()
             world.close()
             self._world.settimeout(_START)
-            data = self._world.recv(_MESSAGE)
+            data = self._world.recv(_LARGEST)
             self._world.setblocking(False)
             ready = pickle.loads(data) if data else "it ended at once"
         except BaseException as error:
@@ -135,13 +141,20 @@ class MachineProcess:
         if isinstance(ready, str):
             self._end(_START)
             raise ParameterError(f"the simulated machine does not start: {ready}")
-        self.epoch, self._count, self.priority = ready
+        self._count, self.priority = ready
         _log.info("the simulated machine runs (%s)", self.priority)
+        if not self._paused:
+            self.begin(time.monotonic())
         return self
+
+    def begin(self, epoch: float) -> None:
+        """Let its time be 0 at this ``time.monotonic()``."""
+        self.epoch = epoch
+        put(self._world, ("begin", epoch))
 
     def __exit__(self, *_: object) -> None:
         """Let it come to rest and end; what its last true states were is kept for :meth:`truth`."""
-        _put(self._world, ("close", ""))
+        put(self._world, ("close", ""))
         self._end(_LONGEST_STOP + 5.0)
 
     def _end(self, patience: float) -> None:
@@ -171,7 +184,7 @@ class MachineProcess:
 
     def driver(self) -> MachineDriver:
         """The driver of this machine, to be given to the process that controls; one at a time reads measurements."""
-        return MachineDriver(self._driver.dup(), self.epoch, self._count)
+        return MachineDriver(self._driver.dup(), self._count)
 
     def truth(self) -> list[TrueState]:
         """The true states since the last call, one for each step."""
@@ -182,11 +195,11 @@ class MachineProcess:
 
     def touch(self, description: str) -> None:
         """Let measurements tell of a felt contact from now on; of none where the description is empty."""
-        _put(self._world, ("contact", description))
+        put(self._world, ("contact", description))
 
     def press(self, description: str) -> None:
         """Press the emergency stop, which stops the motors and is measured; an empty description releases it."""
-        _put(self._world, ("emergency", description))
+        put(self._world, ("emergency", description))
 
 
 class MachineDriver:
@@ -196,12 +209,10 @@ class MachineDriver:
 
     Args:
         channel: to the machine.
-        epoch: ``time.monotonic()`` at which the machine's time is 0.
         count: (k, n) numbers of drive coordinates and joints.
     """
 
-    def __init__(self, channel: socket.socket, epoch: float, count: tuple[int, int]) -> None:
-        self.epoch: float = epoch
+    def __init__(self, channel: socket.socket, count: tuple[int, int]) -> None:
         self._channel, self._count = channel, count
         self._before: _Reading | None = None  # the last one that was returned
         self._fixes = 0
@@ -253,12 +264,12 @@ class MachineDriver:
                 f"command {drive} and {joints} of time {t}: {self._count[0]} finite speeds of the drive and "
                 f"{self._count[1]} of joints are wanted"
             )
-        _put(self._channel, (float(t), drive.tolist(), joints.tolist(), bool(command.stop)))
+        put(self._channel, (float(t), drive.tolist(), joints.tolist(), bool(command.stop)))
 
     def close(self) -> None:
         """Stop the machine safely and release the channel."""
         k, n = self._count
-        _put(self._channel, (time.monotonic() - self.epoch, [0.0] * k, [0.0] * n, True))
+        put(self._channel, (math.inf, [0.0] * k, [0.0] * n, True))
         self._channel.close()
 
 
@@ -300,6 +311,21 @@ class _Machine:
         except RuntimeError as error:  # an injected fault
             _log.info("the simulated machine: %s", error)
 
+    def wait(self) -> None:
+        """Wait for the parent to say when time is 0."""
+        parent = os.getppid()
+        while True:
+            select.select([self.world], [], [], 1.0)
+            for what, value in _take(self.world):
+                if what == "begin":
+                    self.epoch = value
+                    time.sleep(max(0.0, value - time.monotonic()))
+                    return
+                self.closing = self.closing or what == "close"
+            if self.closing or os.getppid() != parent:
+                self.closing = True
+                return
+
     def run(self) -> None:
         """Follow the wall clock until the parent closes the machine, or is gone, and it has come to rest."""
         parent, end = os.getppid(), math.inf
@@ -333,7 +359,7 @@ class _Machine:
             self.lost += 1
         plant = self.plant
         state = (plant.coordinates.tolist(), plant.v.tolist(), plant.motors.tolist())
-        _put(self.world, (plant.time, *state, commanded))
+        put(self.world, (plant.time, *state, commanded))
 
     def note(self, measurement: Measurement) -> None:
         self.last = measurement
@@ -360,7 +386,7 @@ class _Machine:
             last.time, self.travel.tolist(), self.lost, self.misread, last.joints.tolist(), self.fixes, self.fix,
             last.contact or self.said["contact"], last.emergency or self.said["emergency"], self.error,
         )  # fmt: skip
-        _put(self.executor, tuple(reading))
+        put(self.executor, tuple(reading))
 
     def listen(self) -> None:
         """Take the newest command, and what the world says."""
@@ -395,42 +421,20 @@ def _run(
         machine.try_out()
         plant.reset(coordinates)
     except Exception as error:
-        _put(world, f"{type(error).__name__}: {error}")
+        put(world, f"{type(error).__name__}: {error}")
         return
     priority = raise_priority()
-    machine.epoch = time.monotonic()
-    _put(world, (machine.epoch, machine.count, priority))
+    put(world, (machine.count, priority))
     try:
+        machine.wait()
         machine.run()
     finally:
         plant.close()
 
 
-def _channel(size: int) -> tuple[socket.socket, socket.socket]:
-    """Two ends of a channel that holds about ``size`` [bytes] each way, datagram by datagram."""
-    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    for end in ends:
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, size)
-        end.setblocking(False)
-    return ends
-
-
-def _put(channel: socket.socket, message: object) -> None:
-    """Send a message, or drop it where the channel is full, or its other end gone."""
-    try:
-        channel.send(pickle.dumps(message, pickle.HIGHEST_PROTOCOL), socket.MSG_DONTWAIT)
-    except OSError:
-        return
-
-
-def _take(channel: socket.socket) -> list[tuple[Any, ...]]:
-    """All messages that have come."""
+def _take(end: socket.socket) -> list[tuple[Any, ...]]:
+    """All messages that have come; none where the other end is gone."""
     messages: list[tuple[Any, ...]] = []
-    while True:
-        try:
-            data = channel.recv(_MESSAGE, socket.MSG_DONTWAIT)
-        except OSError:  # nothing more
-            return messages
-        if not data:  # the other end is gone
-            return messages
-        messages.append(pickle.loads(data))
+    with suppress(ChannelClosedError):
+        messages.extend(message for message in take(end) if isinstance(message, tuple))
+    return messages

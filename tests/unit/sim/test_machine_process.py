@@ -171,7 +171,7 @@ def test_no_wrong_command_is_passed_on(machine: MachineProcess, driver: MachineD
 
 def test_a_killed_executor_leaves_a_robot_that_stops(machine: MachineProcess):
     process = multiprocessing.get_context("spawn").Process(
-        target=machine_user.execute, args=(machine.driver(),), daemon=True
+        target=machine_user.execute, args=(machine.driver(), machine.epoch), daemon=True
     )
     process.start()
     try:

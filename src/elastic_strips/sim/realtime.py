@@ -1,0 +1,198 @@
+"""Realtime: a drive against the wall clock; machine, executor and planning each in a process of its own.
+
+This process plans, perceives and simulates the world around the robot. The executor's needs nothing of it but the next
+motion, and the machine's nothing of the executor but the next command.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.control.controller import Controller
+from elastic_strips.control.executor_process import ExecutorProcess
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.record import DriveResult
+from elastic_strips.scene import World
+from elastic_strips.validation import check_number
+
+from .closed_loop import Simulation, sensed_by
+from .machine_process import MachineProcess, TrueState
+from .perception import Sensing
+from .plant import Plant
+
+_STARTS = 0.1  # [s] from now to time 0
+_RESTS = 1e-3  # [m/s, rad/s] a machine slower than this stands
+_PATIENCE = 30.0  # [s] after the time limit, for a robot that does not come to rest
+_WORLD = 0.0099  # [s] from one step of pedestrians and sensors to the next
+
+
+class MachineView:
+    """Workspace: what this process knows of the machine in its own process: the last true state."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant  # as it was before it was sent there
+        self.state: TrueState = TrueState(0.0, plant.coordinates, plant.v, plant.motors, commanded=False)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._plant, name)
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]."""
+        return self.state.time
+
+    @property
+    def coordinates(self) -> Array:
+        """(nv,) true configuration as a coordinate row."""
+        return self.state.coordinates
+
+    @property
+    def v(self) -> Array:
+        """(nv,) true velocity."""
+        return self.state.v
+
+    @property
+    def motors(self) -> Array:
+        """(k,) true speeds of the drive's motors."""
+        return self.state.motors
+
+
+class RealtimeSimulation(Simulation[Controller]):
+    """Workspace: a :class:`Simulation` whose machine and executor run in processes of their own, on the wall clock.
+
+    Args:
+        controller: whose executor is ``executor``.
+        executor: not started yet.
+        make_plant: makes the machine in its process; can be pickled.
+        plant: one like it, at the start.
+        world, perception, goal, watch, metadata: of the :class:`Simulation`.
+        log: file that the executor writes while it drives; a temporary one where None.
+        eager: whether planning goes on without a pause, rather than at the planning rate.
+
+    Attributes:
+        machine: the machine's process, while it runs; else None.
+        executor: of the controller.
+        log: file of the executor's log; None after a run without one.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        executor: ExecutorProcess,
+        world: World,
+        make_plant: Callable[[], Plant],
+        plant: Plant,
+        perception: Sensing,
+        *,
+        goal: Array | None = None,
+        watch: Callable[[RealtimeSimulation], object] | None = None,
+        metadata: dict[str, object] | None = None,
+        log: str | os.PathLike[str] | None = None,
+        eager: bool = False,
+    ) -> None:
+        self.view: MachineView = MachineView(plant)
+        super().__init__(
+            controller, world, self.view, perception, goal=goal, watch=watch, metadata=metadata, realtime=True  # pyright: ignore
+        )
+        self.executor: ExecutorProcess = executor
+        self.machine: MachineProcess | None = None
+        self.eager: bool = eager
+        self.log: Path | None = None if log is None else Path(log)
+        self._make_plant = make_plant
+        self._truth: list[TrueState] = []
+        self._moved = -np.inf  # time [s] of the last step of the world
+
+    def run(self, *, time_limit: float | None = None) -> DriveResult:
+        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called."""
+        params, controller, executor = self.params, self.controller, self.executor
+        limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
+        began = time.perf_counter()
+        with ExitStack() as stack:
+            self.machine = machine = stack.enter_context(
+                MachineProcess(self._make_plant, self.view.coordinates, paused=True)
+            )
+            stack.enter_context(executor)
+            executor.start(machine.driver())
+            epoch = time.monotonic() + _STARTS
+            machine.begin(epoch)
+            executor.begin(epoch)
+            time.sleep(_STARTS)
+            over = False
+            while True:
+                t = self.time = executor.now
+                self._observe(machine)
+                if t >= limit and not over:
+                    over = True
+                    controller.stop(f"time limit of {limit:g} s")
+                sensed, trouble = sensed_by(self.perception, t)
+                controller.plan(t, sensed, trouble=trouble)
+                if controller.tick is not None and controller.tick.time == t:
+                    self._after_tick(controller.tick)
+                if (controller.ended and self._settled()) or t > limit + _PATIENCE or not machine.alive:
+                    break
+                if controller.state is RunState.FAILED:  # the executor is gone: the machine stops by itself
+                    time.sleep(0.5)
+                    break
+                if not self.eager:
+                    time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))
+        self._observe(machine)
+        self.machine = None
+        controller.close()
+        return self._result(time.perf_counter() - began)
+
+    def _observe(self, machine: MachineProcess) -> None:
+        """Take in what the machine did, and let the world go on."""
+        states = machine.truth()
+        self._truth += states
+        for state in states:
+            if state.time < self._moved + _WORLD:
+                continue
+            self._moved = state.time
+            self.view.state = state
+            self.perception.observe(state.time, state.coordinates, self.controller.estimate)
+            self.pedestrians.step(state.time, state.coordinates, state.v)
+        machine.touch(self.perception.contact)
+
+    def _result(self, seconds: float) -> DriveResult:
+        rows = [] if self.log is None else read_log(self.log)
+        _record(self, rows)
+        return super()._result(seconds)
+
+
+def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> None:
+    """Record what the machine did, with what the executor wrote down at the same time."""
+    truth = driven._truth
+    times = np.array([state.time for state in truth])
+    nan = [np.nan] * driven.robot.nv
+    for row in rows:
+        if "event" in row:
+            continue
+        t = float(str(row["t"]))
+        k = int(np.searchsorted(times, t + 1e-6, side="right")) - 1
+        if k < 0:
+            continue
+
+        def values(name: str, row: dict[str, object] = row) -> Array:
+            return np.array(row.get(name) or nan, dtype=float)
+
+        driven.recorder.control(
+            t, coordinates=truth[k].coordinates, v=truth[k].v, motors=truth[k].motors, reference=values("reference"),
+            reference_v=values("reference_v"), estimate=values("estimate"), drive=values("drive"),
+            joints=values("joints"), state=int(str(row["state"])),
+        )  # fmt: skip
+
+
+def temporary_log() -> Path:
+    """A file for a log that nobody asked for."""
+    number, name = tempfile.mkstemp(prefix="elastic-strips-", suffix=".jsonl")
+    os.close(number)
+    return Path(name)
