@@ -19,6 +19,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.solver import project_rolling
+from elastic_strips.work import count_work
 
 from .problem import Deadline
 
@@ -85,6 +86,7 @@ class ValidityChecker:
     def __call__(self, q: Array) -> bool:
         """Whether the configuration (nq,) is valid."""
         self.checks += 1
+        count_work(checks=1)
         if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
             return False
         return self._manager is None or not self._hits_tree()
