@@ -10,16 +10,18 @@ import threading
 from dataclasses import astuple, dataclass
 
 SECONDS_PER: dict[str, float] = {
-    "batches": 0.0024,
-    "pairs": 1.0e-6,
-    "queries": 2.4e-5,
-    "obstacles": 1.9e-5,
-    "outlooks": 8.0e-8,
-    "cells": 3.6e-6,
-    "checks": 1.0e-4,
-    "rays": 3.0e-5,
+    "batches": 2.4e-3,
+    "pairs": 0.9e-6,
+    "queries": 25e-6,
+    "obstacles": 20e-6,
+    "outlooks": 0.09e-6,
+    "cells": 2.1e-6,
+    "checks": 110e-6,
+    "rays": 28e-6,
 }
-"""Time of each quantity [s], with all that goes along with it."""
+"""Time of each [s], with all that goes along with it: fitted to 2,000 planning ticks, plans and scans of seven drives
+(corridors, with and without movers, evasion, lasers and several strips; Silvermate, TIAGo). Of the ticks longer than
+3 ms, 98 % took between 1/1.5 and 1.5 times what these say."""
 
 
 @dataclass(frozen=True, slots=True)

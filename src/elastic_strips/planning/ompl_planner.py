@@ -86,7 +86,6 @@ class ValidityChecker:
     def __call__(self, q: Array) -> bool:
         """Whether the configuration (nq,) is valid."""
         self.checks += 1
-        count_work(checks=1)
         if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
             return False
         return self._manager is None or not self._hits_tree()
@@ -196,6 +195,7 @@ def ompl_path(
             rows = _search(robot, valid, endpoints, low, high, seed, left, spacing, fineness, most, deadline)
     finally:
         _OMPL.release()
+        count_work(checks=valid.checks)
     if rows is None:
         return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks)
     return PathResult(rows, "", valid.checks)
