@@ -21,6 +21,7 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Scene
 from elastic_strips.scene.parts import Part
 from elastic_strips.scene.scene import PartTable
+from elastic_strips.work import count_work
 
 _LONGEST = 1e6  # [s]
 
@@ -124,6 +125,7 @@ class CandidateParts:
 
         ``moved`` has shift (K, 3) and uncertainty (K,) of the parts [m], or is None where nothing moves.
         """
+        count_work(pairs=len(part))
         if moved is not None:
             ends = ends - moved[0][:, None]
         one, two = ends[:, 0], ends[:, 1]

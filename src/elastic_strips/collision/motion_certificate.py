@@ -12,6 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
 from elastic_strips.scene import Scene
+from elastic_strips.work import count_work
 
 from .bounds import BodySet, MotionBounds
 from .candidates import CandidateParts, MovingParts, NodePrediction
@@ -86,6 +87,7 @@ class MotionCertifier:
         Returns:
             Its ``broken`` is the first pair found too near; then nothing is said of the other segments.
         """
+        count_work(batches=1)
         self._kin.update(coordinates, jacobians=False)
         self._bisection.begin(self._kin, v)
         travel = self.bounds.travel(v)

@@ -21,12 +21,14 @@ from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.coal_shapes import for_penetration, sphere_as_capsule
 from elastic_strips.scene.parts import Part
+from elastic_strips.work import count_work
 
 from .bounds import BodySet
 from .candidates import CandidateParts
 
 _TOLERANCE = 1e-12
 _AGREEMENT = 1e-4
+_PREPARING = 4  # queries take as long as the functors of a pair
 _FAILED = -1e100
 """Coal says −1.8e308 where its solver for penetration does not converge."""
 
@@ -56,6 +58,7 @@ class ShapePair(NamedTuple):
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
         """The functors of two shapes."""
+        count_work(queries=_PREPARING)
         shapes = for_penetration(one, two)
         deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
         return ShapePair(coal.ComputeDistance(one, two), deep, fine, (one, two, *shapes))
@@ -164,6 +167,7 @@ class Narrowphase:
         """
         count = len(node)
         self.queries += count
+        count_work(queries=count)
         distance = np.empty(count)
         direction, witness = np.zeros((count, 3)), np.zeros((count, 3))
         rotation, translation = self.bodies.placements(kin, node, body)

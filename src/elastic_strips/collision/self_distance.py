@@ -11,6 +11,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero
+from elastic_strips.work import count_work
 
 from .bounds import BodySet, MotionBounds
 from .narrowphase import GJK_EXCESS, PairSolver, ShapePair
@@ -170,6 +171,7 @@ class SelfProximity:
 
     def cheap(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
         """Lower bounds (K,) [m]: the distance between the capsules that contain the two bodies."""
+        count_work(pairs=len(pair))
         bodies, one, two = self.bodies, self.pairs[pair, 0], self.pairs[pair, 1]
         ends = bodies.ends_at(kin, node, one), bodies.ends_at(kin, node, two)
         return segment_distance(*ends) - bodies.radius[one] - bodies.radius[two]
@@ -194,6 +196,7 @@ class SelfProximity:
     def _each(self, kin: Kinematics, node: Indices, pair: Indices) -> Iterator[float]:
         """Measure one pair after the other; the solver's result is that of the last."""
         self.queries += len(node)
+        count_work(queries=len(node))
         r1, t1 = self.bodies.placements(kin, node, self.pairs[pair, 0])
         r2, t2 = self.bodies.placements(kin, node, self.pairs[pair, 1])
         one, two, ask, functors = self._one, self._two, self._solver.ask, self._functors

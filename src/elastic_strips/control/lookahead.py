@@ -9,6 +9,7 @@ from elastic_strips.collision import Forecast
 from elastic_strips.robot import PlanarFootprint
 from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Scene
+from elastic_strips.work import count_work
 
 FAR = 3.0
 """Largest separation that is returned [m]."""
@@ -33,6 +34,7 @@ class ObstacleLookahead:
         self, footprint: PlanarFootprint, scene: Scene, forecast: Forecast, centre: Array, *, reach: float,
         horizon: float, most: int = 12,
     ) -> None:  # fmt: skip
+        count_work(batches=1, obstacles=len(scene))
         self.body = footprint
         moving = dict(zip(forecast.obstacles.tolist(), range(len(forecast)), strict=True))
         discs, boxes = [], []
@@ -90,6 +92,7 @@ class ObstacleLookahead:
         Returns:
             (N, T) separations [m].
         """
+        count_work(outlooks=_pairs(pose, self._discs))
         x, y, vx, vy = self._discs[:, :4].T
         t = time[:, None]
         dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
@@ -108,6 +111,7 @@ class ObstacleLookahead:
         result = np.full(pose.shape[:2], FAR)
         if not len(self._discs):
             return result
+        count_work(outlooks=len(self.body.low) * _pairs(pose, self._discs))
         cos, sin = np.cos(pose[..., 2])[..., None], np.sin(pose[..., 2])[..., None]
         x, y, vx, vy, radius, low, high = self._discs[:, :7].T
         t = time[:, None]
@@ -129,6 +133,7 @@ class ObstacleLookahead:
         """
         result = np.full(pose.shape[:2], FAR)
         body = self.body
+        count_work(outlooks=len(body.low) * _pairs(pose, self._boxes))
         cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         for k in range(len(body.low)):
             at = np.flatnonzero((self._boxes[:, 4] <= body.high[k]) & (self._boxes[:, 5] >= body.low[k]))
@@ -145,3 +150,8 @@ class ObstacleLookahead:
                 d = box_distance(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
                 np.minimum(result, d.min(axis=-1) - radius, out=result)
         return result
+
+
+def _pairs(pose: Array, pieces: Array) -> int:
+    """Number of pairs of a pose (N, T, 3) and a piece (P, …)."""
+    return pose.shape[0] * pose.shape[1] * len(pieces)

@@ -10,6 +10,7 @@ from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.robot import ConfigurationSpace, RobotModel
 from elastic_strips.scene import Scene, UnknownMotion
 from elastic_strips.trajectory import MotionLimits
+from elastic_strips.work import count_work
 
 from .params import ObstacleAssumptions
 
@@ -24,6 +25,7 @@ def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = 
         sure: expected motion without the bounds, for forces: a strip that avoids all possible positions would find no
             free space.
     """
+    count_work(obstacles=len(scene))
     moving = [k for k, o in enumerate(scene) if o.motion is not None]
     m = len(moving)
     velocity, offset, speed, acceleration = np.zeros((m, 3)), np.zeros(m), np.zeros(m), np.zeros(m)
@@ -54,6 +56,7 @@ def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: Ob
     age = scene.time - before.time
     if age < 0.0 or scene.names != before.names:
         return False
+    count_work(obstacles=len(scene))
     moving = set(forecast.obstacles.tolist())
     for k, (now, then) in enumerate(zip(scene, before, strict=True)):
         if now.solid is not then.solid:

@@ -11,6 +11,7 @@ from elastic_strips.arrays import ArrayLike
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Obstacle, Scene
 from elastic_strips.validation import check_type
+from elastic_strips.work import count_work
 
 from .clusters import cluster_obstacles, clusters_of
 from .occupancy_grid import OccupancyGrid
@@ -101,6 +102,7 @@ class SceneEstimator:
             self._scan_time = max(self._scan_time, reading.time)
         else:
             self._ring(reading, base_pose)
+        count_work(rays=len(reading.ranges), obstacles=len(self.tracker))
         T = pose_matrix(base_pose)
         self.map.clear_footprint(float(T[0, 3]), float(T[1, 3]))
         self._newest[reading.sensor] = reading.time
@@ -142,6 +144,7 @@ class SceneEstimator:
         if self._scene is None:
             tracked = (t.obstacle for t in (*self.movers, *self.possibly_moving))
             self._scene = Scene([*self.map.obstacles(), *self.near.obstacles(), *tracked], time=self._time)
+            count_work(obstacles=len(self._scene))
         return self._scene
 
     def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> None:

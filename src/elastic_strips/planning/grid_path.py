@@ -19,6 +19,7 @@ from elastic_strips.robot.coal_shapes import support
 from elastic_strips.robot.footprint import DIRECTIONS, outline_directions
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
+from elastic_strips.work import count_work
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -236,6 +237,7 @@ def cell_graph(cost: Array) -> csr_array:
     """Costs of the moves between neighbouring cells, in both directions, as a sparse matrix of one of them."""
     from scipy.sparse import csr_array  # late: slow to import
 
+    count_work(batches=1, cells=int(np.isfinite(cost).sum()))
     number = np.arange(cost.size).reshape(cost.shape)
     rows, columns, weights = [], [], []
     for di, dj in _MOVES:

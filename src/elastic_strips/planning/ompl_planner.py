@@ -19,6 +19,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.solver import project_rolling
+from elastic_strips.work import count_work
 
 from .problem import Deadline
 
@@ -194,6 +195,7 @@ def ompl_path(
             rows = _search(robot, valid, endpoints, low, high, seed, left, spacing, fineness, most, deadline)
     finally:
         _OMPL.release()
+        count_work(checks=valid.checks)
     if rows is None:
         return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks)
     return PathResult(rows, "", valid.checks)

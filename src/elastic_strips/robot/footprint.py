@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.work import count_work
 
 from .coal_shapes import support, support_points
 from .model import RobotModel
@@ -59,6 +60,7 @@ class PlanarFootprint:
             self._posture = row
 
     def _place(self, q: Array) -> None:
+        count_work(batches=1)
         robot = self._robot
         if robot.space.planar:
             q[:4] = 0.0, 0.0, 1.0, 0.0

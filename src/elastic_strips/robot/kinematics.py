@@ -15,6 +15,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.summary import Summary
+from elastic_strips.work import count_work
 
 from .space import ConfigurationSpace
 
@@ -161,6 +162,7 @@ class Kinematics:
         self.n = n
         self.coordinates[:n] = coordinates
         tree, T = self.tree, self.T
+        count_work(batches=1)
         cos, sin = np.cos(coordinates), np.sin(coordinates)
         for i in range(1, len(tree.parents)):
             k = tree.coordinate_index[i]

@@ -12,6 +12,7 @@ from elastic_strips.perception import SceneEstimator, SceneEstimatorParams
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene, World
 
+from .computing import Computing
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
 
@@ -66,11 +67,15 @@ class SensorPerception:
         look: time of reading before the first step [s].
         bumper: whether the robot has a contact sensor; during a contact it stands, and readings are ignored: an
             obstacle that touches the robot covers its laser.
+        computing: what it costs to process readings.
 
     Attributes:
         suite: the sensors.
         estimator: of the scene.
         params: the sensors' delay, for figures that depend on it.
+        computing: may be replaced.
+        cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before
+            included, that of simulating the sensors not.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.
@@ -87,6 +92,7 @@ class SensorPerception:
         seed: int | np.random.Generator = 0,
         look: float = 1.5,
         bumper: bool = True,
+        computing: Computing | None = None,
     ) -> None:
         self._world, self._contact_sensor = world, ContactSensor(robot) if bumper else None
         self._looked, self._touched = -np.inf, ""
@@ -97,6 +103,9 @@ class SensorPerception:
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params: PerceptionParams = PerceptionParams(delay=latency)
         coordinates = robot.space.to_coordinates(robot.check_q(start, what="start"))
+        self.computing: Computing = computing or Computing()
+        self.cost: float = 0.0
+        self._spent = 0.0  # [s] since the last scene
         self._past = PoseBuffer()
         for k in range(round(look / _STEP)):
             self.observe(-look + k * _STEP, coordinates, coordinates)
@@ -118,8 +127,12 @@ class SensorPerception:
         readings = self.suite.observe(t, coordinates)
         if self._touched:  # an obstacle on the sensors would stay in the map
             return
-        for reading in readings:
-            self.estimator.update(reading, self._past.at(reading.time))
+        if not readings:
+            return
+        with self.computing.meter() as meter:
+            for reading in readings:
+                self.estimator.update(reading, self._past.at(reading.time))
+        self._spent += meter.seconds
 
     def sense(self, t: float) -> Scene:
         """The newest scene.
@@ -129,7 +142,10 @@ class SensorPerception:
         """
         if not self.estimator.times:
             raise PerceptionError(f"none of the sensors {', '.join(self.suite.config.names)} has read anything yet")
-        return self.estimator.scene()
+        with self.computing.meter() as meter:
+            scene = self.estimator.scene()
+        self.cost, self._spent = self._spent + meter.seconds, 0.0
+        return scene
 
 
 def body_radius(robot: RobotModel) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import ConfigurationSpace
+from elastic_strips.work import count_work
 
 ROLLING_TOLERANCE = 1e-9
 """Largest sideways travel [m] of a segment that counts as none."""
@@ -127,7 +128,7 @@ def project_rolling(space: ConfigurationSpace, coordinates: Array, *, iterations
     coordinates = coordinates.copy()
     base, plane = coordinates[:, :3], _PLANE
     inverse_mass = np.array([1.0, 1.0, 1.0 / _YAW_WEIGHT])
-    residual = np.inf
+    residual, iteration = np.inf, 0
     for iteration in range(iterations + 1):
         v = plane.difference(base[:-1], base[1:])
         c = v[:, 1]
@@ -157,4 +158,5 @@ def project_rolling(space: ConfigurationSpace, coordinates: Array, *, iterations
         if largest > 0.5:
             step *= 0.5 / largest
         base[:] = plane.integrate(base, step)
+    count_work(batches=iteration + 1)
     return coordinates, residual

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.work import count_work
 
 TOLERANCE = 1e-3
 """Part of a limit by which a sample may exceed it."""
@@ -106,6 +107,7 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
     Returns:
         The profile, or None where there is none: it cannot stop in time, or its start is too fast for the bends.
     """
+    count_work(batches=1)
     # the solver's tolerances are absolute: a path of unit length, in a unit of time in which y′ stays as it is
     scale = float(grid[-1])
     step = (grid[1:] - grid[:-1]) / scale

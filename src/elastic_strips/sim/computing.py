@@ -1,0 +1,200 @@
+"""Computing: what a robot's computing costs in simulated time, and an executor whose results arrive when they would
+have."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, TimeoutError
+from dataclasses import dataclass
+from time import thread_time
+from typing import Literal, ParamSpec, TypeVar
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.validation import check_able, check_number, check_type, shown
+from elastic_strips.work import Work, counted
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True)
+class Computing:
+    """What computing costs in simulated time.
+
+    Attributes:
+        label: ``"free"``: nothing. ``"work"``: the time that is modelled for the work that was counted
+            (:mod:`elastic_strips.work`), alike on every processor. A factor > 0: so many times the processor time that
+            the computing took here, on one thread.
+
+    Raises:
+        ParameterError: none of these.
+    """
+
+    label: Literal["free", "work"] | float = "free"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.label, str):
+            if self.label not in ("free", "work"):
+                raise _unknown(self.label)
+            return
+        try:
+            factor = check_number("", self.label, above=0.0)
+        except ParameterError:
+            raise _unknown(self.label) from None
+        object.__setattr__(self, "label", factor)
+
+    @staticmethod
+    def parse(given: str | float) -> Computing:
+        """What a text or a number means: ``"free"``, ``"work"``, or a factor such as ``"1"`` or 4.0.
+
+        Raises:
+            ParameterError: it means nothing; the message has the alternatives.
+        """
+        if not isinstance(given, str):
+            return Computing(given)
+        text = given.strip()
+        if text == "free" or text == "work":
+            return Computing(text)
+        try:
+            return Computing(float(text))
+        except (ValueError, ParameterError):  # ParameterError: the text is a number, but not a factor
+            raise _unknown(given) from None
+
+    def meter(self) -> Meter:
+        """A meter of what is computed in a ``with`` block on this thread."""
+        return Meter(self)
+
+
+def _unknown(given: object) -> ParameterError:
+    return ParameterError(
+        f"compute={shown(given)} must be 'free', 'work', or a finite factor > 0 of the measured processor time"
+    )
+
+
+class _Apart(threading.local):
+    """Workspace: simulated seconds of the calling thread that are charged apart, by label."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str | float, float] = {}
+
+
+_APART = _Apart()
+
+
+class Meter:
+    """Workspace: simulated seconds of what is computed in a ``with`` block, less what an executor charges apart.
+
+    Args:
+        computing: what that costs.
+    """
+
+    def __init__(self, computing: Computing) -> None:
+        self._label = computing.label
+        self._before, self._begin, self._apart = Work(), 0.0, 0.0
+        self._total: float | None = 0.0
+
+    def __enter__(self) -> Meter:
+        self._apart, self._total = _APART.seconds.get(self._label, 0.0), None
+        self._before, self._begin = counted(), thread_time()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._total = self.seconds
+
+    @property
+    def seconds(self) -> float:
+        """Simulated seconds [s] from the beginning of the block until now, or until its end; 0 before it."""
+        if self._total is not None:
+            return self._total
+        label = self._label
+        if isinstance(label, float):
+            spent = label * (thread_time() - self._begin)
+        elif label == "work":
+            spent = (counted() - self._before).seconds
+        else:
+            return 0.0
+        return max(spent - _APART.seconds.get(label, 0.0) + self._apart, 0.0)
+
+
+class ChargedFuture(Future[_T]):
+    """A result that is there at once, and arrives when simulated time has come to ``due``.
+
+    Before, it is running, and to wait for it is an error: simulated time does not go on meanwhile. Callbacks and
+    ``concurrent.futures.wait`` know of no simulated time.
+
+    Attributes:
+        due: simulated time [s] at which it arrives.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        super().__init__()
+        self._clock = clock
+        self.due: float = 0.0
+
+    def done(self) -> bool:
+        """Whether the simulated time has come."""
+        return super().done() and self._clock() >= self.due
+
+    def running(self) -> bool:
+        """Whether the simulated time has not come yet."""
+        return not self.done()
+
+    def result(self, timeout: float | None = None) -> _T:
+        """The result, or the exception of the task.
+
+        Raises:
+            TimeoutError: of ``concurrent.futures``: it has not arrived yet; ``timeout`` is of no use.
+        """
+        self._check()
+        return super().result()
+
+    def exception(self, timeout: float | None = None) -> BaseException | None:
+        """The exception of the task; None where it has a result.
+
+        Raises:
+            TimeoutError: as :meth:`result`.
+        """
+        self._check()
+        return super().exception()
+
+    def _check(self) -> None:
+        if not self.done():
+            raise TimeoutError(f"the result arrives at {self.due:.3f} s of simulated time; it is {self._clock():.3f} s")
+
+
+class ChargedExecutor(Executor):
+    """Workspace: one simulated processor core that computes one task after the other.
+
+    A task is computed at once, when it is submitted, and its result arrives when simulated time has passed by what it
+    costs, after all tasks before it. A :class:`Meter` about the call of ``submit`` leaves the task's cost out. A task
+    that another one submits comes before that one's result.
+
+    Args:
+        computing: what tasks cost; with ``"free"`` they are done at once.
+        clock: simulated time [s].
+
+    Attributes:
+        computing: may be replaced between tasks.
+        busy_until: simulated time [s] at which the last task ends.
+    """
+
+    def __init__(self, computing: Computing, clock: Callable[[], float]) -> None:
+        check_type("computing", computing, Computing)
+        check_able("clock", clock)
+        self.computing: Computing = computing
+        self.clock: Callable[[], float] = clock
+        self.busy_until: float = 0.0
+
+    def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> ChargedFuture[_T]:
+        """Compute ``fn`` of the arguments now; the result arrives later."""
+        future: ChargedFuture[_T] = ChargedFuture(self.clock)
+        with self.computing.meter() as meter:
+            try:
+                future.set_result(fn(*args, **kwargs))
+            except Exception as error:
+                future.set_exception(error)
+        apart, label = _APART.seconds, self.computing.label
+        apart[label] = apart.get(label, 0.0) + meter.seconds
+        self.busy_until = future.due = max(self.clock(), self.busy_until) + meter.seconds
+        return future

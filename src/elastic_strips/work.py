@@ -1,0 +1,96 @@
+"""Work: how much a thread has computed, counted where the time goes, and a model of the time that it takes.
+
+Equal inputs make equal counts on every processor, as far as a limit of real time (a planner's) does not end the
+computing before. Everything is counted once a batch: that costs nothing next to the batch.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import astuple, dataclass
+
+SECONDS_PER: dict[str, float] = {
+    "batches": 2.4e-3,
+    "pairs": 0.9e-6,
+    "queries": 25e-6,
+    "obstacles": 20e-6,
+    "outlooks": 0.09e-6,
+    "cells": 2.1e-6,
+    "checks": 110e-6,
+    "rays": 28e-6,
+}
+"""Time of each [s], with all that goes along with it: fitted to 2,000 planning ticks, plans and scans of seven drives
+(corridors, with and without movers, evasion, lasers and several strips; Silvermate, TIAGo). Of the ticks longer than
+3 ms, 98 % took between 1/1.5 and 1.5 times what these say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """Amounts of computing.
+
+    Attributes:
+        batches: calls of what works on all nodes or samples at once: kinematics, speed profiles, rolling projections,
+            footprints; what such a call costs whatever its size, with what is done around it.
+        pairs: distances of bodies and parts that were bounded.
+        queries: distances that were measured exactly.
+        obstacles: those that were gone through one by one.
+        outlooks: distances of manoeuvres' poses to obstacles seen from above.
+        cells: open cells of grids that were searched.
+        checks: configurations that were checked for a sampling planner.
+        rays: of sensors' readings that were taken in.
+    """
+
+    batches: int = 0
+    pairs: int = 0
+    queries: int = 0
+    obstacles: int = 0
+    outlooks: int = 0
+    cells: int = 0
+    checks: int = 0
+    rays: int = 0
+
+    def __sub__(self, before: Work) -> Work:
+        return Work(*(now - then for now, then in zip(astuple(self), astuple(before), strict=True)))
+
+    @property
+    def seconds(self) -> float:
+        """Modelled time [s] on the processor that the model was fitted on."""
+        return sum(getattr(self, name) * each for name, each in SECONDS_PER.items())
+
+
+class _Counts(threading.local):
+    """Workspace: amounts of the calling thread, in the order of :class:`Work`."""
+
+    def __init__(self) -> None:
+        self.amounts = [0] * len(SECONDS_PER)
+
+
+_COUNTS = _Counts()
+
+
+def count_work(
+    *,
+    batches: int = 0,
+    pairs: int = 0,
+    queries: int = 0,
+    obstacles: int = 0,
+    outlooks: int = 0,
+    cells: int = 0,
+    checks: int = 0,
+    rays: int = 0,
+) -> None:
+    """Add to the work of the calling thread; see :class:`Work`."""
+    amounts = _COUNTS.amounts
+    amounts[0] += batches
+    amounts[1] += pairs
+    amounts[2] += queries
+    amounts[3] += obstacles
+    amounts[4] += outlooks
+    amounts[5] += cells
+    amounts[6] += checks
+    amounts[7] += rays
+
+
+def counted() -> Work:
+    """The work of the calling thread since it began."""
+    return Work(*_COUNTS.amounts)

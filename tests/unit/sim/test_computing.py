@@ -1,0 +1,187 @@
+"""Computing in simulated time: what it costs, when results arrive, and that simulating the sensors costs nothing."""
+
+from __future__ import annotations
+
+from concurrent.futures import TimeoutError
+
+import numpy as np
+import pytest
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.scene import Box, Scene, World
+from elastic_strips.sim import computing
+from elastic_strips.sim.computing import ChargedExecutor, Computing
+from elastic_strips.sim.sensed_perception import SensorPerception
+from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.work import SECONDS_PER, Work, count_work, counted
+
+PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")
+
+
+class Clock:
+    """A clock that tests set; it stands for simulated time, or for the processor's."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def compute(self, seconds: float, result: object = None) -> object:
+        self.now += seconds
+        return result
+
+
+@pytest.fixture
+def cpu(monkeypatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(computing, "thread_time", clock)
+    return clock
+
+
+@pytest.mark.parametrize(
+    "given, label", [("free", "free"), ("work", "work"), ("1", 1.0), (" 0.5 ", 0.5), (10, 10.0), (4.0, 4.0)]
+)
+def test_it_is_parsed(given, label):
+    parsed = Computing.parse(given)
+    assert parsed.label == label
+    assert type(parsed.label) is type(label)
+    assert Computing.parse(parsed.label) == parsed, "results keep the label"
+
+
+@pytest.mark.parametrize("wrong", ["fre", "", "0", "-1", "nan", "inf", "1x", 0, -2.0, float("inf"), True, None, [1]])
+def test_what_means_nothing_is_refused(wrong):
+    with pytest.raises(ParameterError, match=r"compute=.*'free', 'work', or a finite factor > 0"):
+        Computing.parse(wrong)
+
+
+def test_a_factor_charges_the_processor_time_of_this_thread(cpu):
+    with Computing(4.0).meter() as meter:
+        cpu.compute(0.02)
+        assert meter.seconds == pytest.approx(0.08)
+        cpu.compute(0.01)
+    cpu.compute(1.0)
+    assert meter.seconds == pytest.approx(0.12), "it ends with its block"
+
+
+def test_a_real_thread_needs_time():
+    with Computing(1.0).meter() as meter:
+        sum(range(200_000))
+    assert meter.seconds > 0.0
+
+
+def test_work_charges_what_is_counted_and_nothing_else(cpu):
+    with Computing("work").meter() as meter:
+        cpu.compute(1.0)
+        count_work(queries=10, cells=3)
+    assert meter.seconds == pytest.approx(Work(queries=10, cells=3).seconds)
+
+
+def test_free_costs_nothing(cpu):
+    with Computing().meter() as meter:
+        cpu.compute(1.0)
+        count_work(queries=10)
+    assert meter.seconds == 0.0
+
+
+def test_results_arrive_one_after_the_other(cpu):
+    clock = Clock()
+    clock.now = 2.0
+    core = ChargedExecutor(Computing(2.0), clock)
+    one, two = core.submit(cpu.compute, 0.1, "one"), core.submit(cpu.compute, 0.05, "two")
+    assert (one.due, two.due) == pytest.approx((2.2, 2.3))
+    assert core.busy_until == two.due
+    clock.now = 2.19
+    assert not one.done()
+    assert one.running()
+    clock.now = one.due
+    assert one.done()
+    assert not one.running()
+    assert one.result() == "one"
+    assert not two.done()
+    clock.now = 5.0
+    assert two.result() == "two"
+    assert core.submit(cpu.compute, 0.1).due == pytest.approx(5.2), "an idle core begins at once"
+
+
+def test_a_result_is_not_to_be_had_before_it_arrives(cpu):
+    future = ChargedExecutor(Computing(1.0), Clock()).submit(cpu.compute, 0.25)
+    for ask in (future.result, future.exception):
+        with pytest.raises(TimeoutError, match=r"arrives at 0\.250 s of simulated time; it is 0\.000 s"):
+            ask()
+    assert not future.cancel()
+
+
+def test_exceptions_arrive_too(cpu):
+    def fails() -> None:
+        cpu.compute(0.1)
+        raise RuntimeError("no path")
+
+    clock = Clock()
+    future = ChargedExecutor(Computing(1.0), clock).submit(fails)
+    assert not future.done()
+    clock.now = 1.0
+    assert isinstance(future.exception(), RuntimeError)
+    with pytest.raises(RuntimeError, match="no path"):
+        future.result()
+
+
+def test_free_results_are_there_at_once(cpu):
+    clock = Clock()
+    clock.now = 3.0
+    core = ChargedExecutor(Computing("free"), clock)
+    for _ in range(2):
+        assert core.submit(cpu.compute, 1.0, "done").result() == "done"
+
+
+@pytest.mark.parametrize("label, cost", [(2.0, 0.2), ("work", SECONDS_PER["batches"])])
+def test_a_submitted_task_is_not_charged_to_who_submits_it(cpu, label, cost):
+    def plan() -> None:
+        cpu.compute(1.0)
+        count_work(batches=7)
+
+    priced = Computing(label)
+    core = ChargedExecutor(priced, Clock())
+    with priced.meter() as meter:
+        core.submit(plan)
+        cpu.compute(0.1)
+        count_work(batches=1)
+    assert meter.seconds == pytest.approx(cost)
+
+
+def test_a_task_of_a_task_is_charged_once(cpu):
+    core = ChargedExecutor(Computing(1.0), Clock())
+
+    def outer() -> None:
+        core.submit(cpu.compute, 0.2)
+        cpu.compute(0.1)
+
+    assert core.submit(outer).due == pytest.approx(0.3)
+
+
+def look(robot, *, bumper: bool, label: str | float = "work") -> tuple[float, Work]:
+    """Cost of the scene after half a second of readings, and all the work of it."""
+    world, laser = World(Scene([PILLAR])), SensorConfig().only("laser")
+    priced = Computing(label)
+    sensed = SensorPerception(robot, world, robot.home(), sensors=laser, bumper=bumper, computing=priced)
+    sensed.known()
+    before, row = counted(), robot.space.to_coordinates(robot.home())
+    for t in np.arange(0.0, 0.5, 0.01).tolist():
+        sensed.observe(t, row, row)
+    sensed.sense(0.5)
+    cost, work = sensed.cost, counted() - before
+    sensed.sense(0.5)
+    assert sensed.cost <= 0.0, "the same scene again costs nothing"
+    return cost, work
+
+
+def test_processing_readings_is_charged_and_simulating_sensors_is_not(silvermate):
+    cost, work = look(silvermate, bumper=False)
+    felt, more = look(silvermate, bumper=True)
+    assert more.batches > work.batches, "the contact sensor moves the robot's model"
+    assert cost == pytest.approx(felt)
+    assert cost >= SECONDS_PER["rays"] * work.rays > 0.0
+
+
+def test_processing_is_free_where_computing_is(silvermate):
+    assert look(silvermate, bumper=False, label="free")[0] == 0.0
