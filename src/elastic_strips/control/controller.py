@@ -79,6 +79,7 @@ class Controller(ControlLoop[Scene]):
         goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
         result: of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
+        sensing_took: time [s] that the perception took for the scene that comes next, by the meter's clock.
         executor, planner, replanner, pace: the parts; other attributes as of :class:`ControlLoop`.
 
     Raises:
@@ -134,6 +135,7 @@ class Controller(ControlLoop[Scene]):
             )
         self.executor: ExecutorLink = executor
         self.result: PlanResult | None = None
+        self.sensing_took: float = 0.0
         self._doubts = SceneMonitor(self.params.monitor)
         self._passed = self._recoveries = 0
         self._workers = workers
@@ -312,7 +314,8 @@ class Controller(ControlLoop[Scene]):
         executor = self.executor
         self.result = None
         before = len(self._ready)
-        self.pace.begin()
+        allowed = self.pace.latency
+        self.pace.begin(self.sensing_took)
         try:
             self._plan(t)
         except ElasticStripsError as error:
@@ -330,7 +333,7 @@ class Controller(ControlLoop[Scene]):
         reason = (result.reason if result else "") or self.reason
         status = result.report.status.value if result else ""
         self.tick = Tick(t, seconds, result, self.strip.coordinates, executor.active.end_time, status, reason)
-        self.statistics.add(seconds, self.params.latency * self.params.control_dt)
+        self.statistics.add(seconds, late=(charged or seconds) > allowed)
         return charged
 
     def _plan(self, t: float) -> None:

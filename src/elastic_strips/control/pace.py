@@ -54,10 +54,10 @@ class Pace:
         """Whether planning takes longer than ``DriveParams.latency``."""
         return self.periods > self.params.latency
 
-    def begin(self) -> None:
-        """A tick begins, and has until its motion begins."""
+    def begin(self, spent: float = 0.0) -> None:
+        """A tick begins, and has until its motion begins; ``spent`` [s] were spent on its scene already."""
         if self.meter is not None:
-            self._began = self.meter()
+            self._began = self.meter() - spent
             self._end = self._began + self.latency
 
     def finish(self, *, full: bool) -> float:

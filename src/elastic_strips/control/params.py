@@ -145,7 +145,7 @@ class DriveParams(Checked):
         horizon: longest time ahead that the strip gives way to predicted motion.
         max_scene_age: a scene that is older is not driven on.
         replan_after: a strip that stays broken so long, at rest, is planned anew.
-        replan_time: simulated duration of planning anew.
+        replan_time: least time from the decision to plan anew until that begins.
         speeds: fractions of full speed that are tried one after the other until one is certified.
         speed_scale, acceleration_scale: parts of the motors' limits that motions are planned with; the rest is used
             where the path changes and they would not do.
@@ -171,7 +171,7 @@ class DriveParams(Checked):
     horizon: Positive = 3.0
     max_scene_age: Positive = 0.25
     replan_after: Positive = 0.8
-    replan_time: Positive = 0.3
+    replan_time: NonNegative = 0.3
     speeds: tuple[_Part, ...] = (1.0, 0.5, 0.25)
     speed_scale: Positive = 0.95
     acceleration_scale: Positive = 0.75

@@ -345,10 +345,10 @@ class TickStatistics(Summary):
     seconds: array[float] = field(default_factory=lambda: array("d"))
     misses: int = 0
 
-    def add(self, seconds: float, budget: float) -> None:
-        """Add a tick of a duration [s]; it misses its deadline beyond the budget [s]."""
+    def add(self, seconds: float, *, late: bool) -> None:
+        """Add a tick of a duration [s]; ``late``: it took longer than it had."""
         self.seconds.append(seconds)
-        self.misses += seconds > budget
+        self.misses += late
 
     def percentiles(self) -> dict[str, float]:
         """p50, p95 and p99 [ms]; NaN without ticks."""
@@ -368,6 +368,8 @@ class DriveResult(Summary):
         replans: number of plans after the first.
         statistics: durations of the planning ticks.
         seconds: duration of the run by the wall clock [s].
+        compute: what computing cost: ``"free"``: nothing; ``"work"``: the time that is modelled for it; a number: so
+            many times the processor time that was measured; ``"realtime"``: it ran against the wall clock.
     """
 
     record: Record
@@ -378,11 +380,13 @@ class DriveResult(Summary):
     replans: int
     statistics: TickStatistics
     seconds: float
+    compute: str | float = "free"
 
     def _summary(self) -> dict[str, object]:
         return {
             "state": self.state.label, "reason": self.reason, "time": f"{self.record.duration:.2f} s",
-            "stops": len(self.stops), "events": len(self.events), "replans": self.replans, "seconds": self.seconds,
+            "stops": len(self.stops), "events": len(self.events), "replans": self.replans, "compute": self.compute,
+            "seconds": self.seconds,
         }  # fmt: skip
 
     @property

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
-from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
 from time import perf_counter, sleep
-from typing import Generic, ParamSpec, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import numpy as np
 
@@ -24,10 +23,12 @@ from elastic_strips.scene import Scene, World
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_able, check_count, check_number, check_type
 
+from .computing import ChargedExecutor, Computing
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
 from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams, Sensing
 from .plant import KinematicPlant, Plant, PlantParams
+from .sensed_perception import SensorPerception
 
 _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
@@ -35,24 +36,8 @@ MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 _PATIENCE = 30.0  # [s] longest simulation after the time limit, for a controller that does not come to rest
 _RESTS = 1e-3  # [m/s, rad/s] a plant slower than this stands
 
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
-
-
 _Driver = TypeVar("_Driver", bound=ControlLoop)
 _StripDriver = TypeVar("_StripDriver", bound=Controller)
-
-
-class InlineExecutor(Executor):
-    """Runs functions at once; in simulated time, planning takes as long as the parameters define."""
-
-    def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        future: Future[_T] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
 
 
 class Simulation(Generic[_Driver]):
@@ -70,6 +55,7 @@ class Simulation(Generic[_Driver]):
         realtime: whether to wait for the wall clock.
         record: whether to record every step; without it a result has a record of the last steps only.
         metadata: plain JSON values to keep with the record.
+        computing: what the controller's computing costs, for the result.
 
     Attributes:
         time: of the present step [s].
@@ -87,6 +73,7 @@ class Simulation(Generic[_Driver]):
         realtime: bool = False,
         record: bool = True,
         metadata: dict[str, object] | None = None,
+        computing: Computing | None = None,
     ) -> None:
         check_able("plant", plant, "reset", "step")
         check_able("perception", perception, "observe", "sense")
@@ -101,6 +88,7 @@ class Simulation(Generic[_Driver]):
         self.pedestrians: Pedestrians = Pedestrians(self.robot, world)
         self.watch = watch
         self.realtime: bool = realtime
+        self.computing: Computing = computing or Computing()
         self.time: float = 0.0
         last = controller.goal if goal is None else goal
         self._new_recorder = lambda: Recorder(self.robot, world, goal=last, metadata=metadata or {})
@@ -150,13 +138,9 @@ class Simulation(Generic[_Driver]):
         sensed: object = None
         trouble = ""
         if controller.plans_next and not (measurement is not None and measurement.contact):
-            try:
-                sensed = self.perception.sense(t)
-            except PerceptionError as error:
-                trouble = str(error)
-            except Exception as error:  # of whoever wrote it: the robot has to come to rest
-                _log.exception("sensing failed")
-                trouble = f"sensing exception: {type(error).__name__}: {error}"
+            sensed, trouble = sensed_by(self.perception, t)
+            if isinstance(controller, Controller):
+                controller.sensing_took = float(getattr(self.perception, "cost", 0.0))
         command = controller.step(t, measurement, sensed, trouble=trouble)
         if controller.tick is not None and controller.tick.time == t:
             self._after_tick(controller.tick)
@@ -225,7 +209,19 @@ class Simulation(Generic[_Driver]):
             replans=controller.replans,
             statistics=controller.statistics,
             seconds=seconds,
+            compute=self.computing.label,
         )
+
+
+def sensed_by(perception: Sensing, t: float) -> tuple[object, str]:
+    """What is sensed at time ``t`` [s], or None and why not."""
+    try:
+        return perception.sense(t), ""
+    except PerceptionError as error:
+        return None, str(error)
+    except Exception as error:  # of whoever wrote it: the robot has to come to rest
+        _log.exception("sensing failed")
+        return None, f"sensing exception: {type(error).__name__}: {error}"
 
 
 def prepare(
@@ -279,6 +275,7 @@ def simulation(
     record: bool = True,
     metadata: dict[str, object] | None = None,
     make: Callable[..., _StripDriver] | None = None,
+    compute: str | float = "free",
     **options: object,
 ) -> Simulation[_StripDriver]:
     """A controller of the elastic strip in a world, ready to run.
@@ -297,6 +294,9 @@ def simulation(
         watch, realtime, record, metadata: of the :class:`Simulation`.
         make: makes the controller, from the known scene and its other arguments; a :class:`Controller` of ``start``
             and ``goal`` where None.
+        compute: what computing costs in simulated time: ``"free"``: nothing, and equal seeds give equal runs; a factor:
+            so many times the processor time that it takes here; ``"work"``: the time that is modelled for the work that
+            was counted, alike everywhere.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
@@ -308,6 +308,10 @@ def simulation(
     if not isinstance(perception, PerceptionParams):
         check_able("perception", perception, "known", "sense")
     params, limits = params or DriveParams(), limits or MotionLimits.for_robot(robot)
+    computing = Computing.parse(compute)
+    workers, meter = ChargedExecutor(computing, lambda: 0.0), None
+    if computing.label != "free":
+        params, meter = replace(params, replan_time=0.0), computing.reading
     fault_plan = FaultPlan(faults)
     noise = PerceptionParams() if perception is None else perception
     world, machine, rng = prepare(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
@@ -318,7 +322,7 @@ def simulation(
         senses = noise
     begin = make or cast("Callable[..., _StripDriver]", partial(Controller, robot, start, goal))
     controller = begin(
-        senses.known(), params=params, limits=limits, seed=seed, workers=InlineExecutor(),
+        senses.known(), params=params, limits=limits, seed=seed, workers=workers, meter=meter,
         events=None if record else KEPT_EVENTS, **options,
     )  # fmt: skip
     if fault_plan.faults:
@@ -328,7 +332,11 @@ def simulation(
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
     last = robot.space.to_coordinates(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
-    return Simulation(
+    if isinstance(noise, SensorPerception):
+        noise.computing = computing
+    driven = Simulation(
         controller, world, machine, senses, goal=last, watch=watch, realtime=realtime, record=record,
-        metadata=metadata,
+        metadata=metadata, computing=computing,
     )  # fmt: skip
+    workers.clock = lambda: driven.time
+    return driven

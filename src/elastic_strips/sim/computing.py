@@ -12,7 +12,7 @@ from typing import Literal, ParamSpec, TypeVar
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.validation import check_able, check_number, check_type, shown
-from elastic_strips.work import Work, counted
+from elastic_strips.work import counted
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -61,9 +61,12 @@ class Computing:
         except (ValueError, ParameterError):  # ParameterError: the text is a number, but not a factor
             raise _unknown(given) from None
 
-    def meter(self) -> Meter:
-        """A meter of what is computed in a ``with`` block on this thread."""
-        return Meter(self)
+    def reading(self) -> float:
+        """Simulated seconds [s] of what the calling thread has computed so far, less what an executor charges apart."""
+        if self.label == "free":
+            return 0.0
+        spent = counted().seconds if self.label == "work" else self.label * thread_time()
+        return spent - _APART.seconds.get(self.label, 0.0)
 
 
 def _unknown(given: object) -> ParameterError:
@@ -80,41 +83,6 @@ class _Apart(threading.local):
 
 
 _APART = _Apart()
-
-
-class Meter:
-    """Workspace: simulated seconds of what is computed in a ``with`` block, less what an executor charges apart.
-
-    Args:
-        computing: what that costs.
-    """
-
-    def __init__(self, computing: Computing) -> None:
-        self._label = computing.label
-        self._before, self._begin, self._apart = Work(), 0.0, 0.0
-        self._total: float | None = 0.0
-
-    def __enter__(self) -> Meter:
-        self._apart, self._total = _APART.seconds.get(self._label, 0.0), None
-        self._before, self._begin = counted(), thread_time()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._total = self.seconds
-
-    @property
-    def seconds(self) -> float:
-        """Simulated seconds [s] from the beginning of the block until now, or until its end; 0 before it."""
-        if self._total is not None:
-            return self._total
-        label = self._label
-        if isinstance(label, float):
-            spent = label * (thread_time() - self._begin)
-        elif label == "work":
-            spent = (counted() - self._before).seconds
-        else:
-            return 0.0
-        return max(spent - _APART.seconds.get(label, 0.0) + self._apart, 0.0)
 
 
 class ChargedFuture(Future[_T]):
@@ -167,7 +135,7 @@ class ChargedExecutor(Executor):
     """Workspace: one simulated processor core that computes one task after the other.
 
     A task is computed at once, when it is submitted, and its result arrives when simulated time has passed by what it
-    costs, after all tasks before it. A :class:`Meter` about the call of ``submit`` leaves the task's cost out. A task
+    costs, after all tasks before it. The reading of the thread that submits leaves the task's cost out. A task
     that another one submits comes before that one's result.
 
     Args:
@@ -189,12 +157,13 @@ class ChargedExecutor(Executor):
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> ChargedFuture[_T]:
         """Compute ``fn`` of the arguments now; the result arrives later."""
         future: ChargedFuture[_T] = ChargedFuture(self.clock)
-        with self.computing.meter() as meter:
-            try:
-                future.set_result(fn(*args, **kwargs))
-            except Exception as error:
-                future.set_exception(error)
+        began = self.computing.reading()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        cost = self.computing.reading() - began
         apart, label = _APART.seconds, self.computing.label
-        apart[label] = apart.get(label, 0.0) + meter.seconds
-        self.busy_until = future.due = max(self.clock(), self.busy_until) + meter.seconds
+        apart[label] = apart.get(label, 0.0) + cost
+        self.busy_until = future.due = max(self.clock(), self.busy_until) + cost
         return future

@@ -101,7 +101,14 @@ class RealtimeSimulation(Simulation[Controller]):
     ) -> None:
         self.view: MachineView = MachineView(plant)
         super().__init__(
-            controller, world, self.view, perception, goal=goal, watch=watch, metadata=metadata, realtime=True  # pyright: ignore
+            controller,
+            world,
+            self.view,
+            perception,
+            goal=goal,
+            watch=watch,
+            metadata=metadata,
+            realtime=True,  # pyright: ignore
         )
         self.executor: ExecutorProcess = executor
         self.machine: MachineProcess | None = None

@@ -129,10 +129,10 @@ class SensorPerception:
             return
         if not readings:
             return
-        with self.computing.meter() as meter:
-            for reading in readings:
-                self.estimator.update(reading, self._past.at(reading.time))
-        self._spent += meter.seconds
+        began = self.computing.reading()
+        for reading in readings:
+            self.estimator.update(reading, self._past.at(reading.time))
+        self._spent += self.computing.reading() - began
 
     def sense(self, t: float) -> Scene:
         """The newest scene.
@@ -142,9 +142,9 @@ class SensorPerception:
         """
         if not self.estimator.times:
             raise PerceptionError(f"none of the sensors {', '.join(self.suite.config.names)} has read anything yet")
-        with self.computing.meter() as meter:
-            scene = self.estimator.scene()
-        self.cost, self._spent = self._spent + meter.seconds, 0.0
+        began = self.computing.reading()
+        scene = self.estimator.scene()
+        self.cost, self._spent = self._spent + self.computing.reading() - began, 0.0
         return scene
 
 

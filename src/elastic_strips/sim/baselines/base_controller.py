@@ -172,7 +172,7 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         self.command = self.steering.command(t, self.estimate[:3], self._past.velocity(_TWIST_OVER), self.goal[:3])
         seconds = perf_counter() - began
         self.tick = Tick(t, seconds, None, None, np.nan, self.command.status, self.command.reason)
-        self.statistics.add(seconds, self.params.latency * self.params.control_dt)
+        self.statistics.add(seconds, late=seconds > self.params.latency * self.params.control_dt)
 
     def _enter(self, state: RunState, reason: str) -> None:
         if state is not self.state:

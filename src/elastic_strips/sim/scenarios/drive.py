@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from time import monotonic
 from typing import cast
 
 import numpy as np
@@ -13,8 +15,9 @@ from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.params import DRIVE_STRIP
-from elastic_strips.control.replanning import SwitchingReplanner
+from elastic_strips.control.replanning import Replanner, SwitchingReplanner
 from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.planning import StripSetParams
 from elastic_strips.robot import RobotModel
@@ -22,11 +25,14 @@ from elastic_strips.scene import World
 from elastic_strips.sim import Perception, PerceptionParams, SensorPerception, base_simulation
 from elastic_strips.sim.baselines import BASE_METHODS, BaseController
 from elastic_strips.sim.baselines.base_controller import PATIENCE
-from elastic_strips.sim.closed_loop import MACHINE, Simulation, simulation
+from elastic_strips.sim.closed_loop import MACHINE, Simulation, prepare, simulation
 from elastic_strips.sim.evaluation import Contact, Evaluation, evaluate, protective_separation
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
-from elastic_strips.sim.faults import Fault
+from elastic_strips.sim.faults import Fault, FaultPlan, FaultyPerception
+from elastic_strips.sim.machine_process import faulty_plant
+from elastic_strips.sim.perception import NoisyGroundTruth
 from elastic_strips.sim.plant import KinematicPlant, Plant
+from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
 from elastic_strips.summary import Summary
@@ -107,6 +113,7 @@ def make_simulation(
     perception: PerceptionParams | None = None,
     watch: Callable[[Simulation[Controller]], object] | None = None,
     realtime: bool = False,
+    compute: str | float = "free",
 ) -> Simulation[Controller]:
     """A closed loop of the elastic strip for a scenario, ready to run.
 
@@ -122,32 +129,91 @@ def make_simulation(
         params: of the drive; the defaults with the scenario's parameters of the strip where None.
         faults: injected faults.
         perception: noise and delay of a known scene.
-        watch, realtime: of :func:`~elastic_strips.sim.simulation`.
+        watch, realtime, compute: of :func:`~elastic_strips.sim.simulation`.
 
     Raises:
         InputError: start or goal in collision, an unknown plant, …
     """
+    problem = _Problem.of(scenario, robot, seed, plant)
+    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, params)
+    return simulation(
+        problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
+        plant=problem.machine, perception=perception if seen is None else seen, faults=faults, seed=problem.seed,
+        watch=watch, realtime=realtime, metadata=problem.metadata, replanner=replanner, compute=compute,
+    )  # fmt: skip
+
+
+def make_realtime(
+    scenario: Scenario,
+    *,
+    robot: RobotModel | None = None,
+    seed: int | None = None,
+    evade: bool = False,
+    sensors: SensorConfig | None = None,
+    alternatives: int = 1,
+    params: DriveParams | None = None,
+    faults: Iterable[Fault] = (),
+    watch: Callable[[RealtimeSimulation], object] | None = None,
+    log: str | os.PathLike[str] | None = None,
+    eager: bool = False,
+) -> RealtimeSimulation:
+    """As :func:`make_simulation`, but against the wall clock: machine and executor run in processes of their own.
+
+    Args:
+        scenario, robot, seed, evade, sensors, alternatives, params, faults: as of :func:`make_simulation`.
+        watch, log, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
+
+    Raises:
+        InputError: start or goal in collision, …
+    """
+    problem = _Problem.of(scenario, robot, seed, "kinematic")
+    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, params)
+    model, limits = problem.robot, problem.limits
+    world, machine, rng = prepare(model, problem.world, limits, None, problem.seed, shared=seen is not None)
+    senses: Perception = NoisyGroundTruth(world, params.assumptions, PerceptionParams(), rng) if seen is None else seen
+    make: Callable[[], Plant] = partial(KinematicPlant, model, limits, MACHINE, seed=problem.seed)
+    plan = FaultPlan(faults)
+    if plan.faults:
+        make = partial(faulty_plant, make, plan, problem.seed)
+        senses = cast("Perception", FaultyPerception(senses, plan))
+    params = replace(params, replan_time=0.0)
+    executor = ExecutorProcess(model, problem.start, problem.goal, params=params, limits=limits, log=log)
+    controller = Controller(
+        model, problem.start, problem.goal, senses.known(), params=params, limits=limits, replanner=replanner,
+        seed=problem.seed, executor=executor, meter=monotonic,
+    )  # fmt: skip
+    machine.reset(model.space.to_coordinates(problem.start))
+    return RealtimeSimulation(
+        controller, executor, world, make, machine, senses, goal=controller.goal, watch=watch,
+        metadata=problem.metadata, log=log, eager=eager,
+    )  # fmt: skip
+
+
+def _planned_with(
+    problem: _Problem,
+    scenario: Scenario,
+    evade: bool,
+    sensors: SensorConfig | None,
+    alternatives: int,
+    params: DriveParams | None,
+) -> tuple[DriveParams, Perception | None, Replanner | None]:
+    """Parameters, the perception where sensors are given, and the replanner where it is not the usual one."""
     check_type("params", params, DriveParams, none=True)
     check_type("sensors", sensors, SensorConfig, none=True)
     check_count("alternatives", alternatives, low=1)
-    problem = _Problem.of(scenario, robot, seed, plant)
     if params is None:
         deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
         params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
         if sensors is not None:
             params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE)
-    seen: PerceptionParams | Perception | None = perception
+    seen = None
     if sensors is not None:
         seen = SensorPerception(problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed)
     replanner = None
     if alternatives > 1:
         family = StripSetParams(count=alternatives)
         replanner = SwitchingReplanner(problem.robot, params, seed=problem.seed, grid=True, family=family)
-    return simulation(
-        problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
-        plant=problem.machine, perception=seen, faults=faults, seed=problem.seed, watch=watch, realtime=realtime,
-        metadata=problem.metadata, replanner=replanner,
-    )  # fmt: skip
+    return params, seen, replanner
 
 
 def make_base_simulation(
@@ -287,6 +353,7 @@ def drive_document(outcome: DriveOutcome) -> Document:
         "method": outcome.method,
         "sensors": list(outcome.sensors),
         "seed": outcome.seed,
+        "compute": result.compute,
         "state": result.state.label,
         "reason": result.reason,
         "reached": outcome.reached,
