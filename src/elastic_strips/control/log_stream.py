@@ -7,6 +7,7 @@ import logging
 import math
 import os
 import threading
+import time
 from collections import deque
 from collections.abc import Mapping
 
@@ -28,7 +29,8 @@ class LogStream:
     """Workspace: a log of JSON lines; a thread of its own formats and writes them.
 
     What was written survives the process, however it ends: at most about 0.1 s of rows is lost. It does not survive the
-    machine, whose disk may be written later.
+    machine, whose disk may be written later. In a process with raised priority it is to be made after that was raised
+    (:func:`~elastic_strips.control.process_priority.raise_priority`).
 
     Args:
         path: the file; one that exists is replaced.
@@ -123,6 +125,7 @@ class LogStream:
                 continue
             lines.append(line)
             size += len(line)
+            time.sleep(0.0)  # lets the loop have the interpreter's lock
         self._bytes, self._waiting = b"".join(lines), len(lines)
 
 

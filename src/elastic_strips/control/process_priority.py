@@ -13,9 +13,10 @@ _NICE = -15
 def raise_priority() -> str:
     """Turn garbage collection off and get the processor first, as far as that is permitted.
 
-    The calling thread alone is served first: threads and processes that it starts are ordinary ones. What was made so
-    far is never looked through again, and cycles of references that are made later are never freed: a loop has to do
-    without.
+    Threads and processes that the calling thread starts from then on are served like it. Start helping threads after
+    it: one that waits for the processor while it holds the interpreter's lock keeps the loop waiting, too. What was
+    made so far is never looked through again, and cycles of references that are made later are never freed: a loop has
+    to do without.
 
     Returns:
         What could be done: ``"SCHED_FIFO 10"``, ``"nice -15"`` or ``"ordinary priority"``.
@@ -37,5 +38,4 @@ def raise_priority() -> str:
 
 
 def _real_time() -> None:
-    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # children begin as ordinary threads
-    os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))

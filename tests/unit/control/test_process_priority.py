@@ -1,0 +1,23 @@
+"""Raising the priority says what it did, whatever is permitted here."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+_RAISES = """
+import gc, os
+from elastic_strips.control.process_priority import raise_priority
+said = raise_priority()
+fifo = os.sched_getscheduler(0) == os.SCHED_FIFO
+print(said, gc.isenabled(), fifo, os.getpriority(os.PRIO_PROCESS, 0), sep="|")
+"""
+
+
+def test_it_says_what_it_could_do():
+    out = subprocess.run([sys.executable, "-c", _RAISES], capture_output=True, text=True, check=True).stdout.strip()
+    said, collects, real_time, nice = out.split("|")
+    assert collects == "False"
+    assert (real_time == "True") == said.startswith("SCHED_FIFO")
+    assert (nice == "-15") == said.startswith("nice")
+    assert said in ("SCHED_FIFO 10", "nice -15", "ordinary priority")
