@@ -20,6 +20,7 @@ from elastic_strips.sim.scenarios import (
     drive_document,
     get_scenario,
     make_base_simulation,
+    make_realtime,
     make_simulation,
 )
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, conclude
@@ -32,6 +33,11 @@ if TYPE_CHECKING:
     from elastic_strips.sim.baselines import BaseController
 
     _AnySimulation = Simulation[Controller] | Simulation[BaseController]
+
+
+_COMPUTING = {
+    "free": "computing free", "work": "computing charged by work counted", "realtime": "against the wall clock",
+}  # fmt: skip
 
 
 @click.command()
@@ -55,7 +61,19 @@ if TYPE_CHECKING:
     "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
 )  # fmt: skip
-@click.option("--realtime", is_flag=True, help="As fast as the clock; without it, as fast as it can.")
+@click.option(
+    "--compute", default=None, metavar="FACTOR|work|free",
+    help="What computing costs in simulated time: so many times the processor time that it takes here [default: 1]; "
+    "the time that is modelled for the work that was counted, alike everywhere; or nothing.",
+)  # fmt: skip
+@click.option(
+    "--realtime", is_flag=True,
+    help="Against the wall clock: machine, control loop and planning run in processes of their own.",
+)  # fmt: skip
+@click.option(
+    "--log", metavar="FILE.jsonl", type=click.Path(dir_okay=False, writable=True),
+    help="With --realtime: what the control loop writes to disk while it drives, a line each period.",
+)  # fmt: skip
 @click.option(
     "--disturb", "--fault", "faults", multiple=True, metavar="KIND[=SIZE]@START[+DURATION]",
     help="Put in a fault, say slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
@@ -80,7 +98,9 @@ def drive(
     time_limit: float | None,
     evade: bool,
     alternatives: int,
+    compute: str | None,
     realtime: bool,
+    log: str | None,
     faults: tuple[str, ...],
     json_file: str | None,
     record_file: str | None,
@@ -103,8 +123,17 @@ def drive(
     model = problem.load_robot(robot, "default", base)
     number = problem.seed if seed is None else seed
     wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors)
-    if method != STRIP and (wrong or evade or alternatives > 1):
-        raise click.UsageError(f"--fault, --evade and --alternatives are of the strip; --method {method} has none")
+    if method != STRIP and (wrong or evade or alternatives > 1 or compute or log):
+        raise click.UsageError(
+            f"--disturb, --evade, --alternatives, --compute and --log are of the strip; --method {method} has none"
+        )
+    apart = realtime and method == STRIP
+    if apart and (compute or plant != PLANTS[0]):
+        raise click.UsageError(
+            "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
+        )
+    if log and not realtime:
+        raise click.UsageError("--log is of --realtime; --record has everything of other drives")
     viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
     with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
@@ -117,11 +146,21 @@ def drive(
                     q=model.space.from_coordinates(driven.plant.coordinates),
                 )
 
-        if method == STRIP:
-            make = partial(make_simulation, problem, evade=evade, alternatives=alternatives, faults=wrong)
+        driven: _AnySimulation
+        if apart:
+            driven = make_realtime(
+                problem, robot=model, seed=number, sensors=config, evade=evade, alternatives=alternatives, faults=wrong,
+                watch=watch, log=log,
+            )  # fmt: skip
         else:
-            make = partial(make_base_simulation, problem, method)
-        driven = make(robot=model, seed=number, plant=plant, sensors=config, watch=watch, realtime=realtime or view)
+            if method == STRIP:
+                make = partial(
+                    make_simulation, problem, evade=evade, alternatives=alternatives, faults=wrong,
+                    compute="1" if compute is None else compute,
+                )  # fmt: skip
+            else:
+                make = partial(make_base_simulation, problem, method)
+            driven = make(robot=model, seed=number, plant=plant, sensors=config, watch=watch, realtime=realtime or view)
         if viewer is not None:
             viewer.show(model, problem.world.at(0.0), _shown(driven))
             click.echo(f"viewer  {viewer.url}")
@@ -190,7 +229,10 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     )
     click.echo(
         f"  planning ticks p50 {ticks['p50']:.1f}, p95 {ticks['p95']:.1f}, p99 {ticks['p99']:.1f} ms, "
-        f"{result.statistics.misses} of {len(result.statistics.seconds)} late"
+        f"{result.statistics.misses} of {len(result.statistics.seconds)} late; "
+        + _COMPUTING.get(
+            str(result.compute), f"computing charged × {result.compute:g}" if isinstance(result.compute, float) else ""
+        )
     )
     if outcome.sensors:
         click.echo(f"  driven by {', '.join(outcome.sensors)}")

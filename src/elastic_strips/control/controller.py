@@ -124,7 +124,7 @@ class Controller(ControlLoop[Scene]):
         if strip is None:
             self.first_plan = self.replanner.plan(self.scene, start, self.goal_q, path=path)
             strip = self.first_plan.strip
-        self.pace: Pace = Pace(self.params, meter)
+        self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
         self.tolerance = self.params.tolerance

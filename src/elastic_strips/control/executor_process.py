@@ -10,6 +10,7 @@ import gc
 import logging
 import multiprocessing
 import os
+import pickle
 import select
 import signal
 import socket
@@ -160,6 +161,7 @@ class ExecutorProcess:
             self._link.setblocking(False)
         if not first:
             raise ConfigurationError("the executor's process ended at once; its log says why")
+        _, self.priority = pickle.loads(first)
 
     def begin(self, epoch: float) -> None:
         """Let the control loop run; its time is 0 at this ``time.monotonic()``."""
@@ -335,12 +337,9 @@ def _serve(link: socket.socket, task: _Task, driver: Driver, log: str | None) ->
     """The process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for planning, which lets the robot come to rest
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    loop = _Loop(link, Executor(*task, keep=500), driver, None if log is None else LogStream(log))
-    gc.collect()
-    gc.freeze()
-    gc.disable()  # a collection takes longer than a period
-    priority = raise_priority()
+    priority = raise_priority()  # before the log's thread begins, which has to have the same
     _log.info("the executor runs (%s)", priority)
+    loop = _Loop(link, Executor(*task, keep=500), driver, None if log is None else LogStream(log))
     put(link, ("ready", priority))
     if loop.wait():
         loop.run()
@@ -380,7 +379,7 @@ class _Loop:
 
     def run(self) -> None:
         """Step after step, until the robot has come to rest at the end, or planning is gone and it stands."""
-        k = int((time.monotonic() - self.epoch) / self.dt) + 1
+        k = max(int((time.monotonic() - self.epoch) / self.dt), 0)
         while not self.over():
             ahead = self.epoch + k * self.dt - time.monotonic()
             if ahead > 0.0:

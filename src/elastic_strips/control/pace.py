@@ -10,9 +10,9 @@ import numpy as np
 
 from .params import DriveParams
 
-_KEPT = 12
+_KEPT = 20
 """Durations of ticks that are remembered."""
-_QUANTILE, _RESERVE = 0.8, 1.1
+_QUANTILE, _RESERVE = 0.9, 1.1
 """Most ticks are to be in time; those that are not cost one motion, and the held one goes on meanwhile."""
 
 
@@ -22,9 +22,11 @@ class Pace:
     Args:
         params: of the drive: the least latency.
         meter: reading [s] of the clock that computing is measured with; None where it takes no time.
+        transfer: control periods that a motion takes to the executor.
     """
 
-    def __init__(self, params: DriveParams, meter: Callable[[], float] | None) -> None:
+    def __init__(self, params: DriveParams, meter: Callable[[], float] | None, transfer: int = 0) -> None:
+        self.transfer: int = transfer
         self.params: DriveParams = params
         self.meter: Callable[[], float] | None = meter
         self._seconds: deque[float] = deque(maxlen=_KEPT)
@@ -33,11 +35,11 @@ class Pace:
     @property
     def periods(self) -> int:
         """Control periods from a tick to the beginning of its motion."""
-        least = self.params.latency
+        least = self.params.latency + self.transfer
         if not self._seconds:
             return least
         expected = _RESERVE * float(np.quantile(self._seconds, _QUANTILE))
-        return max(least, math.ceil(expected / self.params.control_dt))
+        return max(least, math.ceil(expected / self.params.control_dt) + self.transfer)
 
     @property
     def latency(self) -> float:
@@ -52,7 +54,7 @@ class Pace:
     @property
     def slow(self) -> bool:
         """Whether planning takes longer than ``DriveParams.latency``."""
-        return self.periods > self.params.latency
+        return self.periods > self.params.latency + self.transfer
 
     def begin(self, spent: float = 0.0) -> None:
         """A tick begins, and has until its motion begins; ``spent`` [s] were spent on its scene already."""

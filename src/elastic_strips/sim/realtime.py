@@ -7,10 +7,10 @@ motion, and the machine's nothing of the executor but the next command.
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,13 +75,14 @@ class RealtimeSimulation(Simulation[Controller]):
         make_plant: makes the machine in its process; can be pickled.
         plant: one like it, at the start.
         world, perception, goal, watch, metadata: of the :class:`Simulation`.
-        log: file that the executor writes while it drives; a temporary one where None.
+        log: file that the executor writes while it drives.
+        temporary: whether that is removed after the run.
         eager: whether planning goes on without a pause, rather than at the planning rate.
 
     Attributes:
         machine: the machine's process, while it runs; else None.
         executor: of the controller.
-        log: file of the executor's log; None after a run without one.
+        log: file of the executor's log.
     """
 
     def __init__(
@@ -96,7 +97,8 @@ class RealtimeSimulation(Simulation[Controller]):
         goal: Array | None = None,
         watch: Callable[[RealtimeSimulation], object] | None = None,
         metadata: dict[str, object] | None = None,
-        log: str | os.PathLike[str] | None = None,
+        log: str | os.PathLike[str],
+        temporary: bool = False,
         eager: bool = False,
     ) -> None:
         self.view: MachineView = MachineView(plant)
@@ -113,7 +115,8 @@ class RealtimeSimulation(Simulation[Controller]):
         self.executor: ExecutorProcess = executor
         self.machine: MachineProcess | None = None
         self.eager: bool = eager
-        self.log: Path | None = None if log is None else Path(log)
+        self.log: Path = Path(log)
+        self._temporary = temporary
         self._make_plant = make_plant
         self._truth: list[TrueState] = []
         self._moved = -np.inf  # time [s] of the last step of the world
@@ -141,6 +144,7 @@ class RealtimeSimulation(Simulation[Controller]):
                     over = True
                     controller.stop(f"time limit of {limit:g} s")
                 sensed, trouble = sensed_by(self.perception, t)
+                controller.sensing_took = executor.now - t
                 controller.plan(t, sensed, trouble=trouble)
                 if controller.tick is not None and controller.tick.time == t:
                     self._after_tick(controller.tick)
@@ -149,7 +153,7 @@ class RealtimeSimulation(Simulation[Controller]):
                 if controller.state is RunState.FAILED:  # the executor is gone: the machine stops by itself
                     time.sleep(0.5)
                     break
-                if not self.eager:
+                if not self.eager:  # the perception's time is part of the tick
                     time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))
         self._observe(machine)
         self.machine = None
@@ -170,9 +174,11 @@ class RealtimeSimulation(Simulation[Controller]):
         machine.touch(self.perception.contact)
 
     def _result(self, seconds: float) -> DriveResult:
-        rows = [] if self.log is None else read_log(self.log)
+        rows = read_log(self.log)
+        if self._temporary:
+            self.log.unlink(missing_ok=True)
         _record(self, rows)
-        return super()._result(seconds)
+        return replace(super()._result(seconds), compute="realtime")
 
 
 def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> None:
@@ -196,10 +202,3 @@ def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> No
             reference_v=values("reference_v"), estimate=values("estimate"), drive=values("drive"),
             joints=values("joints"), state=int(str(row["state"])),
         )  # fmt: skip
-
-
-def temporary_log() -> Path:
-    """A file for a log that nobody asked for."""
-    number, name = tempfile.mkstemp(prefix="elastic-strips-", suffix=".jsonl")
-    os.close(number)
-    return Path(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -161,7 +162,8 @@ def make_realtime(
 
     Args:
         scenario, robot, seed, evade, sensors, alternatives, params, faults: as of :func:`make_simulation`.
-        watch, log, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
+        watch, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
+        log: file that the executor writes while it drives; a temporary one where None.
 
     Raises:
         InputError: start or goal in collision, …
@@ -177,6 +179,10 @@ def make_realtime(
         make = partial(faulty_plant, make, plan, problem.seed)
         senses = cast("Perception", FaultyPerception(senses, plan))
     params = replace(params, replan_time=0.0)
+    temporary = log is None
+    if log is None:
+        number, log = tempfile.mkstemp(prefix="elastic-strips-", suffix=".jsonl")
+        os.close(number)
     executor = ExecutorProcess(model, problem.start, problem.goal, params=params, limits=limits, log=log)
     controller = Controller(
         model, problem.start, problem.goal, senses.known(), params=params, limits=limits, replanner=replanner,
@@ -185,7 +191,7 @@ def make_realtime(
     machine.reset(model.space.to_coordinates(problem.start))
     return RealtimeSimulation(
         controller, executor, world, make, machine, senses, goal=controller.goal, watch=watch,
-        metadata=problem.metadata, log=log, eager=eager,
+        metadata=problem.metadata, log=log, temporary=temporary, eager=eager,
     )  # fmt: skip
 
 
