@@ -159,10 +159,10 @@ def test_a_task_of_a_task_is_charged_once(cpu):
     assert core.submit(outer).due == pytest.approx(0.3)
 
 
-def look(robot, *, bumper: bool, label: str | float = "work") -> tuple[float, Work]:
+def look(robot, *, bumper: bool, label: str = "work") -> tuple[float, Work]:
     """Cost of the scene after half a second of readings, and all the work of it."""
     world, laser = World(Scene([PILLAR])), SensorConfig().only("laser")
-    priced = Computing(label)
+    priced = Computing.parse(label)
     sensed = SensorPerception(robot, world, robot.home(), sensors=laser, bumper=bumper, computing=priced)
     sensed.known()
     before, row = counted(), robot.space.to_coordinates(robot.home())
