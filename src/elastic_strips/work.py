@@ -30,7 +30,8 @@ class Work:
 
     Attributes:
         batches: calls of what works on all nodes or samples at once: kinematics, speed profiles, rolling projections,
-            footprints; what such a call costs whatever its size, with what is done around it. A single configuration is none.
+            footprints; what such a call costs whatever its size, with what is done around it.
+            A single configuration makes none.
         pairs: distances of bodies and parts that were bounded.
         queries: distances that were measured exactly.
         obstacles: those that were gone through one by one.
