@@ -20,8 +20,8 @@ SECONDS_PER: dict[str, float] = {
     "rays": 28e-6,
 }
 """Time of each [s], with all that goes along with it: fitted to 2,000 planning ticks, plans and scans of seven drives
-(corridors, with and without movers, evasion, lasers and several strips; Silvermate, TIAGo). Of the ticks longer than
-3 ms, 98 % took between 1/1.5 and 1.5 times what these say."""
+(corridors, with and without movers, evasion, lasers and several strips; Silvermate, TIAGo). In three other
+drives 97 % of the 293 ticks longer than 3 ms took between 1/1.5 and 1.5 times what these say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,7 @@ class Work:
     Attributes:
         batches: calls of what works on all nodes or samples at once: kinematics, speed profiles, rolling projections,
             footprints; what such a call costs whatever its size, with what is done around it.
+            A single configuration makes none.
         pairs: distances of bodies and parts that were bounded.
         queries: distances that were measured exactly.
         obstacles: those that were gone through one by one.

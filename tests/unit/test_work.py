@@ -16,7 +16,7 @@ from elastic_strips.work import SECONDS_PER, Work, count_work, counted
 
 CRATE = Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate")
 PILLAR = Cylinder(0.2, 1.4, at=(2.6, -0.5, 0.7), name="pillar")
-WALKER = Cylinder(0.25, 1.7, at=(2.0, -2.5, 0.85), name="walker", motion=Twist((0.0, 0.9, 0.0)))
+WALKER = Cylinder(0.25, 1.7, at=(2.0, -2.5, 0.85), name="walker", motion=Twist(np.array((0.0, 0.9, 0.0))))
 
 
 def line(robot, spacing: float = 0.13) -> Strip:

@@ -37,6 +37,7 @@ class PlanarFootprint:
     high: Array
 
     def __init__(self, robot: RobotModel) -> None:
+        count_work(batches=1)
         self._robot = robot
         self._data, self._placed = robot.model.createData(), robot.collision_model.createData()
         self._points = [support_points(piece.geometry) for piece in robot.geometries]
@@ -60,7 +61,6 @@ class PlanarFootprint:
             self._posture = row
 
     def _place(self, q: Array) -> None:
-        count_work(batches=1)
         robot = self._robot
         if robot.space.planar:
             q[:4] = 0.0, 0.0, 1.0, 0.0

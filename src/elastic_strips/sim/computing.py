@@ -54,8 +54,10 @@ class Computing:
         if not isinstance(given, str):
             return Computing(given)
         text = given.strip()
-        if text == "free" or text == "work":
-            return Computing(text)
+        if text == "free":
+            return Computing("free")
+        if text == "work":
+            return Computing("work")
         try:
             return Computing(float(text))
         except (ValueError, ParameterError):  # ParameterError: the text is a number, but not a factor
