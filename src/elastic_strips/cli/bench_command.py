@@ -16,6 +16,7 @@ from elastic_strips.sim.bench.drive import bench_disturb, bench_drive, bench_rea
 from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
 from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
+from elastic_strips.sim.computing import Computing
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
 
 from . import options
@@ -155,6 +156,7 @@ def robots(
 @options.evade_option
 @click.option("--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True, help="What steers.")
 @options.sensors_option
+@options.compute_option
 @options.processes_option
 @_json_runs
 def drive(
@@ -166,6 +168,7 @@ def drive(
     evade: bool,
     method: str,
     sensors: str | None,
+    compute: str | None,
     processes: int | None,
     json_file: str | None,
 ) -> None:
@@ -181,9 +184,10 @@ def drive(
             evade=evade,
             method=method,
             sensors=config,
+            compute=_compute(compute),
             processes=processes,
         )
-    click.echo(f"{robot}, {scenario}, {method}, {plant} plant, {seeds} runs")
+    click.echo(f"{robot}, {scenario}, {method}, {plant} plant, {seeds} runs, computing: {figures['compute']}")
     _drive_rows(figures)
     for group in figures["classes"]:
         click.echo(f"movers up to {group['from']:g} … {group['to']:g} m/s, {group['count']} runs")
@@ -201,16 +205,26 @@ def _disturb(name: str, scenario: str) -> None:
     @_seeds(50, "Runs of each fault.")
     @click.option("--scenario", default=scenario, show_default=True, help="What is driven.")
     @click.option("--kind", "kinds", multiple=True, metavar="KIND", help="Only this fault; may be given again.")
+    @options.compute_option
     @options.processes_option
     @_json_runs
     def command(
-        robot: str, seeds: int, scenario: str, kinds: tuple[str, ...], processes: int | None, json_file: str | None
+        robot: str,
+        seeds: int,
+        scenario: str,
+        kinds: tuple[str, ...],
+        compute: str | None,
+        processes: int | None,
+        json_file: str | None,
     ) -> None:
         """Every kind of fault at a random time: the robot has to come to rest without a contact at speed, to name what
         is wrong, and to go on to the goal when it is over."""
         chosen = tuple(Fault.parse(f"{kind}@0").kind for kind in kinds) or tuple(FAULTS)
         with options.LateProgress("putting in faults", seeds * len(chosen)) as bar:
-            figures = bench_disturb(robot, range(seeds), bar.step, kinds=chosen, scenario=scenario, processes=processes)
+            figures = bench_disturb(
+                robot, range(seeds), bar.step, kinds=chosen, scenario=scenario, compute=_compute(compute),
+                processes=processes,
+            )  # fmt: skip
         for kind, row in figures["kinds"].items():
             _row(
                 kind,
@@ -232,16 +246,24 @@ def _problem(kind: str, text: str) -> None:
     @options.robot_option("jackal-box")
     @_seeds(1, "Runs of each world.", 1000)
     @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
+    @options.compute_option
     @options.processes_option
     @_json_runs
     def command(
-        root: str, robot: str, seeds: int, ids: tuple[int, ...], processes: int | None, json_file: str | None
+        root: str,
+        robot: str,
+        seeds: int,
+        ids: tuple[int, ...],
+        compute: str | None,
+        processes: int | None,
+        json_file: str | None,
     ) -> None:
         with options.LateProgress(kind) as bar:
             figures = bench_problems(
-                kind, root, bar.step, robot=robot, seeds=seeds, ids=ids or None, processes=processes
-            )
-        click.echo(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs")
+                kind, root, bar.step, robot=robot, seeds=seeds, ids=ids or None, compute=_compute(compute),
+                processes=processes,
+            )  # fmt: skip
+        click.echo(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs, computing: {figures['compute']}")
         _problem_rows(figures)
         for name, group in figures["by_difficulty"].items():
             click.echo(f"{name}, {group['count']} runs")
@@ -260,12 +282,13 @@ _problem("dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal."
 @_root
 @options.robot_option("bridge-arm")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
+@options.compute_option
 @_json_runs
-def bridge(root: str, robot: str, seed: int, json_file: str | None) -> None:
+def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str | None) -> None:
     """Plan both legs under the bridge, and drive them."""
     with options.LateProgress("bridge") as bar:
         bar.step()
-        figures = bench_bridge(root, robot=robot, seed=seed)
+        figures = bench_bridge(root, robot=robot, seed=seed, compute=_compute(compute))
     for leg in figures["legs"]:
         verdict = "certified" if leg["certified"] else "not certified"
         _row(
@@ -314,6 +337,11 @@ def soak(robot: str, hours: float, json_file: str | None) -> None:
         if first["p50"] is not None:
             _row("p99 of ticks", f"{first['p50']:.1f} ms in the first half, {second['p50']:.1f} ms in the second")
     _write(json_file, figures)
+
+
+def _compute(given: str | None) -> str:
+    """What computing costs: as it was measured, unless something else was asked for."""
+    return str(Computing.parse(given or "1").label)
 
 
 def _drive_rows(figures: Figures) -> None:

@@ -20,10 +20,9 @@ from elastic_strips.sim.scenarios import (
     drive_document,
     get_scenario,
     make_base_simulation,
-    make_realtime,
     make_simulation,
 )
-from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, conclude
+from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, conclude, make_realtime
 from elastic_strips.strip import Strip
 from elastic_strips.strip.report import DeformReport
 
@@ -61,11 +60,7 @@ _COMPUTING = {
     "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
 )  # fmt: skip
-@click.option(
-    "--compute", default=None, metavar="FACTOR|work|free",
-    help="What computing costs in simulated time: so many times the processor time that it takes here [default: 1]; "
-    "the time that is modelled for the work that was counted, alike everywhere; or nothing.",
-)  # fmt: skip
+@options.compute_option
 @click.option(
     "--realtime", is_flag=True,
     help="Against the wall clock: machine, control loop and planning run in processes of their own.",
@@ -156,7 +151,7 @@ def drive(
             if method == STRIP:
                 make = partial(
                     make_simulation, problem, evade=evade, alternatives=alternatives, faults=wrong,
-                    compute="1" if compute is None else compute,
+                    compute=compute or "1",
                 )  # fmt: skip
             else:
                 make = partial(make_base_simulation, problem, method)

@@ -70,6 +70,11 @@ def html_option(help: str) -> Callable[[_F], _F]:
 processes_option = click.option(
     "--processes", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
+compute_option = click.option(
+    "--compute", metavar="FACTOR|work|free",
+    help="What computing costs in simulated time: so many times the processor time that it takes here [default: 1]; "
+    "work: the time that is modelled for the work that was counted, alike everywhere; free: nothing.",
+)  # fmt: skip
 evade_option = click.option(
     "--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait."
 )

@@ -64,6 +64,8 @@ class ControlLoop(ABC, Generic[_Sensed]):
         time: of the last step [s].
         tick: the last planning tick, or None.
         statistics: durations of the planning ticks.
+        sensing_took: time [s] that the perception took for what comes next, by the clock that computing is measured
+            with.
 
     Raises:
         ConfigurationError: start is not a valid configuration.
@@ -87,6 +89,7 @@ class ControlLoop(ABC, Generic[_Sensed]):
         self.start: Array = robot.space.to_coordinates(robot.check_q(start, what="start"))
         self.tick: Tick | None = None
         self.statistics: TickStatistics = TickStatistics()
+        self.sensing_took: float = 0.0
         self._steps = 0
 
     @property

@@ -79,7 +79,6 @@ class Controller(ControlLoop[Scene]):
         goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
         result: of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
-        sensing_took: time [s] that the perception took for the scene that comes next, by the meter's clock.
         executor, planner, replanner, pace: the parts; other attributes as of :class:`ControlLoop`.
 
     Raises:
@@ -135,7 +134,6 @@ class Controller(ControlLoop[Scene]):
             )
         self.executor: ExecutorLink = executor
         self.result: PlanResult | None = None
-        self.sensing_took: float = 0.0
         self._doubts = SceneMonitor(self.params.monitor)
         self._passed = self._recoveries = 0
         self._workers = workers

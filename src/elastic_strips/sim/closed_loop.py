@@ -139,8 +139,7 @@ class Simulation(Generic[_Driver]):
         trouble = ""
         if controller.plans_next and not (measurement is not None and measurement.contact):
             sensed, trouble = sensed_by(self.perception, t)
-            if isinstance(controller, Controller):
-                controller.sensing_took = float(getattr(self.perception, "cost", 0.0))
+            controller.sensing_took = float(getattr(self.perception, "cost", 0.0))
         command = controller.step(t, measurement, sensed, trouble=trouble)
         if controller.tick is not None and controller.tick.time == t:
             self._after_tick(controller.tick)

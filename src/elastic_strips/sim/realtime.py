@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import RunState
 from elastic_strips.control.log_stream import read_log
 from elastic_strips.control.record import DriveResult
-from elastic_strips.scene import World
+from elastic_strips.scene import Scene, World
 from elastic_strips.validation import check_number
 
 from .closed_loop import Simulation, sensed_by
@@ -103,15 +104,9 @@ class RealtimeSimulation(Simulation[Controller]):
     ) -> None:
         self.view: MachineView = MachineView(plant)
         super().__init__(
-            controller,
-            world,
-            self.view,
-            perception,
-            goal=goal,
-            watch=watch,
-            metadata=metadata,
-            realtime=True,  # pyright: ignore
-        )
+            controller, world, cast("Plant", self.view), perception, goal=goal, metadata=metadata, realtime=True,
+            watch=cast("Callable[[Simulation[Controller]], object] | None", watch),
+        )  # fmt: skip
         self.executor: ExecutorProcess = executor
         self.machine: MachineProcess | None = None
         self.eager: bool = eager
@@ -145,7 +140,7 @@ class RealtimeSimulation(Simulation[Controller]):
                     controller.stop(f"time limit of {limit:g} s")
                 sensed, trouble = sensed_by(self.perception, t)
                 controller.sensing_took = executor.now - t
-                controller.plan(t, sensed, trouble=trouble)
+                controller.plan(t, cast("Scene | None", sensed), trouble=trouble)
                 if controller.tick is not None and controller.tick.time == t:
                     self._after_tick(controller.tick)
                 if (controller.ended and self._settled()) or t > limit + _PATIENCE or not machine.alive:

@@ -145,7 +145,13 @@ def test_it_does_not_wait_for_a_plan(silvermate):
 
 def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
     controller, wheels = (
-        Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), workers=ChargedExecutor(Computing(), lambda: 0.0)),
+        Controller(
+            silvermate,
+            silvermate.home(),
+            silvermate.home(x=1.0),
+            Scene([CRATE]),
+            workers=ChargedExecutor(Computing(), lambda: 0.0),
+        ),
         Wheels(silvermate),
     )
     k = drive(controller, wheels, 2000, still(CRATE))
@@ -160,7 +166,11 @@ def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
 def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_one(silvermate, monkeypatch, error):
     """The strip that it has leads to the goal before: nothing may call that reached."""
     controller = Controller(
-        silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), workers=ChargedExecutor(Computing(), lambda: 0.0)
+        silvermate,
+        silvermate.home(),
+        silvermate.home(x=1.0),
+        Scene([CRATE]),
+        workers=ChargedExecutor(Computing(), lambda: 0.0),
     )
     wheels = Wheels(silvermate)
     k = drive(controller, wheels, 2000, still(CRATE))

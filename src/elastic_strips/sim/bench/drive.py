@@ -49,6 +49,7 @@ class _DriveTask:
     time_limit: float = 90.0
     method: str = STRIP
     sensors: SensorConfig | None = None
+    compute: str = "1"
 
 
 def _drive_once(task: _DriveTask) -> Figures:
@@ -61,7 +62,7 @@ def _drive_once(task: _DriveTask) -> Figures:
     scenario = get_scenario(task.scenario, seed=task.seed)
     options: Figures = {"sensors": task.sensors}
     if task.method == STRIP:
-        options |= {"evade": task.evade, "faults": faults}
+        options |= {"evade": task.evade, "faults": faults, "compute": task.compute}
     if task.fault == "viewer_killed":
         options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
     try:
@@ -88,6 +89,7 @@ def _drive_once(task: _DriveTask) -> Figures:
     return {
         "seed": task.seed,
         "fault": task.fault,
+        "compute": result.compute,
         "speed_class": scenario.speed_class,
         "movers": len(scenario.world.names_moving),
         "state": result.state.label,
@@ -125,15 +127,24 @@ def bench_drive(
     evade: bool = False,
     method: str = STRIP,
     sensors: SensorConfig | None = None,
+    compute: str = "1",
     processes: int | None = None,
 ) -> Figures:
     """Drive a scenario of many seeds.
+
+    Args:
+        robot: name or URDF file.
+        seeds: of the runs.
+        step: told of each finished run.
+        scenario, plant, evade, method, sensors, compute: of the drive.
+        processes: runs at once.
 
     Returns:
         Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
     """
     tasks = [
-        _DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors) for seed in seeds
+        _DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors, compute=compute)
+        for seed in seeds
     ]
     runs = []
     for run in parallel_map(_drive_once, tasks, processes):
@@ -151,6 +162,7 @@ def bench_drive(
         "plant": plant,
         "evade": evade,
         "method": method,
+        "compute": compute if method == STRIP else "free",
         "sensors": [] if sensors is None else list(sensors.names),
         **_summary(runs),
         "classes": classes,
@@ -165,6 +177,7 @@ def bench_disturb(
     *,
     kinds: Sequence[str] | None = None,
     scenario: str = "moving-corridor",
+    compute: str = "1",
     processes: int | None = None,
 ) -> Figures:
     """Each kind of fault in many seeded runs: reached after it, no contact at speed, fault named in the log.
@@ -175,10 +188,15 @@ def bench_disturb(
         step: told of each finished run.
         kinds: of `FAULTS`; all where None.
         scenario: that is driven.
+        compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
         processes: runs at once.
     """
     kinds = tuple(FAULTS) if kinds is None else tuple(kinds)
-    tasks = [_DriveTask(scenario, int(s), robot, fault=kind, time_limit=60.0) for kind in kinds for s in seeds]
+    tasks = [
+        _DriveTask(scenario, int(s), robot, fault=kind, time_limit=60.0, compute=compute)
+        for kind in kinds
+        for s in seeds
+    ]
     runs = []
     for run in parallel_map(_drive_once, tasks, processes):
         runs.append(run)
@@ -204,7 +222,7 @@ def bench_disturb(
         }
         for r in runs
     ]
-    return head("disturb", robot=robot, scenario=scenario, kinds=summary, rows=rows, runs=runs)
+    return head("disturb", robot=robot, scenario=scenario, compute=compute, kinds=summary, rows=rows, runs=runs)
 
 
 def _summary(runs: list[Figures]) -> Figures:
@@ -290,7 +308,9 @@ def bench_reaction(robot: RobotModel, seeds: Sequence[int], step: Note = silent,
 def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
     params = replace(DriveParams(), plan_every=1, latency=1)
     scenario = get_scenario("corridor", seed=seed)
-    options: Figures = {"robot": robot, "seed": seed, "params": params, "perception": PerceptionParams(delay=0.0)}
+    options: Figures = {
+        "robot": robot, "seed": seed, "params": params, "perception": PerceptionParams(delay=0.0), "compute": "1"
+    }  # fmt: skip
     free = make_simulation(scenario, **options)
     track = free.run(time_limit=7.0).record.control
     appears = float(np.random.default_rng(seed).uniform(2.0, 4.0))
@@ -310,11 +330,12 @@ def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
         seen.setdefault("at", driven.time)
         if result is None or not result.accepted or not result.report.certified:
             return
-        ticks = round((driven.time - seen["at"]) / params.control_dt) + params.latency
+        latency = round((result.motion.start_time - driven.time) / params.control_dt) if result.motion else 0
+        ticks = round((driven.time - seen["at"]) / params.control_dt) + latency
         last = driven.controller.statistics.seconds[-1]
         seen["ticks"] = ticks
         seen["tick_ms"] = 1e3 * last
-        seen["ms"] = 1e3 * ((ticks - params.latency) * params.control_dt + last)
+        seen["ms"] = 1e3 * ((ticks - latency) * params.control_dt + last)
         driven.stop()
 
     driven = make_simulation(replace(scenario, scene=world.scene, timeline=world), **options, watch=watch)
@@ -351,7 +372,9 @@ def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, se
         rows.append({"time_s": driven.time, "memory_mb": _resident(), "tick_ms": percentiles(mine)})
         step(f"{driven.time / 60:.0f} min, {rows[-1]['memory_mb']:.0f} MB")
 
-    driven = simulation(robot, world, ends[0], ends[1], params=params, seed=seed, watch=watch, record=False)
+    driven = simulation(
+        robot, world, ends[0], ends[1], params=params, seed=seed, watch=watch, record=False, compute=1.0
+    )
     controller = driven.controller
     while driven.time < 3600.0 * hours:
         driven.run(time_limit=3600.0 * hours)

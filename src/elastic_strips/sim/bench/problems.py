@@ -28,13 +28,14 @@ _DWA = {"success": 0.85, "collisions": 0.056, "score": 0.159}
 
 @dataclass(frozen=True, slots=True)
 class _ProblemTask:
-    """One run of one problem: its kind, the folder of the data, its id, a seed, and the robot."""
+    """One run of one problem: its kind, the folder of the data, its id, a seed, the robot, what computing costs."""
 
     kind: str
     root: str
     id: int
     seed: int
     robot: str
+    compute: str
 
 
 def _drive_problem(task: _ProblemTask) -> Figures:
@@ -44,7 +45,7 @@ def _drive_problem(task: _ProblemTask) -> Figures:
     problem = load_barn(folder, task.id) if task.kind == "barn" else load_dynabarn(folder, task.id)
     row: Figures = {"id": task.id, "seed": task.seed, "difficulty": problem.difficulty}
     try:
-        return row | _driven(problem, robot, task.seed)
+        return row | _driven(problem, robot, task.seed, task.compute)
     except ElasticStripsError as error:
         return row | {"success": False, "collisions": 0, "reason": str(error), "time_s": None}
 
@@ -65,12 +66,12 @@ def _problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DrivePara
     return params, limits
 
 
-def _driven(problem: DriveProblem, robot: RobotModel, seed: int) -> Figures:
+def _driven(problem: DriveProblem, robot: RobotModel, seed: int, compute: str) -> Figures:
     params, limits = _problem_params(problem, robot)
     start, *goals = problem.configurations(robot)
     driven = simulation(
         robot, problem.world, start, np.array(goals), params=params, limits=limits, seed=seed, grid=True,
-        path=problem.path,
+        path=problem.path, compute=compute,
     )  # fmt: skip
     plan = driven.controller.first_plan
     result = driven.run()
@@ -118,6 +119,7 @@ def bench_problems(
     robot: str = "jackal-box",
     seeds: int = 1,
     ids: Sequence[int] | None = None,
+    compute: str = "1",
     processes: int | None = None,
 ) -> Figures:
     """Drive the BARN or DynaBARN problems of a folder.
@@ -137,7 +139,7 @@ def bench_problems(
     folder = Path(root) / kind
     if ids is None:
         ids = [i for i in barn_ids(folder) if i % 6 == 0] if kind == "barn" else list(dynabarn_ids(folder))
-    tasks = [_ProblemTask(kind, str(root), int(i), seed, robot) for i in ids for seed in range(seeds)]
+    tasks = [_ProblemTask(kind, str(root), int(i), seed, robot, compute) for i in ids for seed in range(seeds)]
     runs = []
     for run in parallel_map(_drive_problem, tasks, processes):
         runs.append(run)
@@ -145,7 +147,7 @@ def bench_problems(
     runs.sort(key=lambda r: (r["id"], r["seed"]))
     groups = sorted({r["difficulty"] for r in runs if r["difficulty"]})
     return {
-        **head(kind, robot=robot),
+        **head(kind, robot=robot, compute=compute),
         "worlds": len(ids),
         **_figures(runs),
         "by_difficulty": {g: _figures([r for r in runs if r["difficulty"] == g]) for g in groups},
@@ -172,7 +174,7 @@ def _figures(runs: list[Figures]) -> Figures:
     return figures
 
 
-def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) -> Figures:
+def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0, compute: str = "1") -> Figures:
     """Plan both legs of the bridge, and drive them one after the other.
 
     Raises:
@@ -198,11 +200,11 @@ def bench_bridge(root: str | Path, *, robot: str = "bridge-arm", seed: int = 0) 
         )
     stated: Figures = dict(problem.limits)
     limits = MotionLimits.for_robot(model, **stated)
-    driven = simulation(model, problem.world, start, np.array(goals), seed=seed, limits=limits)
+    driven = simulation(model, problem.world, start, np.array(goals), seed=seed, limits=limits, compute=compute)
     result = driven.run(time_limit=240.0)
     evaluation = evaluate(result.record, model, problem.world, driven.limits)
     return {
-        **head("bridge", robot=robot),
+        **head("bridge", robot=robot, compute=compute),
         "legs": legs,
         "reached": bool(evaluation.reached),
         "collisions": len(evaluation.collisions),

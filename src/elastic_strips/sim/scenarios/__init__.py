@@ -10,14 +10,7 @@ from .run import RunResult, result_document, run_scenario
 from .scenario import Scenario
 
 if TYPE_CHECKING:
-    from .drive import (
-        DriveOutcome,
-        drive_document,
-        drive_scenario,
-        make_base_simulation,
-        make_realtime,
-        make_simulation,
-    )
+    from .drive import DriveOutcome, drive_document, drive_scenario, make_base_simulation, make_simulation
 
 __all__ = [
     "DriveOutcome",

@@ -109,7 +109,7 @@ def attempt(trial: Trial) -> TrialResult:
         outcome = drive_scenario(
             scenario, method=STRIP if trial.method == _STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
             time_limit=trial.time_limit, sensors=None if trial.method == STRIP else SensorConfig(),
-            watch=_Patience() if trial.method in (STRIP, _STRIP_SENSED) else None,
+            **({"watch": _Patience(), "compute": "1"} if trial.method in (STRIP, _STRIP_SENSED) else {}),
         )  # fmt: skip
     except ElasticStripsError as error:
         nothing = float("nan")

@@ -259,7 +259,7 @@ def _figures(
         scenario = get_scenario(case)
         run = runs[case] = simulate_paper(scenario)
         step(f"{case}, preset paper")
-        drive = drive_scenario(scenario)
+        drive = drive_scenario(scenario, compute="1")
         step(f"{case}, preset default")
         figure = Figure(figsize=(13.0, 6.4), layout="constrained")
         left, right = figure.subplots(1, 2)
