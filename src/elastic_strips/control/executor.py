@@ -177,6 +177,7 @@ class Executor:
         self._power_cut: float | None = None  # since when [s]
         self._braked: Trajectory | None = None  # for the contact
         self._speed = 0.0
+        self._measured = 0.0  # [s] time of the estimate
         self._steps = 0
 
     @property
@@ -287,6 +288,7 @@ class Executor:
             before, self.estimate = self.estimate, self.estimator.update(measurement)
             step = self.robot.space.difference(before, self.estimate)
             self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
+            self._measured = measurement.time
             if measurement.drive is None:
                 self.log("fault", "odometry lost")
             if self.estimator.doubt:
@@ -332,7 +334,8 @@ class Executor:
     def _check_proof(self, t: float) -> None:
         """Brake where what the active trajectory was proven with holds no longer."""
         monitor, supervisor, params = self.monitor, self.supervisor, self.params
-        monitor.follow(self.reference(t).coordinates, self.estimate, self.estimator)
+        then = self.reference(min(self._measured, t)).coordinates
+        monitor.follow(then, self.estimate, self.estimator)
         if monitor.motor_fault and self._power_cut is None:
             self.log("fault", monitor.motor_fault)
             self._power_cut = t
@@ -395,9 +398,13 @@ class Executor:
 
     def _command(self, t: float) -> Command:
         """Speeds that follow the reference; the base and joints that are not measured are not fed back."""
-        reference, estimate, base = self.reference(t), self.estimate, self.robot.space.base_nv
+        space, reference, estimate = self.robot.space, self.reference(t), self.estimate
+        base = space.base_nv
         if self._power_cut is not None or (self._emergency and self.at_rest(t)):
             return replace(self.tracker.rest, stop=True)
+        if self._measured < t - 1e-6:  # since then it has moved about as the reference has
+            then = self.reference(self._measured).coordinates
+            estimate = space.integrate(estimate, space.difference(then, reference.coordinates))
         if self.estimator.lost_for > 0.0:  # feedback on a frozen estimate would drive the base away
             estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))
         if self.monitor.silent is not None:

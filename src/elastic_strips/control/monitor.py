@@ -78,7 +78,7 @@ class Monitor:
         if drive is not None and not _near(drive, np.zeros_like(self._model), self.limits.drive_speed, span):
             faults.append("odometry is misread")
             drive = None
-        elif drive is not None and span > self.params.silence:
+        elif drive is not None and span > self.params.longest_arc:
             faults.append(f"odometry was silent for {span:.2f} s")
             drive = None
         first = self.robot.space.base_nv

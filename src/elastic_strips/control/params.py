@@ -85,6 +85,7 @@ class MonitorParams(Checked):
         sigmas: standard deviations of the estimate that count as its largest error.
         clock_skew: largest time [s] by which a time stamp may be later than now.
         silence: longest time [s] without a usable measurement of wheels or joints.
+        longest_arc: longest time [s] from one measurement to the next whose travel counts as one arc.
         motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor,
         motor_time: for at most this time [s]; then power is cut.
         motor_wait: and for this time [s] at rest the power stays off.
@@ -100,6 +101,7 @@ class MonitorParams(Checked):
     sigmas: Positive = 3.0
     clock_skew: NonNegative = 0.02
     silence: Positive = 0.05
+    longest_arc: Positive = 0.3
     motor_error: Positive = 0.15
     motor_time: Positive = 0.1
     motor_wait: NonNegative = 1.0

@@ -173,6 +173,7 @@ class FaultyPlant:
         self._inner, self._faults = inner, faults
         self._rng = np.random.default_rng(seed)
         self._held: Command | None = None
+        self._unread: Array | float = 0.0  # travel of measurements that did not arrive
         self._fixes: deque[tuple[float, Array]] = deque()  # coarse ones that are under way: times, poses
         self._next_fix = -math.inf
         if any(f.kind.startswith(("slip", "spin")) for f in faults.faults) and not isinstance(inner, KinematicPlant):
@@ -192,8 +193,12 @@ class FaultyPlant:
                 max(every, *(faults.size(side, t) for side in sides[i : i + 1])) for i in range(len(inner.motors))
             ]
         measurement = inner.step(self._obeyed(command, t, dt), dt)
+        if measurement.drive is not None:
+            measurement = replace(measurement, drive=measurement.drive + self._unread)
         if faults.active("driver_exception", t):
+            self._unread = 0.0 if measurement.drive is None else measurement.drive
             raise RuntimeError("driver exception put in on purpose")
+        self._unread = 0.0
         return self._misread(measurement, t)
 
     def _obeyed(self, command: Command, t: float, dt: float) -> Command:
