@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -247,13 +247,22 @@ class FaultyPlant:
         return replace(measurement, pose=pose, pose_time=at, pose_covariance=covariance)
 
 
-def faulty_planning(plan_tick: PlanTick, faults: FaultPlan, *, slow: float) -> PlanTick:
-    """The planning tick with exceptions, or with results that are late by ``slow`` [s], at times."""
+def faulty_planning(
+    plan_tick: PlanTick, faults: FaultPlan, *, slow: float, wait: Callable[[float], object] | None = None
+) -> PlanTick:
+    """The planning tick with exceptions, or with results that are late by ``slow`` [s], at times.
+
+    Where time is real, ``wait`` lets it pass.
+    """
 
     def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):
             raise RuntimeError("planning exception put in on purpose")
         result = plan_tick(now, scene, active, begin)
-        return replace(result, late=slow) if faults.active("slow_tick", now) else result
+        if not faults.active("slow_tick", now):
+            return result
+        if wait is not None:
+            wait(slow)
+        return replace(result, late=slow)
 
     return faulty

@@ -176,7 +176,7 @@ def bench_disturb(
     step: Note = silent,
     *,
     kinds: Sequence[str] | None = None,
-    scenario: str = "moving-corridor",
+    scenario: str = "corridor",
     compute: str = "1",
     processes: int | None = None,
 ) -> Figures:

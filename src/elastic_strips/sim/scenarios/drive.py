@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from time import monotonic
+from time import monotonic, sleep
 from typing import cast
 
 import numpy as np
@@ -29,7 +29,7 @@ from elastic_strips.sim.baselines.base_controller import PATIENCE
 from elastic_strips.sim.closed_loop import MACHINE, Simulation, prepare, simulation
 from elastic_strips.sim.evaluation import Contact, Evaluation, evaluate, protective_separation
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
-from elastic_strips.sim.faults import Fault, FaultPlan, FaultyPerception
+from elastic_strips.sim.faults import Fault, FaultPlan, FaultyPerception, faulty_planning
 from elastic_strips.sim.machine_process import faulty_plant
 from elastic_strips.sim.perception import NoisyGroundTruth
 from elastic_strips.sim.plant import KinematicPlant, Plant
@@ -189,6 +189,9 @@ def make_realtime(
         seed=problem.seed, executor=executor, meter=monotonic,
     )  # fmt: skip
     machine.reset(model.space.to_coordinates(problem.start))
+    if plan.faults:
+        slow = 10.0 * params.latency * params.control_dt
+        controller.plan_tick = faulty_planning(controller.plan_tick, plan, slow=slow, wait=sleep)
     return RealtimeSimulation(
         controller, executor, world, make, machine, senses, goal=controller.goal, watch=watch,
         metadata=problem.metadata, log=log, temporary=temporary, eager=eager,
