@@ -22,9 +22,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.control.controller import Controller
 from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Event, RunState
-from elastic_strips.control.local_planner import LocalPlanner
 from elastic_strips.control.log_stream import read_log
-from elastic_strips.control.pace import Pace
 from elastic_strips.control.record import DriveResult, RecordError
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import Scene, World
@@ -200,12 +198,14 @@ class RealtimeSimulation(Simulation[Controller]):
 
 
 def warm_up(controller: Controller) -> None:
-    """Plan once for nothing: what is loaded and remembered at the first use is so before the clock runs."""
-    executor, strip = controller.executor, controller.strip
-    params, limits = controller.params, controller.limits
-    planner = LocalPlanner(controller.robot, limits, params, strip, Pace(params, None, transfer=1))
+    """Plan for nothing, while the robot stands: what the first use looks up and loads is there when time is 0, and so
+    is how long a tick takes."""
+    pace = controller.pace
     try:
-        planner.tick(0.0, controller.scene, executor.active, params.latency * params.control_dt)
+        for warm in (False, True):
+            pace.begin()
+            controller.planner.tick(0.0, controller.scene, controller.executor.active, pace.latency)
+            pace.finish(full=warm)
     except ElasticStripsError as error:  # the first tick that counts will say so, too
         _log.info("warming up: %s", error)
 
