@@ -137,6 +137,7 @@ class Controller(ControlLoop[Scene]):
         self._doubts = SceneMonitor(self.params.monitor)
         self._passed = self._recoveries = 0
         self._workers = workers
+        self.replanner.submit = self._submit
         self._own: ThreadPoolExecutor | None = None
         self._replan_task: Future[tuple[Strip | None, str]] | None = None  # replans a strip to the same goal
         self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal

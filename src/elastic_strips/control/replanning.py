@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 
@@ -39,10 +41,12 @@ class Replanner:
         pending: whether another plan is due; the caller resets it when it has the plan.
         due: time [s] from which on the plan may be used.
         count: number of plans after the first.
+        submit: runs a function of some arguments beside the control loop, one after the other; the caller sets it.
     """
 
     pending: bool
     halted: bool
+    submit: Callable[..., Future[object]] | None = None
 
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
         self.robot: RobotModel = robot
@@ -185,6 +189,7 @@ class SwitchingReplanner(Replanner):
         # planners are called at rest only, and a robot at rest can turn on the spot: no strip is left behind
         self._kept = replace(family or StripSetParams(), plan_every=0, divergence_angle=np.pi)
         self._ticks, self._why = 0, ""
+        self._beside: Future[object] | None = None  # the step of the family that runs beside the ticks
 
     def plan(
         self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
@@ -206,19 +211,25 @@ class SwitchingReplanner(Replanner):
         )  # fmt: skip
 
     def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
-        """See :meth:`Replanner.watch`; every fifth tick deforms the other strips, too."""
+        """See :meth:`Replanner.watch`; about every fifth tick the other strips are deformed beside the ticks, too."""
         self._ticks += 1
-        if self.family is not None and self._ticks % _EVERY == 0 and not self.pending:
-            try:
-                self.family.step(standing(scene, _SLOW), result.report.strip.q[0], decide=False)
-            except ElasticStripsError as error:  # the present result stays valid
+        if self._beside is not None and self._beside.done():
+            error, self._beside = self._beside.exception(), None
+            if error is not None:  # the present result stays valid
                 _log.warning("the other ways were not deformed: %s", error)
+        due = self.family is not None and self._ticks % _EVERY == 0 and not self.pending
+        if due and self.submit is not None and self.family is not None and self._beside is None:
+            self._beside = self.submit(self._deform_others, standing(scene, _SLOW), result.report.strip.q[0])
         due = super().watch(t, result, scene, at_rest=at_rest)
         if due:
             self._why = due
             if self.family is not None and len(self.family) > 1:
                 self.due = t  # another strip is there already
         return due
+
+    def _deform_others(self, scene: Scene, start: npt.ArrayLike) -> None:
+        if self.family is not None:
+            self.family.step(scene, start, decide=False)
 
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
         """One of the other strips, or else another plan."""

@@ -15,6 +15,7 @@ _log = logging.getLogger(__name__)
 _NOTHING_NEWER = "no newer motion came"
 _REPEATS = 2.0  # [s] an event is not written down again within this time
 _JUMP = 2e-3  # [m or rad] largest one from the active trajectory to a new one; ten times that in speed
+_OVER = 0.02  # [m/s, rad/s] by rounding
 _SOONER = 0.01
 """A motion that comes to rest less than this [s] earlier is not worth taking."""
 
@@ -103,7 +104,9 @@ class Supervisor(RunLog):
             Whether it was taken; else it is rejected as by :meth:`reject`.
         """
         reason = self._fault(motion, now)
-        if not certificate.certified:
+        if len(certificate.segments) != len(motion):  # its steps, and until it has come to rest
+            reason = f"the certificate is of {len(certificate.segments)} steps, the new motion has {len(motion)}"
+        elif not certificate.certified:
             reason = f"the new motion is not certified: {certificate.broken}"
         if reason:
             self.reject(reason, now)
@@ -188,12 +191,16 @@ class Supervisor(RunLog):
             return "the new motion does not end at rest"
         if motion.start_time < now - 1e-9:
             return f"late tick: the new motion was to begin {now - motion.start_time:.3f} s ago"
+        space, limits = motion.robot.space, motion.limits
+        speeds = np.abs(np.hstack([limits.to_drive(motion.v[:, : space.base_nv]), motion.v[:, space.base_nv :]]))
+        over = float((speeds - np.concatenate([limits.drive_speed, limits.joint_speed])).max(initial=0.0))
+        if over > _OVER:
+            return f"the new motion is {over:.3f} m/s or rad/s faster than the motors"
         state = self.active.at(motion.start_time)
-        space = motion.robot.space
         jump = np.abs(space.difference(state.coordinates, motion.coordinates[0])).max(initial=0.0)
         if jump > _JUMP:
             return f"the new motion begins {jump:.4f} m or rad beside the held one"
-        drive = motion.limits.to_drive(np.stack([state.v, motion.v[0]])[:, : space.base_nv])
+        drive = limits.to_drive(np.stack([state.v, motion.v[0]])[:, : space.base_nv])
         change = max(
             float(np.abs(np.diff(drive, axis=0)).max(initial=0.0)),
             float(np.abs(state.v - motion.v[0])[space.base_nv :].max(initial=0.0)),

@@ -13,11 +13,16 @@ from elastic_strips.planning import straight_line
 from elastic_strips.trajectory import MotionLimits, Retimer, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 
-GOOD = Certificate(0.02, np.ones(3, dtype=bool), np.zeros(3, dtype=np.int8), None, 0)
-BAD = Certificate(
-    0.02, np.array([True, False, True]), np.array([0, 2, 0], dtype=np.int8),
-    BrokenSegment(1, "palm", "post", -0.01, "obstacle", True), 0,
-)  # fmt: skip
+
+def good(motion) -> Certificate:
+    steps = len(motion)
+    return Certificate(0.02, np.ones(steps, dtype=bool), np.zeros(steps, dtype=np.int8), None, 0)
+
+
+def bad(motion) -> Certificate:
+    segments = np.arange(len(motion)) != 1
+    broken = BrokenSegment(1, "palm", "post", -0.01, "obstacle", True)
+    return Certificate(0.02, segments, 2 * (~segments).astype(np.int8), broken, 0)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +42,7 @@ def supervisor(silvermate, limits):
 
 
 def test_a_certified_motion_is_taken_and_driven_to_its_end(supervisor, motion):
-    assert supervisor.submit(motion, GOOD, 0.05)
+    assert supervisor.submit(motion, good(motion), 0.05)
     assert supervisor.update(0.05) is RunState.MOVING
     assert supervisor.reference(0.3).v[0] > 0.1
     end = motion.end_time
@@ -49,7 +54,7 @@ def test_a_certified_motion_is_taken_and_driven_to_its_end(supervisor, motion):
 
 def test_the_motion_before_is_followed_until_the_new_one_begins(supervisor, motion, silvermate, limits):
     """Each new motion is taken some time before it begins, the next one perhaps before that: no step in between."""
-    assert supervisor.submit(motion, GOOD, 0.05)
+    assert supervisor.submit(motion, good(motion), 0.05)
     retimer = Retimer(silvermate, limits, dt=0.02)
     coordinates = straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.1)
     places = [supervisor.reference(0.3).coordinates[0]]
@@ -58,7 +63,7 @@ def test_the_motion_before_is_followed_until_the_new_one_begins(supervisor, moti
         state = supervisor.active.at(begin)
         ahead = np.vstack([state.coordinates, coordinates[coordinates[:, 0] > state.coordinates[0] + 0.02]])
         onward = retimer.horizon(ahead, state.v, a_start=state.a, start_time=begin)
-        assert supervisor.submit(onward, GOOD, now)
+        assert supervisor.submit(onward, good(onward), now)
         places += [supervisor.reference(t).coordinates[0] for t in (now, now + 0.005)]
         assert supervisor.reference(begin).coordinates[0] == pytest.approx(state.coordinates[0], abs=1e-9)
     steps = np.diff(places)
@@ -67,19 +72,21 @@ def test_the_motion_before_is_followed_until_the_new_one_begins(supervisor, moti
 
 
 def test_a_motion_to_the_goal_ends_in_reached(supervisor, motion):
-    assert supervisor.submit(motion, GOOD, 0.0, at_goal=True)
+    assert supervisor.submit(motion, good(motion), 0.0, at_goal=True)
     assert supervisor.update(motion.end_time) is RunState.REACHED
     assert not supervisor.stops
 
 
 def test_what_is_refused_and_why(supervisor, motion, silvermate):
-    def refused(offered, certificate=GOOD, now=0.05) -> str:
+    def refused(offered, certificate=None, now=0.05) -> str:
         active = supervisor.active
-        assert not supervisor.submit(offered, certificate, now)
+        assert not supervisor.submit(offered, certificate or good(offered), now)
         assert supervisor.active is active
         return supervisor.events[-1].reason
 
-    assert "post" in refused(motion, BAD)
+    assert "post" in refused(motion, bad(motion))
+    assert "the certificate is of 3 steps" in refused(motion, replace(good(motion), segments=np.ones(3, dtype=bool)))
+    assert "m/s or rad/s faster than the motors" in refused(replace(motion, v=2.0 * motion.v))
     assert "late tick: the new motion was to begin 0.150 s ago" in refused(motion, now=0.25)
     cut = motion.time < motion.end_time - 0.3
     endless = replace(
@@ -96,7 +103,7 @@ def test_what_is_refused_and_why(supervisor, motion, silvermate):
 
 
 def test_without_a_new_motion_the_held_one_brakes_to_rest(supervisor, motion):
-    supervisor.submit(motion, GOOD, 0.05)
+    supervisor.submit(motion, good(motion), 0.05)
     supervisor.update(0.1)
     supervisor.reject("scene too old", 0.3)
     assert supervisor.update(0.3) is RunState.BRAKING
@@ -106,15 +113,15 @@ def test_without_a_new_motion_the_held_one_brakes_to_rest(supervisor, motion):
 
 
 def test_a_new_motion_ends_the_slowing(supervisor, motion):
-    supervisor.submit(motion, GOOD, 0.05)
+    supervisor.submit(motion, good(motion), 0.05)
     supervisor.reject("scene too old", 0.3)
     assert supervisor.update(0.3) is RunState.BRAKING
-    assert supervisor.submit(motion.tail(0.5), GOOD, 0.4)
+    assert supervisor.submit(motion.tail(0.5), good(motion.tail(0.5)), 0.4)
     assert supervisor.update(0.4) is RunState.MOVING
 
 
 def test_the_held_motion_braked_takes_its_place_without_a_certificate(supervisor, motion, silvermate, limits):
-    supervisor.submit(motion, GOOD, 0.05, at_goal=True)
+    supervisor.submit(motion, good(motion), 0.05, at_goal=True)
     supervisor.update(0.8)
     stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
     assert supervisor.brake(stop, "somebody came", 0.8)
@@ -126,7 +133,7 @@ def test_the_held_motion_braked_takes_its_place_without_a_certificate(supervisor
 
 
 def test_what_does_not_stop_sooner_or_is_beside_the_held_motion_is_no_brake(supervisor, motion, silvermate, limits):
-    supervisor.submit(motion, GOOD, 0.05)
+    supervisor.submit(motion, good(motion), 0.05)
     stop = Retimer(silvermate, limits, dt=0.02).brake(motion, 0.82)
     aside = stop.coordinates.copy()
     aside[:, 1] += 0.01
