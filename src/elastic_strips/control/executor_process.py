@@ -40,6 +40,7 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
+from elastic_strips.validation import check_array, check_number, check_type
 
 from .channel import ChannelClosedError, channel, put, take
 from .child_process import end_process, orphaned, start_quietly
@@ -149,6 +150,7 @@ class ExecutorProcess:
         self._motions: deque[tuple[int, Trajectory]] = deque(maxlen=_SENT)  # that were sent last, by number
         self._active: tuple[int, Trajectory] = (0, resting)
         self._lock = threading.Lock()
+        self._closing = False
         self._ending = threading.Event()
         self._gone = ""
         self._process: SpawnProcess | None = None
@@ -203,6 +205,7 @@ class ExecutorProcess:
         """Bring the robot to rest, and end the process."""
         if self._process is None:
             return
+        self._closing = True
         put(self._link, ("close",))
         if not end_process(self._process, _END):
             _log.warning("the executor's process did not end; it is killed")
@@ -339,8 +342,8 @@ class ExecutorProcess:
                 if isinstance(message, Status):
                     self._take(message)
         except ChannelClosedError:
-            if not self._gone and not self._ending.is_set():
-                self._gone = "the executor's process is gone"  # it is asked to end in another way
+            if not self._gone and not self._closing:
+                self._gone = "the executor's process is gone"
                 self.run.state, self.run.reason = RunState.FAILED, self._gone
                 self.run.events.append(Event(self.now, "fault", self._gone))
                 _log.error(self._gone)
@@ -513,6 +516,11 @@ class _Loop:
             self.executor.stop("the planner's process is gone")
 
     def obey(self, message: object) -> None:
+        """Do what a message says, where it can be done.
+
+        Raises:
+            Exception: it is no message, or carries what is none of its kind; nothing was changed.
+        """
         if not isinstance(message, tuple) or not message:
             raise ConfigurationError(f"{message!r} is no message")
         what, *values = message
@@ -524,13 +532,22 @@ class _Loop:
                 executor.anchor(motion)
             else:
                 certificate, at_goal, proven = rest
-                executor.submit(motion, certificate, at_goal=at_goal, proven=proven)
+                check_type("certificate", certificate, Certificate)
+                proven = check_number("proven", proven, low=0.0, unit="m")
+                executor.submit(motion, certificate, at_goal=bool(at_goal), proven=proven)
             if executor.active is motion:
-                self.known, self.serial, self.told = motion, serial, _TOLD
+                self.known, self.serial, self.told = motion, int(serial), _TOLD
+        elif what == "hold":
+            reason, proven = values
+            executor.hold(str(reason), check_number("proven", proven, low=0.0, unit="m"))
+        elif what == "retarget":
+            goal, tolerance = values
+            check_type("tolerance", tolerance, Tolerance)
+            executor.retarget(check_array("goal", goal, (executor.robot.nv,)), tolerance)
         elif what == "close":
             self.end()
-        elif what in ("brake", "hold", "reject", "log", "retarget", "stop", "resume"):
-            getattr(executor, what)(*values)
+        elif what in ("brake", "reject", "log", "stop", "resume"):
+            getattr(executor, what)(*map(str, values))
         elif what != "beat":
             raise ConfigurationError(f"{what!r} is no message")
 
