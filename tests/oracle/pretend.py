@@ -24,7 +24,7 @@ class Machine:
     Args:
         robot: that they are of.
         ended: file that is written when the driver is closed.
-        wrong: from when to when [s] a call fails: ``measure``, ``send`` raise, ``nan`` measures what is no number.
+        wrong: from when to when [s], after it set off, a call fails: ``measure``, ``send`` raise, ``nan`` measures what is no number.
         fixes: whether it is localized, while it drives straight on.
     """
 
@@ -41,12 +41,13 @@ class Machine:
         self.travel = np.zeros_like(self.command.drive)
         self.time = self.x = 0.0
         self.fixes = fixes
+        self.moves: float | None = None  # since when [s]
         self.ended, self.wrong = ended, dict(wrong or {})
         self.contact = self.emergency = ""
 
     def fails(self, what: str, t: float) -> bool:
         begin, end = self.wrong.get(what, (np.inf, np.inf))
-        return begin <= t < end
+        return self.moves is not None and begin <= t - self.moves < end
 
     def measure(self, t: float) -> Measurement:
         if not (self.command.stop or self.emergency):
@@ -68,6 +69,8 @@ class Machine:
         if self.fails("send", t):
             raise OSError("no answer from the motors")
         self.command = command
+        if self.moves is None and command.drive.any():
+            self.moves = t
 
     def close(self) -> None:
         self.ended.write_text("closed")
@@ -99,11 +102,19 @@ def certificate_of(motion: Trajectory, *, good: bool = True) -> Certificate:
     return Certificate(0.02, np.full(n, good), np.zeros(n, dtype=np.int8), None, 0)
 
 
-def submit(executor: ExecutorProcess, far: float, *, near: float = 0.0) -> None:
-    """Let it drive straight on, from rest at ``near`` [m] to ``far`` [m]."""
-    motion = straight(executor.robot, far, 0.0, near=near)
-    motion = replace(motion, time=motion.time + executor.now + 0.1)
-    executor.submit(motion, certificate_of(motion), at_goal=True, proven=0.02)
+def set_off(executor: ExecutorProcess, far: float) -> None:
+    """Let it drive straight on to ``far`` [m], and wait until it does; a busy machine may take several attempts."""
+    for _ in range(10):
+        near = float(executor.active.coordinates[-1, 0])
+        motion = straight(executor.robot, far, 0.0, near=near)
+        motion = replace(motion, time=motion.time + executor.now + 0.2)
+        executor.submit(motion, certificate_of(motion), at_goal=True, proven=0.02)
+        end = time.monotonic() + 5.0
+        while time.monotonic() < end:
+            if executor.reference(0.0).v[0] > 0.4:
+                return
+            time.sleep(0.01)
+    raise AssertionError(executor.run.events)
 
 
 def plan(robot: RobotModel, driver: Machine, log: Path, told: Connection) -> None:
@@ -111,6 +122,6 @@ def plan(robot: RobotModel, driver: Machine, log: Path, told: Connection) -> Non
     with ExecutorProcess(robot, robot.home(), robot.home(x=12.0), log=log) as executor:
         executor.start(driver)
         executor.begin(time.monotonic())
-        submit(executor, 12.0)
+        set_off(executor, 12.0)
         told.send(executor.pid)
         time.sleep(300.0)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pretend
 import pytest
-from pretend import Machine, certificate_of, straight, submit
+from pretend import Machine, certificate_of, set_off, straight
 
 from elastic_strips.control import executor_process
 from elastic_strips.control.channel import ChannelClosedError, channel, put, take
@@ -43,10 +43,6 @@ def ended(pid: int) -> bool:
 
 def says(executor: ExecutorProcess, text: str) -> bool:
     return any(text in event.reason for event in list(executor.run.events))
-
-
-def moves(executor: ExecutorProcess) -> bool:
-    return bool(executor.reference(0.0).v[0] > 0.4)
 
 
 def stands(executor: ExecutorProcess) -> bool:
@@ -89,8 +85,7 @@ def test_it_follows_what_it_is_given_and_refuses_garbage(executor: ExecutorProce
         put(executor._link, garbage)
     executor._link.send(b"no pickle")
     until(lambda: says(executor, "a message of the planner: "))
-    submit(executor, FAR)
-    until(lambda: moves(executor))
+    set_off(executor, FAR)
     executor.brake("enough")
     until(lambda: stands(executor))
     assert executor.run.stops[-1][1] == "enough"
@@ -104,8 +99,7 @@ def test_it_follows_what_it_is_given_and_refuses_garbage(executor: ExecutorProce
 def test_silence_of_planning_brakes_and_it_is_heard_again(
     executor: ExecutorProcess, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
-    submit(executor, FAR)
-    until(lambda: moves(executor))
+    set_off(executor, FAR)
     with monkeypatch.context() as silent:
         silent.setattr(executor_process, "put", lambda *_: True)
         until(lambda: stands(executor))
@@ -115,29 +109,26 @@ def test_silence_of_planning_brakes_and_it_is_heard_again(
     brakes = next(row for row in rows if "nothing is heard" in str(row.get("reason")))
     assert float(executor.estimate[0]) < FAR - 0.5
     assert brakes["t"] < rows[-1]["t"]
-    submit(executor, FAR, near=float(executor.active.coordinates[-1, 0]))
-    until(lambda: moves(executor))
+    set_off(executor, FAR)
 
 
 def test_a_failing_driver_is_named_and_outlived(jackal_box: RobotModel, machine: Machine, tmp_path: Path):
-    machine.wrong = {"measure": (1.0, 1.2), "nan": (3.0, 3.2), "send": (3.4, 3.6)}
+    machine.wrong = {"measure": (1.0, 1.2), "nan": (4.0, 4.2), "send": (4.5, 4.7)}
     with started(jackal_box, machine, tmp_path / "log.jsonl") as executor:
-        submit(executor, FAR)
+        set_off(executor, FAR)
         until(lambda: executor.recoveries > 0)
         until(lambda: says(executor, "no answer from the motors"))
         assert says(executor, "driver exception: OSError: no answer from the wheels")
         assert says(executor, "no usable measurement")
         until(lambda: not executor.waits)
-        submit(executor, FAR, near=float(executor.active.coordinates[-1, 0]))
-        until(lambda: moves(executor))
+        set_off(executor, FAR)
     assert machine.ended.exists()
 
 
 def test_a_full_disk_is_named_and_the_drive_goes_on(jackal_box: RobotModel, machine: Machine):
     with started(jackal_box, machine, "/dev/full") as executor:
-        submit(executor, FAR)
+        set_off(executor, FAR)
         until(lambda: says(executor, "cannot be written: No space left"))
-        until(lambda: moves(executor))
         assert executor.run.state is RunState.MOVING
     assert machine.ended.exists()
 
@@ -180,12 +171,10 @@ def test_a_killed_planner_leaves_a_robot_at_rest(
 
 def test_a_killed_executor_is_named(jackal_box: RobotModel, machine: Machine, tmp_path: Path):
     with started(jackal_box, machine, tmp_path / "log.jsonl") as executor:
-        submit(executor, FAR)
-        until(lambda: moves(executor))
+        set_off(executor, FAR)
         os.kill(executor.pid, signal.SIGKILL)
         until(lambda: executor.run.state is RunState.FAILED)
         assert executor.waits == executor.run.reason == "the executor's process is gone"
-        submit(executor, FAR)
         executor.stop("asked to stop")
         assert executor.run.state is RunState.FAILED
     assert read_log(tmp_path / "log.jsonl")
@@ -200,8 +189,7 @@ def test_one_that_died_before_it_began_is_named(jackal_box: RobotModel, machine:
 
 
 def test_asked_to_terminate_it_comes_to_rest(executor: ExecutorProcess, machine: Machine):
-    submit(executor, FAR)
-    until(lambda: moves(executor))
+    set_off(executor, FAR)
     os.kill(executor.pid, signal.SIGINT)  # is for planning
     os.kill(executor.pid, signal.SIGTERM)
     until(machine.ended.exists)
