@@ -24,7 +24,8 @@ class Machine:
     Args:
         robot: that they are of.
         ended: file that is written when the driver is closed.
-        wrong: from when to when [s], after it set off, a call fails: ``measure``, ``send`` raise, ``nan`` measures what is no number.
+        wrong: from when to when [s], after it set off, a call fails: ``measure`` and ``send`` raise, ``nan`` measures
+            what is no number.
         fixes: whether it is localized, while it drives straight on.
     """
 

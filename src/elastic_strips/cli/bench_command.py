@@ -17,6 +17,7 @@ from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
 from elastic_strips.sim.bench.realtime import bench_realtime
 from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
+from elastic_strips.sim.bench.trials import KINDS, bench_trials
 from elastic_strips.sim.computing import Computing
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
 
@@ -361,6 +362,25 @@ def realtime(robot: str, minutes: float, inline: bool, json_file: str | None) ->
     _row("in bursts", f"{100 * figures['bursts']:.2f} %")
     _row("two periods late", f"{figures['late']}, {figures['late_paused']} of them in pauses of the computer "
          f"({figures['paused_s']:.1f} s in all, the longest {figures['longest_pause_ms']:.0f} ms)")  # fmt: skip
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Kill and stop processes of drives against the wall clock.")
+@options.robot_option("silvermate")
+@_seeds(5, "Trials of each kind.")
+@click.option("--kind", "kinds", multiple=True, type=click.Choice(KINDS), help="Only this one; may be given again.")
+@_json_runs
+def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None) -> None:
+    """The planner or the executor is killed, stopped or hung at a random time, or the disk is full: the robot has to
+    come to rest without a contact, and to go on where it can."""
+    with options.LateProgress("killing", seeds * len(kinds or KINDS)) as bar:
+        figures = bench_trials(robot, range(seeds), bar.step, kinds=kinds or None)
+    for kind, row in figures["kinds"].items():
+        longest = row["longest_to_rest_s"]
+        _row(kind, f"{row['count']} trials: {100 * row['at_rest']:.0f} % at rest in the end, "
+             + ("" if longest is None else f"after {longest:.2f} s at most, ")
+             + f"{row['contacts_at_speed']} contacts at speed, {100 * row['reached']:.0f} % reached, "
+             f"{100 * row['named']:.0f} % named")  # fmt: skip
     _write(json_file, figures)
 
 
