@@ -358,9 +358,9 @@ class ExecutorProcess:
             elif status.samples is not None:
                 self._active = status.serial, Trajectory(self.robot, self.limits, *status.samples)
             self._status = status
-            self.run.state, self.run.reason = status.state, status.reason
             self.run.events.extend(status.events)
             self.run.stops.extend(status.stops)
+            self.run.state, self.run.reason = status.state, status.reason  # last: who waits for it finds its reason
 
 
 _Task = tuple[RobotModel, MotionLimits, DriveParams, Array, Array, Tolerance]

@@ -41,6 +41,7 @@ _GO_ON = ("planner_stopped", "planner_hung", "disk_full")  # the robot reaches i
 _FAST, _RESTS = 0.3, 1e-3  # [m/s]
 _LIMIT = 60.0  # [s] of one drive
 _STOPPED, _HUNG = 1.0, 2.0  # [s]
+_PATIENCE = 10.0  # [s] in which a robot comes to rest
 
 
 def bench_trials(
@@ -156,7 +157,8 @@ def _watch(
             stands = new[-1].time
             if kind not in _GO_ON:
                 break
-        if told.poll(0.0):  # the planner has come to an end
+        over = told.poll(0.0) and (begin is None or kind in _GO_ON)  # the planner has come to an end
+        if over or (begin is not None and kind not in _GO_ON and machine.now > begin + _PATIENCE):
             break
     if begin is None or stands is None:
         return begin, stands, None
