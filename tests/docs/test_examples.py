@@ -25,6 +25,7 @@ SAID = {
     "13_level_hand": "certified True",
     "14_arm_on_a_table": "base fixed: certified True",
     "15_page": "case-1.html",
+    "16_executor_process": "reached: at rest at the goal",
 }
 NEEDS = {"06_mujoco_as_robot": "mujoco", "11_task_in_layers": "py_trees"}
 

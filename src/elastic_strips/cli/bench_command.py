@@ -15,7 +15,9 @@ from elastic_strips.sim.bench import bench_plan, bench_replan, bench_tick
 from elastic_strips.sim.bench.drive import bench_disturb, bench_drive, bench_reaction, bench_soak
 from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
+from elastic_strips.sim.bench.realtime import bench_realtime
 from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
+from elastic_strips.sim.bench.trials import KINDS, bench_trials
 from elastic_strips.sim.computing import Computing
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
 
@@ -336,6 +338,49 @@ def soak(robot: str, hours: float, json_file: str | None) -> None:
         first, second = figures["tick_ms_first_half"], figures["tick_ms_second_half"]
         if first["p50"] is not None:
             _row("p99 of ticks", f"{first['p50']:.1f} ms in the first half, {second['p50']:.1f} ms in the second")
+    _write(json_file, figures)
+
+
+@bench.command(short_help="How evenly commands come against the wall clock.")
+@options.robot_option("silvermate")
+@click.option("--minutes", type=options.Finite(0.1, 1440), default=10.0, show_default=True, help="How long.")
+@click.option("--inline", is_flag=True, help="Control and planning in one thread, for comparison.")
+@_json_runs
+def realtime(robot: str, minutes: float, inline: bool, json_file: str | None) -> None:
+    """Drive to and fro among moving obstacles against the wall clock, with machine, control loop and planning in
+    processes of their own; planning never waits."""
+    with options.LateProgress("driving") as bar:
+        figures = bench_realtime(load_robot(robot), minutes, bar.step, inline=inline)
+    _row("driven", f"{figures['seconds']:.0f} s in {figures['mode']} ({figures['priority']}), {figures['legs']} legs, "
+         f"{len(figures['stops'])} stops, {figures['contacts_at_speed']} contacts at speed")  # fmt: skip
+    for name, key in (
+        ("gaps of commands", "gap_ms"), ("without pauses", "gap_unpaused_ms"), ("control steps", "step_ms")
+    ):  # fmt: skip
+        gap = figures[key]
+        if gap["p50"] is not None:
+            _row(name, f"p50 {gap['p50']:.2f}, p99 {gap['p99']:.2f}, p99.9 {gap['p99_9']:.2f}, max {gap['max']:.2f} ms")
+    _row("in bursts", f"{100 * figures['bursts']:.2f} %")
+    _row("two periods late", f"{figures['late']}, {figures['late_paused']} of them in pauses of the computer "
+         f"({figures['paused_s']:.1f} s in all, the longest {figures['longest_pause_ms']:.0f} ms)")  # fmt: skip
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Kill and stop processes of drives against the wall clock.")
+@options.robot_option("silvermate")
+@_seeds(5, "Trials of each kind.")
+@click.option("--kind", "kinds", multiple=True, type=click.Choice(KINDS), help="Only this one; may be given again.")
+@_json_runs
+def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None) -> None:
+    """The planner or the executor is killed, stopped or hung at a random time, or the disk is full: the robot has to
+    come to rest without a contact, and to go on where it can."""
+    with options.LateProgress("killing", seeds * len(kinds or KINDS)) as bar:
+        figures = bench_trials(robot, range(seeds), bar.step, kinds=kinds or None)
+    for kind, row in figures["kinds"].items():
+        longest = row["longest_to_rest_s"]
+        _row(kind, f"{row['count']} trials: {100 * row['at_rest']:.0f} % at rest in the end, "
+             + ("" if longest is None else f"after {longest:.2f} s at most, ")
+             + f"{row['contacts_at_speed']} contacts at speed, {100 * row['reached']:.0f} % reached, "
+             f"{100 * row['named']:.0f} % named")  # fmt: skip
     _write(json_file, figures)
 
 

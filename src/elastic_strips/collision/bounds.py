@@ -207,21 +207,21 @@ class Displacement:
 
     def __init__(self, robot: RobotModel) -> None:
         self._bodies = BodySet.links(robot)
-        self._one, self._two = Kinematics(robot.tree), Kinematics(robot.tree)
+        self._kin = Kinematics(robot.tree)  # of a, then of b: together they take little longer than one
 
     def __call__(self, a: Array, b: Array) -> Array:
         """Bounds (S,) [m] between the coordinate rows ``a`` and ``b`` (S, nv)."""
-        self._one.update(a, jacobians=False)
-        self._two.update(b, jacobians=False)
-        bodies = self._bodies
-        ends = bodies.capsule_ends(self._two) - bodies.capsule_ends(self._one)  # (S, G, 2, 3)
-        way = np.sqrt((ends**2).sum(axis=-1)).max(axis=-1)
-        R_one, R_two = self._one.T[:, : self._one.n, :, :3], self._two.T[:, : self._two.n, :, :3]
+        n, bodies, kin = len(a), self._bodies, self._kin
+        kin.update(np.concatenate((a, b)), jacobians=False)
+        self._ends = bodies.capsule_ends(kin)  # (2 S, G, 2, 3)
+        way = np.sqrt(((self._ends[n:] - self._ends[:n]) ** 2).sum(axis=-1)).max(axis=-1)
+        R_one, R_two = kin.T[:, :n, :, :3], kin.T[:, n : kin.n, :, :3]
         # 2 sin(φ/2) is the norm of R_two − R_one as a map: its Frobenius norm over √2
         turn = np.sqrt(((R_two - R_one) ** 2).sum(axis=(-2, -1)) * 0.5).T  # (S, njoints)
         return (way + bodies.radius * turn[:, bodies.joint]).max(axis=1, initial=0.0)
 
     def reach(self) -> float:
         """Largest horizontal distance [m] of a point of any body from the base's origin, at the last ``b``."""
-        ends = self._bodies.capsule_ends(self._two)[..., :2] - self._two.coordinates[: self._two.n, None, None, :2]
+        n = self._kin.n // 2
+        ends = self._ends[n:, ..., :2] - self._kin.coordinates[n : 2 * n, None, None, :2]
         return float((np.sqrt((ends**2).sum(axis=-1)).max(axis=-1) + self._bodies.radius).max(initial=0.0))

@@ -1,7 +1,8 @@
 """Channel: messages between two processes of one machine; nobody waits for anybody.
 
 One pickled message is one datagram: it comes whole or not at all, also where the sender is killed or stopped while it
-sends. What does not fit is dropped.
+sends. What comes, comes in the order in which it was sent, and once. What does not fit is dropped: the newest, for
+what is in the channel stays there until it is taken.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def channel(size: int) -> tuple[socket.socket, socket.socket]:
 
 
 def put(end: socket.socket, message: object) -> bool:
-    """Send a message; False where the channel is full, or the other end is gone."""
+    """Send a message; False where the channel is full or closed, or the other end is gone."""
     try:
         end.send(pickle.dumps(message, pickle.HIGHEST_PROTOCOL), socket.MSG_DONTWAIT)
     except OSError:
@@ -49,12 +50,15 @@ def take(end: socket.socket) -> Iterator[object]:
 
     Raises:
         ChannelClosedError: the other end is gone, and nothing is left.
+        Exception: whatever unpickling throws; what came after that message is left for the next call.
     """
     while True:
         try:
             data = end.recv(_LARGEST, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return
+        except ConnectionResetError:  # told once where the other end left something unread; what it sent comes after it
+            continue
         except OSError as error:
             raise ChannelClosedError from error
         if not data:

@@ -2,12 +2,20 @@
 
 The process needs nothing of planning but the next certified motion. Planning may be late, hang or die: then the robot
 comes to rest on the motion that it has.
+
+What is promised of the messages: they come in order, and none twice, but any may be missing (see
+:mod:`~elastic_strips.control.channel`). So a motion is checked where it is executed, by itself and against the one that
+it continues, whatever planning believed; a status is whole, and the next one makes up for one that is missing: events
+and stops are told until they are taken, the samples of the active trajectory again and again. Until these come,
+planning may continue a trajectory that is active no longer; what it makes of it is refused. Who planned and died does
+not come back: the process ends as soon as the robot stands, and another one starts from there.
 """
 
 from __future__ import annotations
 
 import gc
 import logging
+import math
 import multiprocessing
 import os
 import pickle
@@ -16,10 +24,12 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, islice, takewhile
 from multiprocessing.context import SpawnProcess
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +40,10 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
+from elastic_strips.validation import check_array, check_number, check_type
 
 from .channel import ChannelClosedError, channel, put, take
+from .child_process import end_process, orphaned, start_quietly
 from .driver import Driver
 from .executor import Executor
 from .interfaces import Command, Event, Measurement, RunState
@@ -47,6 +59,10 @@ _END = 15.0  # [s] longest time in which the robot comes to rest at the end
 _BEAT = 0.02  # [s] from one heartbeat of planning to the next
 _SETTLING = 0.03  # [s] a motion that was sent so short a time ago is taken for accepted
 _TOLD = 20  # periods in which a motion of the executor's own is told
+_SENT = 10  # motions that were sent last, which the active one may be
+_AT_ONCE = 50  # messages that are taken in one period: no flood of them holds up the command
+_CREEPS = 2.0  # [s] after the end of its motion a robot that does not stand is left to its driver
+_Thing = TypeVar("_Thing")
 _Samples = tuple[Array, Array, Array, Array]  # time, coordinates, v, a
 
 
@@ -56,9 +72,10 @@ class Status:
 
     Attributes:
         time: [s] on the executor's clock.
-        serial: number of the active trajectory; samples: its samples, where planning may not know them.
+        serial: number of the active trajectory: as it was submitted with, or negative where it is the executor's own.
+        samples: its samples, where planning may not know them, and now and then.
         coordinates, v: (nv,) of the reference.
-        events, stops: new ones since the last status.
+        events, stops: new ones since the last status that could be sent.
     """
 
     time: float
@@ -83,7 +100,8 @@ class Status:
 class ExecutorProcess:
     """Workspace: an executor in a process of its own; the :class:`~elastic_strips.control.executor.ExecutorLink` to it.
 
-    Used in a ``with`` statement; at its end the robot comes to rest, and the process ends.
+    Used once, in a ``with`` statement; at its end the robot comes to rest, and the process ends. It ends, too, where
+    the process that started it is gone, or tells it to by SIGTERM, as soon as the robot stands.
 
     Args:
         robot: the robot.
@@ -129,8 +147,10 @@ class ExecutorProcess:
             0.0, RunState.STOPPED, "not started", 0, None, False, row, True, 0.0, "", 0.0, self.params.tracking_error,
             0, row, np.zeros(robot.nv), (), (),
         )  # fmt: skip
+        self._motions: deque[tuple[int, Trajectory]] = deque(maxlen=_SENT)  # that were sent last, by number
         self._active: tuple[int, Trajectory] = (0, resting)
         self._lock = threading.Lock()
+        self._closing = False
         self._ending = threading.Event()
         self._gone = ""
         self._process: SpawnProcess | None = None
@@ -143,25 +163,33 @@ class ExecutorProcess:
             driver: of the robot's motors; it is sent to the process.
 
         Raises:
-            ConfigurationError: it does not start.
+            ConfigurationError: it does not start, or was started before; the message says why.
         """
+        if self._process is not None:
+            raise ConfigurationError("an executor's process is started once; make another one")
         self._link, child = channel(_BUFFER)
-        self._process = process = multiprocessing.get_context("spawn").Process(
+        process = multiprocessing.get_context("spawn").Process(
             target=_serve, args=(child, self._task, driver, self._log), name="executor", daemon=True
         )
-        process.start()
-        child.close()
-        self._link.settimeout(_START)
+        first: object = "it ended at once"
         try:
-            first = self._link.recv(_BUFFER)
-        except OSError as error:
-            process.kill()
-            raise ConfigurationError(f"the executor's process does not start: {error}") from error
-        finally:
+            start_quietly(process)
+            child.close()
+            self._link.settimeout(_START)
+            data = self._link.recv(_BUFFER)
             self._link.setblocking(False)
-        if not first:
-            raise ConfigurationError("the executor's process ended at once; its log says why")
-        _, self.priority = pickle.loads(first)
+            first = pickle.loads(data) if data else first
+        except Exception as error:  # the driver cannot be sent to a process, or takes too long there
+            first = f"{type(error).__name__}: {error}"
+        finally:
+            child.close()
+            if not isinstance(first, tuple):
+                self._link.close()
+                end_process(process, 0.0 if process.is_alive() else _END)
+        if not isinstance(first, tuple):
+            raise ConfigurationError(f"the executor's process does not start: {first}")
+        self._process = process
+        _, self.priority = first
 
     def begin(self, epoch: float) -> None:
         """Let the control loop run; its time is 0 at this ``time.monotonic()``."""
@@ -177,15 +205,14 @@ class ExecutorProcess:
         """Bring the robot to rest, and end the process."""
         if self._process is None:
             return
+        self._closing = True
         put(self._link, ("close",))
-        self._process.join(_END)
-        if self._process.is_alive():
+        if not end_process(self._process, _END):
             _log.warning("the executor's process did not end; it is killed")
-            self._process.kill()
-            self._process.join()
         self._ending.set()
         if self._thread is not None:
             self._thread.join()
+            self._listen()  # to what happened at the end
         self._link.close()
 
     @property
@@ -260,16 +287,13 @@ class ExecutorProcess:
     def submit(self, motion: Trajectory, certificate: Certificate, *, at_goal: bool, proven: float) -> None:
         serial = next(self._serial)
         samples = (motion.time, motion.coordinates, motion.v, motion.a)
-        with self._lock:
-            self._sent = (self.now, serial, motion, at_goal)
-        if not self._put("submit", serial, samples, certificate, at_goal, proven):
-            self._sent = (-np.inf, *self._sent[1:])
+        if self._put("submit", serial, samples, certificate, at_goal, proven):
+            self._note(serial, motion, at_goal)
 
     def anchor(self, resting: Trajectory) -> None:
         serial = next(self._serial)
-        with self._lock:
-            self._sent = (self.now, serial, resting, False)
-        self._put("anchor", serial, (resting.time, resting.coordinates, resting.v, resting.a))
+        if self._put("anchor", serial, (resting.time, resting.coordinates, resting.v, resting.a)):
+            self._note(serial, resting, at_goal=False)
 
     def brake(self, reason: str) -> None:
         self._put("brake", reason)
@@ -294,6 +318,12 @@ class ExecutorProcess:
     def resume(self) -> None:
         self._put("resume")
 
+    def _note(self, serial: int, motion: Trajectory, at_goal: bool) -> None:
+        """Take a motion that was sent for accepted, until there is word of it."""
+        with self._lock:
+            self._sent = (self.now, serial, motion, at_goal)
+            self._motions.append((serial, motion))
+
     def _put(self, *message: object) -> bool:
         sent = put(self._link, message)
         if not sent:
@@ -312,7 +342,7 @@ class ExecutorProcess:
                 if isinstance(message, Status):
                     self._take(message)
         except ChannelClosedError:
-            if not self._gone and not self._ending.is_set():
+            if not self._gone and not self._closing:
                 self._gone = "the executor's process is gone"
                 self.run.state, self.run.reason = RunState.FAILED, self._gone
                 self.run.events.append(Event(self.now, "fault", self._gone))
@@ -320,14 +350,17 @@ class ExecutorProcess:
 
     def _take(self, status: Status) -> None:
         with self._lock:
-            if status.samples is not None and status.serial != self._active[0]:
+            known = next((motion for serial, motion in self._motions if serial == status.serial), None)
+            if status.serial == self._active[0]:
+                pass
+            elif known is not None:
+                self._active = status.serial, known
+            elif status.samples is not None:
                 self._active = status.serial, Trajectory(self.robot, self.limits, *status.samples)
-            elif status.serial == self._sent[1]:
-                self._active = status.serial, self._sent[2]
             self._status = status
-            self.run.state, self.run.reason = status.state, status.reason
             self.run.events.extend(status.events)
             self.run.stops.extend(status.stops)
+            self.run.state, self.run.reason = status.state, status.reason  # last: who waits for it finds its reason
 
 
 _Task = tuple[RobotModel, MotionLimits, DriveParams, Array, Array, Tolerance]
@@ -336,16 +369,27 @@ _Task = tuple[RobotModel, MotionLimits, DriveParams, Array, Array, Tolerance]
 def _serve(link: socket.socket, task: _Task, driver: Driver, log: str | None) -> None:
     """The process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for planning, which lets the robot come to rest
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     priority = raise_priority()  # before the log's thread begins, which has to have the same
+    stream: LogStream | None = None
+    try:
+        stream = None if log is None else LogStream(log)
+        loop = _Loop(link, Executor(*task, keep=500), driver, stream)
+    except Exception as error:
+        put(link, f"{type(error).__name__}: {error}")
+        driver.close()
+        return
+    signal.signal(signal.SIGTERM, loop.end)
     _log.info("the executor runs (%s)", priority)
-    loop = _Loop(link, Executor(*task, keep=500), driver, None if log is None else LogStream(log))
     put(link, ("ready", priority))
-    if loop.wait():
-        loop.run()
-    driver.close()
-    if loop.log is not None:
-        loop.log.close()
+    try:
+        if loop.wait():
+            loop.run()
+    finally:  # also where the loop itself is broken
+        try:
+            driver.close()
+        finally:
+            if stream is not None:
+                stream.close()
 
 
 class _Loop:
@@ -357,16 +401,23 @@ class _Loop:
         self.heard: float | None = None  # [s] when the last word of planning came
         self.silent = self.gone = self.closing = False
         self.serial = 0
+        self.own = 0  # trajectories of the executor's own so far
         self.known: Trajectory = executor.active  # the active one, as it was told
         self.told = 0  # periods since it changed by itself
-        self.events = self.stops = 0  # told so far
-        self.seen_events: list[Event] = []
-        self.log_trouble = ""
+        self.event: Event | None = None  # the last one that was told,
+        self.stopped = -math.inf  # and when the last stop was [s]
+        self.logged: Event | None = None
+        self.log_error = ""
+
+    def end(self, *_: object) -> None:
+        """Come to rest, and end: SIGTERM, which also a program sends that ends without closing."""
+        self.closing = True
+        self.executor.stop("asked to stop")
 
     def wait(self) -> bool:
         """Wait until planning says when time is 0; False where it is gone."""
-        while True:
-            select.select([self.link], [], [])
+        while not (self.closing or orphaned()):
+            select.select([self.link], [], [], 0.5)
             try:
                 for message in take(self.link):
                     if isinstance(message, tuple) and message[0] == "begin":
@@ -376,6 +427,7 @@ class _Loop:
                         return False
             except ChannelClosedError:
                 return False
+        return False
 
     def run(self) -> None:
         """Step after step, until the robot has come to rest at the end, or planning is gone and it stands."""
@@ -390,11 +442,14 @@ class _Loop:
             k += 1
 
     def over(self) -> bool:
-        return (self.closing or self.gone) and self.executor.at_rest(self.executor.time) and self.executor.settled
+        executor = self.executor
+        if not ((self.closing or self.gone) and executor.at_rest(executor.time)):
+            return False
+        return executor.settled or executor.time > executor.active.end_time + _CREEPS
 
     def step(self, t: float) -> None:
         """One control period: whatever fails in it, a command goes out."""
-        executor = self.executor
+        executor, began = self.executor, time.monotonic()
         measurement: Measurement | None = None
         try:
             measurement = self.driver.measure(t)
@@ -405,7 +460,11 @@ class _Loop:
         except Exception as error:
             _log.exception("a measurement could not be taken in")
             executor.fail(f"measuring failed: {type(error).__name__}: {error}")
-        self.listen(t)
+        try:
+            self.listen(t)
+        except Exception as error:
+            _log.exception("listening failed")
+            executor.log("fault", f"listening failed: {type(error).__name__}: {error}")
         try:
             command = executor.command(t)
         except Exception as error:
@@ -416,7 +475,10 @@ class _Loop:
             self.driver.send(t, command)
         except Exception as error:
             executor.log("fault", f"driver exception: {type(error).__name__}: {error}")
-        self.tell(t, command, time.monotonic() - self.epoch)
+        try:
+            self.tell(t, command, began, time.monotonic() - self.epoch)
+        except Exception:
+            _log.exception("telling failed")
         if executor.at_rest(t) and int(t / self.dt) % 100 == 0:
             gc.collect(0)
 
@@ -424,17 +486,20 @@ class _Loop:
         """Do what planning says; come to rest where it says nothing for too long."""
         executor, patience = self.executor, self.executor.params.monitor.heartbeat
         try:
-            for message in take(self.link):
+            for message in islice(take(self.link), _AT_ONCE):
                 self.heard = t
-                self.obey(message)
+                try:
+                    self.obey(message)
+                except Exception as error:
+                    executor.log("fault", f"a message of the planner: {type(error).__name__}: {error}")
         except ChannelClosedError:
-            if not self.gone:
-                self.gone = True
-                executor.fail("the planner's process is gone")
-                executor.stop("the planner's process is gone")
+            self.lose()
             return
-        except Exception as error:
+        except Exception as error:  # what cannot be unpickled
             executor.log("fault", f"a message of the planner: {type(error).__name__}: {error}")
+        if int(t / self.dt) % 10 == 0 and orphaned():  # somebody else holds the channel open
+            self.lose()
+            return
         if self.heard is not None and t - self.heard > patience:
             if not self.silent:
                 self.silent = True
@@ -443,7 +508,19 @@ class _Loop:
             self.silent = False
             executor.log("planner", "it is heard again")
 
+    def lose(self) -> None:
+        """Planning is gone for good."""
+        if not self.gone:
+            self.gone = True
+            self.executor.fail("the planner's process is gone")
+            self.executor.stop("the planner's process is gone")
+
     def obey(self, message: object) -> None:
+        """Do what a message says, where it can be done.
+
+        Raises:
+            Exception: it is no message, or carries what is none of its kind; nothing was changed.
+        """
         if not isinstance(message, tuple) or not message:
             raise ConfigurationError(f"{message!r} is no message")
         what, *values = message
@@ -455,57 +532,62 @@ class _Loop:
                 executor.anchor(motion)
             else:
                 certificate, at_goal, proven = rest
-                executor.submit(motion, certificate, at_goal=at_goal, proven=proven)
+                check_type("certificate", certificate, Certificate)
+                proven = check_number("proven", proven, low=0.0, unit="m")
+                executor.submit(motion, certificate, at_goal=bool(at_goal), proven=proven)
             if executor.active is motion:
-                self.known, self.serial, self.told = motion, serial, _TOLD
+                self.known, self.serial, self.told = motion, int(serial), _TOLD
+        elif what == "hold":
+            reason, proven = values
+            executor.hold(str(reason), check_number("proven", proven, low=0.0, unit="m"))
+        elif what == "retarget":
+            goal, tolerance = values
+            check_type("tolerance", tolerance, Tolerance)
+            executor.retarget(check_array("goal", goal, (executor.robot.nv,)), tolerance)
         elif what == "close":
-            self.closing = True
-            executor.stop("asked to stop")
-        elif what in ("brake", "hold", "reject", "log", "retarget", "stop", "resume"):
-            getattr(executor, what)(*values)
+            self.end()
+        elif what in ("brake", "reject", "log", "stop", "resume"):
+            getattr(executor, what)(*map(str, values))
         elif what != "beat":
             raise ConfigurationError(f"{what!r} is no message")
 
-    def tell(self, t: float, command: Command, sent: float) -> None:
+    def tell(self, t: float, command: Command, began: float, sent: float) -> None:
         """Tell planning and the log what has happened in this period."""
         executor, run = self.executor, self.executor.run
         if executor.active is not self.known:  # the executor's own: braked, or set to where the robot is
-            self.known, self.serial, self.told = executor.active, -abs(self.serial) - 1, 0
+            self.own -= 1
+            self.known, self.serial, self.told = executor.active, self.own, 0
         self.told += 1
         samples = None
         if self.told <= _TOLD or self.told % _TOLD == 0:
             active = executor.active
             samples = (active.time, active.coordinates, active.v, active.a)
         reference = executor.reference(t)
-        events, stops = self.news(run)
-        put(self.link, Status(
+        events = _after(lambda event: event is self.event, run.events)
+        stops = _after(lambda stop: stop[0] <= self.stopped, run.stops)
+        status = Status(
             t, run.state, run.reason, self.serial, samples, executor.at_goal, executor.estimate, executor.settled,
             executor.lost_for, executor.waits, executor.coarse, executor.needed_error, executor.recoveries,
             reference.coordinates, reference.v, events, stops,
-        ))  # fmt: skip
+        )  # fmt: skip
+        if put(self.link, status):
+            self.event = events[-1] if events else self.event
+            self.stopped = stops[-1][0] if stops else self.stopped
         if self.log is None:
             return
-        for event in events:
+        for event in _after(lambda event: event is self.logged, run.events):
             self.log.row({"t": event.time, "event": event.kind, "reason": event.reason})
-        if self.log.trouble != self.log_trouble:
-            self.log_trouble = self.log.trouble
-            if self.log_trouble:
-                executor.log("fault", self.log_trouble)
-        self.log.row(_row(t, sent, int(run.state), reference, executor.estimate, command))
+            self.logged = event
+        if self.log.error != self.log_error:
+            self.log_error = self.log.error
+            executor.log("fault" if self.log_error else "log", self.log_error or self.log.trouble or "written again")
+        row = _row(t, sent, int(run.state), reference, executor.estimate, command)
+        self.log.row({**row, "took": time.monotonic() - began})
 
-    def news(self, run: RunLog) -> tuple[tuple[Event, ...], tuple[tuple[float, str], ...]]:
-        """Events and stops that were not told yet; a log keeps the newest only."""
-        events = []
-        for event in reversed(run.events):
-            if self.seen_events and event is self.seen_events[-1]:
-                break
-            events.append(event)
-        if events:
-            self.seen_events = [events[0]]
-        stops = [stop for stop in run.stops if stop[0] > self.stops]
-        if stops:
-            self.stops = stops[-1][0]
-        return tuple(reversed(events)), tuple(stops)
+
+def _after(known: Callable[[_Thing], bool], things: list[_Thing]) -> tuple[_Thing, ...]:
+    """What comes after the last known thing."""
+    return tuple(takewhile(lambda thing: not known(thing), reversed(things)))[::-1]
 
 
 def _row(

@@ -52,7 +52,8 @@ class LogStream:
         self._next = 0  # number of the row that comes next if none was dropped
         self._bytes = b""  # formatted, not written
         self._waiting = 0  # rows in them
-        self._error = ""
+        self.error: str = ""
+        """What is wrong with the file now; empty where all is well."""
         self.lost: int = 0
         """Rows that will never be written."""
         self._end = threading.Event()
@@ -61,9 +62,9 @@ class LogStream:
 
     @property
     def trouble(self) -> str:
-        """What is wrong with the log, and how many rows are lost; empty where all is well."""
+        """What is wrong with the file, and how many rows are lost so far; empty where nothing was."""
         lost = f"{self.lost} rows are lost" if self.lost else ""
-        return "; ".join(filter(None, (self._error, lost)))
+        return "; ".join(filter(None, (self.error, lost)))
 
     def row(self, values: Mapping[str, object]) -> None:
         """Write a row; returns at once.
@@ -92,10 +93,10 @@ class LogStream:
         self.close()
 
     def _run(self) -> None:
-        while not self._end.wait(_RETRY if self._error else _EVERY):
+        while not self._end.wait(_RETRY if self.error else _EVERY):
             self._write()
         self._write()
-        if self._error:  # the disk is still full
+        if self.error:  # the disk is still full
             self.lost += self._waiting + len(self._rows)
 
     def _write(self) -> None:
@@ -106,9 +107,9 @@ class LogStream:
                     self._format()
                 done = os.write(self._file, self._bytes)
                 self._bytes = self._bytes[done:]  # the rest of a torn line is what is written next
-                self._error = ""
+                self.error = ""
         except OSError as error:
-            self._error = f"{self._path}: the log cannot be written: {error.strerror}"
+            self.error = f"{self._path}: the log cannot be written: {error.strerror}"
 
     def _format(self) -> None:
         lines: list[bytes] = []

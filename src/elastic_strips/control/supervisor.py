@@ -57,6 +57,7 @@ class Supervisor(RunLog):
         self.reset(resting)
         self._keep = keep
         self._rejection = self._holding = ""
+        self._asked: tuple[float, Trajectory, ReferenceState] | None = None
         self.at_goal: bool = False
 
     def reset(self, resting: Trajectory) -> None:
@@ -153,7 +154,10 @@ class Supervisor(RunLog):
 
     def reference(self, t: float) -> ReferenceState:
         """State to follow at time ``t`` [s]: of the active trajectory once it has begun, until then of the previous."""
-        return self._until[self._executed(t)].at(t)
+        motion = self._until[self._executed(t)]
+        if self._asked is None or self._asked[0] != t or self._asked[1] is not motion:  # several times in a period
+            self._asked = t, motion, motion.at(t)
+        return self._asked[2]
 
     def at_rest(self, t: float) -> bool:
         """Whether the active trajectory has ended by time ``t`` [s]."""

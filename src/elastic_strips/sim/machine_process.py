@@ -2,7 +2,8 @@
 
 Two channels lead to it, of one pickled message per datagram: to the driver, in whatever process that is, and to the
 simulated world. Nobody waits for anybody: what does not fit into a channel is dropped. So that nothing is lost by that,
-every reading carries the wheel travel summed up since the start, and the newest localization fix.
+every reading carries the wheel travel summed up since the start, and the newest localization fix; true states are kept
+until they fit.
 """
 
 from __future__ import annotations
@@ -10,21 +11,23 @@ from __future__ import annotations
 import logging
 import math
 import multiprocessing
-import os
 import pickle
 import select
 import signal
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control.channel import ChannelClosedError, channel, put, take
+from elastic_strips.control.child_process import end_process, orphaned, start_quietly
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.process_priority import raise_priority
@@ -41,6 +44,8 @@ _STATES = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses
 _START = 120.0  # [s] longest start of the process
 _STILL = 1e-3  # [m/s, rad/s] below this speed the machine has come to rest
 _LONGEST_STOP = 5.0  # [s] and it ends after this time if it has not
+_AT_ONCE = 50  # true states in one message
+_KEPT = 20_000  # true states that wait for a reader, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +131,7 @@ class MachineProcess:
             daemon=True,
         )
         try:
-            self._process.start()
+            start_quietly(self._process)
             executor.close()
             world.close()
             self._world.settimeout(_START)
@@ -134,8 +139,10 @@ class MachineProcess:
             self._world.setblocking(False)
             ready = pickle.loads(data) if data else "it ended at once"
         except BaseException as error:
+            executor.close()
+            world.close()
             self._end(0.0)
-            if isinstance(error, (OSError, pickle.PicklingError, AttributeError)):
+            if isinstance(error, Exception):
                 raise ParameterError(f"the simulated machine does not start: {error}") from error
             raise
         if isinstance(ready, str):
@@ -158,11 +165,8 @@ class MachineProcess:
         self._end(_LONGEST_STOP + 5.0)
 
     def _end(self, patience: float) -> None:
-        if self._process.pid is not None:
-            self._process.join(patience)
-            if self._process.is_alive():
-                self._process.kill()
-                self._process.join()
+        if not end_process(self._process, patience):
+            _log.warning("the simulated machine did not end; it is killed")
         self._states = self.truth()
         self._driver.close()
         self._world.close()
@@ -187,10 +191,11 @@ class MachineProcess:
         return MachineDriver(self._driver.dup(), self._count)
 
     def truth(self) -> list[TrueState]:
-        """The true states since the last call, one for each step."""
+        """The true states since the last call, one for each step; also of the time before it was killed."""
         states, self._states = self._states, []
-        for time_, coordinates, v, motors, commanded in _take(self._world):
-            states.append(TrueState(time_, np.array(coordinates), np.array(v), np.array(motors), commanded))
+        for message in _take(self._world):
+            for time_, coordinates, v, motors, commanded in message:
+                states.append(TrueState(time_, np.array(coordinates), np.array(v), np.array(motors), commanded))
         return states
 
     def touch(self, description: str) -> None:
@@ -299,6 +304,7 @@ class _Machine:
         self.error = ""
         self.last = Measurement(0.0, None, plant.coordinates[self.first :])
         self.epoch = 0.0
+        self.states: deque[tuple[object, ...]] = deque(maxlen=_KEPT)
 
     def try_out(self) -> None:
         """One step that does not count: what is loaded at the first use is loaded now.
@@ -313,7 +319,6 @@ class _Machine:
 
     def wait(self) -> None:
         """Wait for the parent to say when time is 0."""
-        parent = os.getppid()
         while True:
             select.select([self.world], [], [], 1.0)
             for what, value in _take(self.world):
@@ -322,13 +327,13 @@ class _Machine:
                     time.sleep(max(0.0, value - time.monotonic()))
                     return
                 self.closing = self.closing or what == "close"
-            if self.closing or os.getppid() != parent:
+            if self.closing or orphaned():
                 self.closing = True
                 return
 
     def run(self) -> None:
         """Follow the wall clock until the parent closes the machine, or is gone, and it has come to rest."""
-        parent, end = os.getppid(), math.inf
+        end = math.inf
         while True:
             now = time.monotonic() - self.epoch
             due = int(now / self.period + 1e-6)
@@ -339,7 +344,7 @@ class _Machine:
                 self.step()
             self.tell()
             self.listen()
-            if end == math.inf and (self.closing or os.getppid() != parent):
+            if end == math.inf and (self.closing or orphaned()):
                 self.closing, end = True, now + _LONGEST_STOP
             if end < math.inf and (self.at_rest() or now > end):
                 return
@@ -359,7 +364,7 @@ class _Machine:
             self.lost += 1
         plant = self.plant
         state = (plant.coordinates.tolist(), plant.v.tolist(), plant.motors.tolist())
-        put(self.world, (plant.time, *state, commanded))
+        self.states.append((plant.time, *state, commanded))
 
     def note(self, measurement: Measurement) -> None:
         self.last = measurement
@@ -387,6 +392,16 @@ class _Machine:
             last.contact or self.said["contact"], last.emergency or self.said["emergency"], self.error,
         )  # fmt: skip
         put(self.executor, tuple(reading))
+        self.report()
+
+    def report(self) -> bool:
+        """Send some true states; False where none are left, or nobody takes them."""
+        some = tuple(islice(self.states, _AT_ONCE))
+        if not some or not put(self.world, some):
+            return False
+        for _ in some:
+            self.states.popleft()
+        return True
 
     def listen(self) -> None:
         """Take the newest command, and what the world says."""
@@ -428,6 +443,8 @@ def _run(
     try:
         machine.wait()
         machine.run()
+        while machine.report():
+            pass
     finally:
         plant.close()
 

@@ -6,8 +6,10 @@ motion, and the machine's nothing of the executor but the next command.
 
 from __future__ import annotations
 
+import logging
 import os
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -19,9 +21,10 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.control.controller import Controller
 from elastic_strips.control.executor_process import ExecutorProcess
-from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.interfaces import Event, RunState
 from elastic_strips.control.log_stream import read_log
-from elastic_strips.control.record import DriveResult
+from elastic_strips.control.record import DriveResult, RecordError
+from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import Scene, World
 from elastic_strips.validation import check_number
 
@@ -30,7 +33,9 @@ from .machine_process import MachineProcess, TrueState
 from .perception import Sensing
 from .plant import Plant
 
+_log = logging.getLogger(__name__)
 _STARTS = 0.1  # [s] from now to time 0
+_STOPS = 1.0  # [s] in which a machine stops that gets no commands
 _RESTS = 1e-3  # [m/s, rad/s] a machine slower than this stands
 _PATIENCE = 30.0  # [s] after the time limit, for a robot that does not come to rest
 _WORLD = 0.0099  # [s] from one step of pedestrians and sensors to the next
@@ -77,7 +82,7 @@ class RealtimeSimulation(Simulation[Controller]):
         plant: one like it, at the start.
         world, perception, goal, watch, metadata: of the :class:`Simulation`.
         log: file that the executor writes while it drives.
-        temporary: whether that is removed after the run.
+        temporary: whether that is removed after the run, or where there is none.
         eager: whether planning goes on without a pause, rather than at the planning rate.
 
     Attributes:
@@ -111,7 +116,7 @@ class RealtimeSimulation(Simulation[Controller]):
         self.machine: MachineProcess | None = None
         self.eager: bool = eager
         self.log: Path = Path(log)
-        self._temporary = temporary
+        self._cleaned = weakref.finalize(self, Path.unlink, self.log, missing_ok=True) if temporary else None
         self._make_plant = make_plant
         self._truth: list[TrueState] = []
         self._moved = -np.inf  # time [s] of the last step of the world
@@ -121,39 +126,52 @@ class RealtimeSimulation(Simulation[Controller]):
         params, controller, executor = self.params, self.controller, self.executor
         limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
         began = time.perf_counter()
-        with ExitStack() as stack:
-            self.machine = machine = stack.enter_context(
-                MachineProcess(self._make_plant, self.view.coordinates, paused=True)
-            )
-            stack.enter_context(executor)
-            executor.start(machine.driver())
-            epoch = time.monotonic() + _STARTS
-            machine.begin(epoch)
-            executor.begin(epoch)
-            time.sleep(_STARTS)
-            over = False
-            while True:
-                t = self.time = executor.now
-                self._observe(machine)
-                if t >= limit and not over:
-                    over = True
-                    controller.stop(f"time limit of {limit:g} s")
-                sensed, trouble = sensed_by(self.perception, t)
-                controller.sensing_took = executor.now - t
-                controller.plan(t, cast("Scene | None", sensed), trouble=trouble)
-                if controller.tick is not None and controller.tick.time == t:
-                    self._after_tick(controller.tick)
-                if (controller.ended and self._settled()) or t > limit + _PATIENCE or not machine.alive:
-                    break
-                if controller.state is RunState.FAILED:  # the executor is gone: the machine stops by itself
-                    time.sleep(0.5)
-                    break
-                if not self.eager:  # the perception's time is part of the tick
-                    time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))
-        self._observe(machine)
-        self.machine = None
-        controller.close()
-        return self._result(time.perf_counter() - began)
+        try:
+            with ExitStack() as stack:
+                stack.callback(controller.close)
+                self.machine = machine = stack.enter_context(
+                    MachineProcess(self._make_plant, self.view.coordinates, paused=True)
+                )
+                stack.enter_context(executor)
+                executor.start(machine.driver())
+                warm_up(controller)
+                epoch = time.monotonic() + _STARTS
+                machine.begin(epoch)
+                executor.begin(epoch)
+                time.sleep(_STARTS)
+                self._drive(machine, limit)
+            self._observe(machine)
+            return self._result(time.perf_counter() - began)
+        finally:
+            self.machine = None
+            if self._cleaned is not None:
+                self._cleaned()
+
+    def _drive(self, machine: MachineProcess, limit: float) -> None:
+        """Plan until the drive is over, the time ``limit`` [s] at the latest, and the robot stands."""
+        params, controller, executor = self.params, self.controller, self.executor
+        over = False
+        while True:
+            t = self.time = executor.now
+            self._observe(machine)
+            if t >= limit and not over:
+                over = True
+                controller.stop(f"time limit of {limit:g} s")
+            sensed, trouble = sensed_by(self.perception, t)
+            controller.sensing_took = executor.now - t
+            controller.plan(t, cast("Scene | None", sensed), trouble=trouble)
+            if controller.tick is not None and controller.tick.time == t:
+                self._after_tick(controller.tick)
+            if (controller.ended and self._settled()) or t > limit + _PATIENCE:
+                return
+            if not machine.alive:
+                controller.log("fault", "the machine's process is gone")
+                return
+            if controller.state is RunState.FAILED:  # the executor is gone: the machine stops by itself
+                time.sleep(_STOPS)
+                return
+            if not self.eager:  # the perception's time is part of the tick
+                time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))
 
     def _observe(self, machine: MachineProcess) -> None:
         """Take in what the machine did, and let the world go on."""
@@ -169,31 +187,46 @@ class RealtimeSimulation(Simulation[Controller]):
         machine.touch(self.perception.contact)
 
     def _result(self, seconds: float) -> DriveResult:
-        rows = read_log(self.log)
-        if self._temporary:
-            self.log.unlink(missing_ok=True)
+        rows: list[dict[str, object]] = []
+        try:
+            rows = read_log(self.log)
+        except RecordError as error:  # what the machine did is known, and is not to be lost
+            _log.warning("%s; nothing of it is recorded", error)
+            self.executor.run.events.append(Event(self.time, "fault", str(error)))
         _record(self, rows)
         return replace(super()._result(seconds), compute="realtime")
 
 
-def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> None:
-    """Record what the machine did, with what the executor wrote down at the same time."""
-    truth = driven._truth
-    times = np.array([state.time for state in truth])
-    nan = [np.nan] * driven.robot.nv
-    for row in rows:
-        if "event" in row:
-            continue
-        t = float(str(row["t"]))
-        k = int(np.searchsorted(times, t + 1e-6, side="right")) - 1
-        if k < 0:
-            continue
+def warm_up(controller: Controller) -> None:
+    """Plan for nothing, while the robot stands: what the first use looks up and loads is there when time is 0, and so
+    is how long a tick takes."""
+    pace = controller.pace
+    try:
+        for warm in (False, True):
+            pace.begin()
+            controller.planner.tick(0.0, controller.scene, controller.executor.active, pace.latency)
+            pace.finish(full=warm)
+    except ElasticStripsError as error:  # the first tick that counts will say so, too
+        _log.info("warming up: %s", error)
 
-        def values(name: str, row: dict[str, object] = row) -> Array:
-            return np.array(row.get(name) or nan, dtype=float)
+
+def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> None:
+    """Record what the machine did, period by period, with what the executor wrote down at the same time."""
+    dt, nan, state = driven.params.control_dt, [np.nan] * driven.robot.nv, int(RunState.STOPPED)
+    written = {round(float(str(row["t"])) / dt): row for row in rows if "event" not in row}
+    last = -1
+    for truth in [*driven._truth] or [driven.view.state]:
+        k = int(truth.time / dt + 1e-6)
+        if k == last:
+            continue
+        last, row = k, written.get(k, {})
+        state = int(str(row.get("state", state)))
+
+        def values(name: str, row: dict[str, object] = row, empty: Sequence[float] = nan) -> Array:
+            return np.array(row.get(name, empty), dtype=float)
 
         driven.recorder.control(
-            t, coordinates=truth[k].coordinates, v=truth[k].v, motors=truth[k].motors, reference=values("reference"),
-            reference_v=values("reference_v"), estimate=values("estimate"), drive=values("drive"),
-            joints=values("joints"), state=int(str(row["state"])),
+            truth.time, coordinates=truth.coordinates, v=truth.v, motors=truth.motors, reference=values("reference"),
+            reference_v=values("reference_v"), estimate=values("estimate"),
+            drive=values("drive") if row else None, joints=values("joints") if row else None, state=state,
         )  # fmt: skip

@@ -354,7 +354,7 @@ def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, se
         Resident memory [MB] and percentiles of the ticks, window by window; ``growth`` is that of the memory from the
         end of the first tenth to the end.
     """
-    world = _world(seed)
+    world = hall_world(seed)
     ends = [robot.home(x=-3.5), robot.home(x=3.5)]
     rows: list[Figures] = []
     params = DriveParams(deform=DeformParams(max_nodes=200), time_limit=3600.0 * hours)
@@ -396,7 +396,7 @@ def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, se
     }
 
 
-def _world(seed: int) -> World:
+def hall_world(seed: int) -> World:
     """A hall with pillars, and pedestrians that cross it on endless loops."""
     rng = np.random.default_rng(seed)
     obstacles: list[Obstacle] = [

@@ -1,0 +1,211 @@
+"""Trials: drives against the wall clock in which a process is killed, stopped or hung; measured from the true states.
+
+The machine belongs to the process that measures. It starts a planner's process, and this one the executor's.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+
+from elastic_strips.control.child_process import end_process
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.record import RecordError
+from elastic_strips.robot import load_robot
+from elastic_strips.sim.closed_loop import MACHINE, sensed_by
+from elastic_strips.sim.evaluation import evaluate
+from elastic_strips.sim.machine_process import MachineDriver, MachineProcess, TrueState
+from elastic_strips.sim.plant import KinematicPlant
+from elastic_strips.sim.realtime import warm_up
+from elastic_strips.sim.scenarios import get_scenario
+from elastic_strips.sim.scenarios.drive import make_realtime
+from elastic_strips.trajectory import MotionLimits
+
+from .measure import Figures, Note, head, silent
+
+KINDS = ("planner_killed", "parent_killed", "planner_stopped", "planner_hung", "executor_killed", "disk_full")
+"""``parent_killed``: as the planner, while another process holds the executor's channel open; ``planner_stopped``: for
+1 s; ``planner_hung``: a tick of 2 s."""
+_GO_ON = ("planner_stopped", "planner_hung", "disk_full")  # the robot reaches its goal
+_FAST, _RESTS = 0.3, 1e-3  # [m/s]
+_LIMIT = 60.0  # [s] of one drive
+_STOPPED, _HUNG = 1.0, 2.0  # [s]
+_PATIENCE = 10.0  # [s] in which a robot comes to rest
+
+
+def bench_trials(
+    robot: str, seeds: Sequence[int], step: Note = silent, *, kinds: Sequence[str] | None = None
+) -> Figures:
+    """Each kind of failure in seeded corridors, at a random time while the robot moves fast.
+
+    Args:
+        robot: name or URDF file.
+        seeds: of corridors, noise and times.
+        step: told of each trial.
+        kinds: of `KINDS`; all where None.
+    """
+    rows = []
+    for kind in kinds or KINDS:
+        for seed in seeds:
+            step(f"{kind}, seed {seed}")
+            rows.append(_trial(robot, kind, int(seed)))
+    summary = {}
+    for kind in kinds or KINDS:
+        mine = [row for row in rows if row["disturbance"] == kind]
+        stops = [row["seconds_to_rest"] for row in mine if row["seconds_to_rest"] is not None]
+        summary[kind] = {
+            "count": len(mine),
+            "reached": float(np.mean([row["reached"] for row in mine])),
+            "contacts_at_speed": sum(row["contacts_at_speed"] for row in mine),
+            "at_rest": float(np.mean([row["at_rest"] for row in mine])),
+            "longest_to_rest_s": max(stops, default=None),
+            "named": float(np.mean([bool(row["faults_named"]) for row in mine])),
+        }
+    return head("trials", robot=robot, kinds=summary, rows=rows)
+
+
+def _trial(name: str, kind: str, seed: int) -> Figures:
+    robot = load_robot(name)
+    scenario = get_scenario("corridor", seed=seed)
+    start = robot.space.to_coordinates(scenario.ends(robot)[0])
+    delay = float(np.random.default_rng(seed).uniform(0.0, 5.0))
+    truth: list[TrueState] = []
+    with tempfile.TemporaryDirectory(prefix="elastic-strips-") as folder:
+        log = Path("/dev/full") if kind == "disk_full" else Path(folder) / "log.jsonl"
+        make = partial(KinematicPlant, robot, MotionLimits.for_robot(robot), MACHINE, seed=seed)
+        here, there = multiprocessing.Pipe()
+        with MachineProcess(make, start, paused=True) as machine:
+            planner = multiprocessing.get_context("spawn").Process(
+                target=_plan, args=(machine.driver(), name, kind, seed, str(log), there)
+            )
+            planner.start()
+            there.close()
+            try:
+                rest = _watch(machine, planner.pid or 0, kind, delay, here, truth)
+            finally:
+                with suppress(OSError):
+                    os.kill(planner.pid or 0, signal.SIGCONT)
+                said = here.recv() if here.poll(0.0) and planner.is_alive() else None
+                end_process(planner, 20.0)
+            if said is None:
+                with suppress(EOFError, OSError):
+                    said = here.recv() if here.poll(0.0) else None
+        truth += machine.truth()
+        rows: list[dict[str, object]] = []
+        with suppress(RecordError):
+            rows = read_log(log)
+    faults, reached, born = said if isinstance(said, tuple) else ([], False, None)
+    times = np.array([state.time for state in truth])
+    evaluation = evaluate(
+        [times, np.array([s.coordinates for s in truth]), np.array([s.v for s in truth])], robot, scenario.world
+    )
+    begin, stands, metres = rest
+    entries = [float(str(row["t"])) for row in rows]
+    before = [t for t in entries if begin is not None and t <= begin]
+    named = [str(row["reason"]) for row in rows if row.get("event") == "fault"] + faults
+    return {
+        "disturbance": kind,
+        "seed": seed,
+        "at_s": begin,
+        "seconds_to_rest": None if begin is None or stands is None else stands - begin,
+        "metres_to_rest": metres,
+        "at_rest": bool(np.abs(truth[-1].v).max() < 0.01),
+        "reached": bool(reached),
+        "contacts_at_speed": len(evaluation.collisions),
+        "contacts_at_rest": len(evaluation.rest_contacts),
+        "log_age_s": begin - before[-1] if before and begin is not None else None,
+        "faults_named": list(dict.fromkeys(named)),
+        "started": born is not None or bool(rows) or begin is not None,
+    }
+
+
+def _watch(
+    machine: MachineProcess, planner: int, kind: str, delay: float, told: Connection, truth: list[TrueState]
+) -> tuple[float | None, float | None, float | None]:
+    """Follow a drive, and do what the trial is about; when that was [s], when the robot stood [s], and after how far
+    [m]; None where it did not."""
+    if not told.poll(120.0):
+        return None, None, None
+    executor, epoch = told.recv()
+    machine.begin(epoch)
+    begin: float | None = None
+    stands: float | None = None
+    first = 0
+    moved = np.inf
+    while machine.now < _LIMIT and machine.alive:
+        time.sleep(0.005)
+        new = machine.truth()
+        truth += new
+        fast = any(abs(state.v[0]) > _FAST for state in new)
+        if fast and moved == np.inf:
+            moved = machine.now
+        if begin is None and fast and machine.now > moved + delay:
+            begin, first = machine.now, len(truth) - 1
+            _inject(kind, planner, executor, told)
+        if begin is not None and stands is None and new and np.abs(new[-1].v).max() < _RESTS:
+            stands = new[-1].time
+            if kind not in _GO_ON:
+                break
+        over = told.poll(0.0) and (begin is None or kind in _GO_ON)  # the planner has come to an end
+        if over or (begin is not None and kind not in _GO_ON and machine.now > begin + _PATIENCE):
+            break
+    if begin is None or stands is None:
+        return begin, stands, None
+    xy = np.array([state.coordinates[:2] for state in truth[first:] if state.time <= stands])
+    return begin, stands, float(np.hypot(*np.diff(xy, axis=0).T).sum())
+
+
+def _inject(kind: str, planner: int, executor: int, told: Connection) -> None:
+    if kind in ("planner_killed", "parent_killed"):
+        os.kill(planner, signal.SIGKILL)
+    elif kind == "executor_killed":
+        os.kill(executor, signal.SIGKILL)
+    elif kind == "planner_stopped":
+        os.kill(planner, signal.SIGSTOP)
+        time.sleep(_STOPPED)
+        os.kill(planner, signal.SIGCONT)
+    elif kind == "planner_hung":
+        told.send("hang")
+
+
+def _plan(driver: MachineDriver, name: str, kind: str, seed: int, log: str, owner: Connection) -> None:
+    """The planner's process: drives the corridor, and tells what was named and whether it is there."""
+    driven = make_realtime(get_scenario("corridor", seed=seed), robot=load_robot(name), seed=seed, log=log)
+    controller, executor = driven.controller, driven.executor
+    with executor, controller:
+        executor.start(driver)
+        if kind == "parent_killed":
+            _hold_open()
+        warm_up(controller)
+        epoch = time.monotonic() + 0.1
+        owner.send((executor.pid, epoch))
+        executor.begin(epoch)
+        time.sleep(0.1)
+        while not controller.ended and executor.now < _LIMIT and controller.state is not RunState.FAILED:
+            t = executor.now
+            sensed, trouble = sensed_by(driven.perception, t)
+            controller.plan(t, sensed, trouble=trouble)  # type: ignore[arg-type]
+            if owner.poll(0.0):
+                owner.recv()
+                time.sleep(_HUNG)
+            time.sleep(max(0.0, t + 0.05 - executor.now))
+        faults = [event.reason for event in controller.events if event.kind == "fault"]
+        owner.send((faults, controller.state is RunState.REACHED, executor.pid))
+
+
+def _hold_open() -> None:
+    """A process that has the executor's channel open, too, and outlives this one for a while."""
+    if os.fork() == 0:
+        time.sleep(_LIMIT)
+        os._exit(0)

@@ -1,0 +1,232 @@
+"""Executor process: whatever planning, driver or disk do, the robot comes to rest, and what was told says why."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pretend
+import pytest
+from pretend import Machine, certificate_of, set_off, straight
+
+from elastic_strips.control import executor_process
+from elastic_strips.control.channel import ChannelClosedError, channel, put, take
+from elastic_strips.control.executor_process import ExecutorProcess
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.log_stream import read_log
+from elastic_strips.errors import ConfigurationError
+from elastic_strips.robot import RobotModel
+
+FAR = 6.0  # [m]
+
+
+def until(true: Callable[[], object], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.01)
+
+
+def ended(pid: int) -> bool:
+    """Whether a process is over; one that nobody waits for stays as a zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def says(executor: ExecutorProcess, text: str) -> bool:
+    return any(text in event.reason for event in list(executor.run.events))
+
+
+def stands(executor: ExecutorProcess) -> bool:
+    return executor.run.state is RunState.STOPPED and executor.settled
+
+
+@contextmanager
+def started(robot: RobotModel, machine: Machine, log: Path | str) -> Iterator[ExecutorProcess]:
+    with ExecutorProcess(robot, robot.home(), robot.home(x=FAR), log=log) as executor:
+        executor.start(machine)
+        executor.begin(time.monotonic())
+        yield executor
+    assert ended(executor.pid)
+
+
+@pytest.fixture
+def machine(jackal_box: RobotModel, tmp_path: Path) -> Machine:
+    return Machine(jackal_box, tmp_path / "closed", fixes=True)
+
+
+@pytest.fixture
+def executor(jackal_box: RobotModel, machine: Machine, tmp_path: Path) -> Iterator[ExecutorProcess]:
+    with started(jackal_box, machine, tmp_path / "log.jsonl") as executor:
+        yield executor
+    assert machine.ended.exists()
+
+
+def test_it_follows_what_it_is_given_and_refuses_garbage(executor: ExecutorProcess, tmp_path: Path):
+    motion = straight(executor.robot, FAR, 1e6)
+    samples = (motion.time, motion.coordinates, motion.v, motion.a)
+    good, nan = certificate_of(motion), np.full_like(motion.v, np.nan)
+    for garbage in (
+        "nonsense", ("fly",), ("submit",), ("submit", 1, samples[:2], good, True, 0.02),
+        ("submit", 2, (motion.time, nan, motion.v, motion.a), good, True, 0.02),
+        ("submit", 3, (motion.time, motion.coordinates[:, :2], motion.v, motion.a), good, True, 0.02),
+        ("submit", 4, samples, "a certificate", True, 0.02), ("submit", 5, samples, good, True, np.nan),
+        ("anchor", 6, nan), ("hold", "why", -1.0), ("retarget", [1.0], executor.params.tolerance), ("retarget", nan),
+        ("brake",),
+    ):  # fmt: skip
+        put(executor._link, garbage)
+    executor._link.send(b"no pickle")
+    until(lambda: says(executor, "a message of the planner: "))
+    set_off(executor, FAR)
+    executor.brake("enough")
+    until(lambda: stands(executor))
+    assert executor.run.stops[-1][1] == "enough"
+    rows = read_log(tmp_path / "log.jsonl")
+    reasons = [str(row["reason"]) for row in rows if "event" in row]
+    for word in ("'fly' is no message", "is no message", "certificate", "proven", "goal", "not enough values"):
+        assert any("a message of the planner" in reason and word in reason for reason in reasons), (word, reasons)
+    assert all("took" in row for row in rows if "event" not in row)
+
+
+def test_silence_of_planning_brakes_and_it_is_heard_again(
+    executor: ExecutorProcess, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    set_off(executor, FAR)
+    with monkeypatch.context() as silent:
+        silent.setattr(executor_process, "put", lambda *_: True)
+        until(lambda: stands(executor))
+    assert says(executor, "nothing is heard of the planner")
+    until(lambda: says(executor, "it is heard again"))
+    rows = read_log(tmp_path / "log.jsonl")
+    brakes = next(row for row in rows if "nothing is heard" in str(row.get("reason")))
+    assert float(executor.estimate[0]) < FAR - 0.5
+    assert float(str(brakes["t"])) < float(str(rows[-1]["t"]))
+    set_off(executor, FAR)
+
+
+def test_a_failing_driver_is_named_and_outlived(jackal_box: RobotModel, machine: Machine, tmp_path: Path):
+    machine.wrong = {"measure": (1.0, 1.2), "nan": (4.0, 4.2), "send": (4.5, 4.7)}
+    with started(jackal_box, machine, tmp_path / "log.jsonl") as executor:
+        set_off(executor, FAR)
+        until(lambda: executor.recoveries > 0)
+        until(lambda: says(executor, "no answer from the motors"))
+        assert says(executor, "driver exception: OSError: no answer from the wheels")
+        assert says(executor, "no usable measurement")
+        until(lambda: not executor.waits)
+        set_off(executor, FAR)
+    assert machine.ended.exists()
+
+
+def test_a_full_disk_is_named_and_the_drive_goes_on(jackal_box: RobotModel, machine: Machine):
+    with started(jackal_box, machine, "/dev/full") as executor:
+        set_off(executor, FAR)
+        until(lambda: says(executor, "cannot be written: No space left"))
+        assert executor.run.state is RunState.MOVING
+    assert machine.ended.exists()
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_killed_planner_leaves_a_robot_at_rest(
+    jackal_box: RobotModel, machine: Machine, tmp_path: Path, stopped: bool
+):
+    log = tmp_path / "log.jsonl"
+    here, there = multiprocessing.Pipe()
+    planner = multiprocessing.get_context("spawn").Process(
+        target=pretend.plan, args=(jackal_box, machine, log, there)
+    )  # no daemon, which has no children
+    planner.start()
+    there.close()
+    assert here.poll(120.0)
+    pid = here.recv()
+
+    def rows() -> list[dict[str, object]]:
+        return [row for row in read_log(log) if "event" not in row]
+
+    try:
+        until(lambda: any(row["reference_v"][0] > 0.4 for row in rows()))  # type: ignore[index]
+        if stopped:
+            os.kill(planner.pid or 0, signal.SIGSTOP)
+            until(lambda: rows()[-1]["reference_v"][0] == 0.0)  # type: ignore[index]
+            os.kill(planner.pid or 0, signal.SIGCONT)
+            until(lambda: any(row.get("reason") == "it is heard again" for row in read_log(log)))
+    finally:
+        planner.kill()
+        planner.join()
+    until(lambda: ended(pid))
+    assert machine.ended.exists()
+    reasons = [str(row.get("reason")) for row in read_log(log)]
+    assert "the planner's process is gone" in reasons
+    assert any("nothing is heard of the planner" in reason for reason in reasons) == stopped
+    assert rows()[-1]["reference_v"] == [0.0, 0.0, 0.0]
+    assert rows()[-1]["drive"] == [0.0, 0.0]
+
+
+def test_a_killed_executor_is_named(jackal_box: RobotModel, machine: Machine, tmp_path: Path):
+    with started(jackal_box, machine, tmp_path / "log.jsonl") as executor:
+        set_off(executor, FAR)
+        os.kill(executor.pid, signal.SIGKILL)
+        until(lambda: executor.run.state is RunState.FAILED)
+        assert executor.waits == executor.run.reason == "the executor's process is gone"
+        executor.stop("asked to stop")
+        assert executor.run.state is RunState.FAILED
+    assert read_log(tmp_path / "log.jsonl")
+
+
+def test_one_that_died_before_it_began_is_named(jackal_box: RobotModel, machine: Machine, tmp_path: Path):
+    with ExecutorProcess(jackal_box, jackal_box.home(), jackal_box.home(x=FAR)) as executor:
+        executor.start(machine)
+        os.kill(executor.pid, signal.SIGKILL)
+        executor.begin(time.monotonic())
+        until(lambda: executor.run.state is RunState.FAILED)
+
+
+def test_asked_to_terminate_it_comes_to_rest(executor: ExecutorProcess, machine: Machine):
+    set_off(executor, FAR)
+    os.kill(executor.pid, signal.SIGINT)  # is for planning
+    os.kill(executor.pid, signal.SIGTERM)
+    until(machine.ended.exists)
+    until(lambda: not executor.reference(0.0).v.any())
+
+
+def test_what_does_not_start_says_why(jackal_box: RobotModel, tmp_path: Path):
+    def process(log: Path | None = None) -> ExecutorProcess:
+        return ExecutorProcess(jackal_box, jackal_box.home(), jackal_box.home(x=FAR), log=log)
+
+    closed = tmp_path / "closed"
+    for executor, machine, why in (
+        (process(), pretend.Unsendable(jackal_box, closed), "a serial port stays where it is"),
+        (process(), pretend.Unmakeable(jackal_box, closed), "ended at once"),
+        (process(tmp_path / "no" / "log"), Machine(jackal_box, closed), "cannot write the log"),
+    ):
+        with executor, pytest.raises(ConfigurationError, match=why):
+            executor.start(machine)
+    assert closed.exists(), "a driver that was received is closed"
+    assert not multiprocessing.active_children()
+    with process() as executor:
+        pass
+
+
+def test_a_channel_keeps_the_order_and_drops_what_does_not_fit():
+    one, other = channel(1 << 14)
+    sent = 0
+    while put(one, (sent, b"x" * 500)):
+        sent += 1
+    assert sent > 0
+    assert [message[0] for message in take(other)] == list(range(sent))  # type: ignore[index]
+    put(one, "last")
+    put(other, "unread")
+    one.close()
+    taken = take(other)
+    assert next(taken) == "last", "what was sent before the end comes"
+    with pytest.raises(ChannelClosedError):
+        next(taken)
+    assert not put(other, "nobody hears it")
+    other.close()

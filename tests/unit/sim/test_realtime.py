@@ -1,0 +1,123 @@
+"""Drives against the wall clock: a drive ends well, and comes to rest whatever dies; nothing is left behind."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import signal
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.log_stream import read_log
+from elastic_strips.io.scene_file import PoseSpec
+from elastic_strips.scene import Scene
+from elastic_strips.sim.realtime import RealtimeSimulation
+from elastic_strips.sim.scenarios import Scenario
+from elastic_strips.sim.scenarios.drive import make_realtime
+
+FLOOR = Scenario("floor", "empty", Scene([]), PoseSpec(), PoseSpec(3.0), robot="jackal-box")
+
+
+@pytest.fixture(autouse=True)
+def nothing_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    yield
+    assert not multiprocessing.active_children()
+    assert list(tmp_path.glob("elastic-strips-*")) == []
+
+
+def when_fast(act: Callable[[RealtimeSimulation], object]) -> Callable[[RealtimeSimulation], None]:
+    """A watcher that does something once, when the robot moves."""
+    done: list[bool] = []
+
+    def watch(driven: RealtimeSimulation) -> None:
+        if not done and driven.plant.v[0] > 0.3:
+            done.append(True)
+            act(driven)
+
+    return watch
+
+
+def named(driven: RealtimeSimulation, text: str) -> bool:
+    return any(text in event.reason for event in driven.controller.events)
+
+
+def test_a_drive_reaches_its_goal_and_is_recorded():
+    driven = make_realtime(FLOOR)
+    result = driven.run()
+    assert result.reached
+    assert result.compute == "realtime"
+    rows = result.record.control
+    assert np.abs(rows.coordinates[-1, 0] - 3.0) < 0.05
+    assert np.nanmax(rows.v[:, 0]) > 0.3
+    assert np.isfinite(rows.reference[rows.v[:, 0] > 0.3]).mean() > 0.5, "the log is found again in the record"
+    assert np.abs(rows.v[-1]).max() < 0.01
+
+
+def test_the_emergency_stop_is_obeyed(tmp_path: Path):
+    def press(driven: RealtimeSimulation) -> None:
+        assert driven.machine is not None
+        driven.machine.press("red button")
+
+    result = make_realtime(FLOOR, watch=when_fast(press), log=tmp_path / "log").run(time_limit=4.0)
+    assert not result.reached
+    rows = result.record.control
+    assert np.abs(rows.v[-1]).max() < 0.01
+    assert rows.coordinates[-1, 0] < 2.0
+    assert any("red button" in str(row.get("reason")) for row in read_log(tmp_path / "log"))
+
+
+def test_a_killed_executor_leaves_a_machine_that_stops():
+    driven = make_realtime(FLOOR, watch=when_fast(lambda driven: os.kill(driven.executor.pid, signal.SIGKILL)))
+    result = driven.run()
+    assert result.state is RunState.FAILED
+    assert named(driven, "the executor's process is gone")
+    rows = result.record.control
+    assert rows.v[:, 0].max() > 0.3
+    assert np.abs(rows.v[-1]).max() < 0.01
+    assert rows.coordinates[-1, 0] < 2.5
+
+
+def test_a_killed_machine_ends_the_drive():
+    def kill(driven: RealtimeSimulation) -> None:
+        assert driven.machine is not None
+        os.kill(driven.machine.pid or 0, signal.SIGKILL)
+
+    driven = make_realtime(FLOOR, watch=when_fast(kill))
+    result = driven.run()
+    assert not result.reached
+    assert named(driven, "the machine's process is gone") or named(driven, "no usable measurement")
+
+
+def test_a_log_that_cannot_be_read_costs_no_record():
+    driven = make_realtime(FLOOR, log="/dev/full")
+    result = driven.run()
+    assert result.reached
+    assert named(driven, "cannot be written")
+    assert result.record.control.coordinates[-1, 0] > 2.9
+
+
+def test_a_planner_that_throws_leaves_nothing_behind():
+    def fail(t: float) -> None:
+        raise KeyboardInterrupt
+
+    driven = make_realtime(FLOOR)
+    driven.perception.sense = fail  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        driven.run()
+
+
+def test_one_that_never_runs_leaves_nothing_behind():
+    driven = make_realtime(FLOOR)
+    assert driven.log.exists()
+    driven.controller.close()
+    log = driven.log
+    del driven
+    gc.collect()
+    assert not log.exists()
