@@ -399,8 +399,9 @@ class Controller(ControlLoop[Scene]):
             self.executor.reject(result.reason)
 
     def _begin(self, t: float) -> float:
-        """Start time [s] of a motion that is planned now."""
-        return t + self.pace.latency
+        """Start time [s] of a motion that is planned now; where the executor runs elsewhere, one of its periods."""
+        begin, dt = t + self.pace.latency, self.params.control_dt
+        return begin if self._here is not None else dt * float(np.ceil(begin / dt - 1e-6))
 
     def _publish(self, t: float) -> None:
         """Hand planned motions that are ready by time ``t`` [s] to the executor."""
