@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from .controller import Controller
+from .driver import Driver
 from .estimation import StateEstimator
 from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
-from .params import DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
+from .params import DriveParams, EvasionParams, MonitorParams, ObstacleAssumptions, Tolerance
 from .record import DriveResult, Record, Recorder, RecordError
 from .supervisor import Supervisor
 from .tracking import TrackingController
@@ -14,12 +15,14 @@ from .tracking import TrackingController
 __all__ = [
     "Command",
     "Controller",
+    "Driver",
     "DriveParams",
     "DriveResult",
     "EvasionParams",
     "Event",
     "LocalPlanner",
     "Measurement",
+    "MonitorParams",
     "ObstacleAssumptions",
     "Record",
     "RecordError",

@@ -237,6 +237,17 @@ class Controller(ControlLoop[Scene]):
         q = self.robot.space.from_coordinates(self.reference.coordinates)
         self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
 
+    def warm_up(self) -> None:
+        """Plan for nothing, while the robot stands: what the first use loads is there when time is 0, and so is how long
+        a tick takes."""
+        try:
+            for warm in (False, True):
+                self.pace.begin()
+                self.planner.tick(0.0, self.scene, self.executor.active, self.pace.latency)
+                self.pace.finish(full=warm)
+        except ElasticStripsError as error:  # the first tick that counts will say so, too
+            _log.info("warming up: %s", error)
+
     def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
         """One control period: the command of the motors from now on.
 

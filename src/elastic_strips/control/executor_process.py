@@ -60,6 +60,7 @@ _BEAT = 0.02  # [s] from one heartbeat of planning to the next
 _SETTLING = 0.03  # [s] a motion that was sent so short a time ago is taken for accepted
 _TOLD = 20  # periods in which a motion of the executor's own is told
 _SENT = 10  # motions that were sent last, which the active one may be
+_QUIET = 0.0015  # [s] before a period begins nothing else is begun
 _AT_ONCE = 50  # messages that are taken in one period: no flood of them holds up the command
 _CREEPS = 2.0  # [s] after the end of its motion a robot that does not stand is left to its driver
 _Thing = TypeVar("_Thing")
@@ -151,6 +152,7 @@ class ExecutorProcess:
         self._active: tuple[int, Trajectory] = (0, resting)
         self._lock = threading.Lock()
         self._closing = False
+        self._restarted = -math.inf  # [s]
         self._ending = threading.Event()
         self._gone = ""
         self._process: SpawnProcess | None = None
@@ -310,6 +312,8 @@ class ExecutorProcess:
     def retarget(self, goal: Array, tolerance: Tolerance) -> None:
         with self._lock:
             self._sent = (self.now, *self._sent[1:3], False)
+            self._restarted = self.now
+            self.run.state, self.run.reason = RunState.STOPPED, "new goal"
         self._put("retarget", goal, tolerance)
 
     def stop(self, reason: str) -> None:
@@ -433,13 +437,22 @@ class _Loop:
         """Step after step, until the robot has come to rest at the end, or planning is gone and it stands."""
         k = max(int((time.monotonic() - self.epoch) / self.dt), 0)
         while not self.over():
-            ahead = self.epoch + k * self.dt - time.monotonic()
-            if ahead > 0.0:
-                time.sleep(ahead)
+            self.idle(self.epoch + k * self.dt)
             late = int((time.monotonic() - self.epoch) / self.dt) - k
             k += max(late, 0)  # periods that were missed are left out
             self.step(k * self.dt)
             k += 1
+
+    def idle(self, until: float) -> None:
+        """Let time pass to ``time.monotonic()`` ``until``; what planning says meanwhile is done meanwhile, and takes
+        effect in the next period."""
+        if not self.gone:
+            self.listen()
+        while (ahead := until - time.monotonic()) > 0.0:
+            if self.gone or ahead < _QUIET:
+                time.sleep(ahead)
+            elif select.select([self.link], [], [], ahead - _QUIET)[0]:
+                self.listen()
 
     def over(self) -> bool:
         executor = self.executor
@@ -460,11 +473,7 @@ class _Loop:
         except Exception as error:
             _log.exception("a measurement could not be taken in")
             executor.fail(f"measuring failed: {type(error).__name__}: {error}")
-        try:
-            self.listen(t)
-        except Exception as error:
-            _log.exception("listening failed")
-            executor.log("fault", f"listening failed: {type(error).__name__}: {error}")
+        self.check_planner(t)
         try:
             command = executor.command(t)
         except Exception as error:
@@ -482,28 +491,30 @@ class _Loop:
         if executor.at_rest(t) and int(t / self.dt) % 100 == 0:
             gc.collect(0)
 
-    def listen(self, t: float) -> None:
-        """Do what planning says; come to rest where it says nothing for too long."""
-        executor, patience = self.executor, self.executor.params.monitor.heartbeat
+    def listen(self) -> None:
+        """Do what planning says."""
+        executor = self.executor
         try:
             for message in islice(take(self.link), _AT_ONCE):
-                self.heard = t
+                self.heard = executor.time
                 try:
                     self.obey(message)
                 except Exception as error:
                     executor.log("fault", f"a message of the planner: {type(error).__name__}: {error}")
         except ChannelClosedError:
             self.lose()
-            return
         except Exception as error:  # what cannot be unpickled
             executor.log("fault", f"a message of the planner: {type(error).__name__}: {error}")
+
+    def check_planner(self, t: float) -> None:
+        """Come to rest where planning is gone, or says nothing for too long."""
+        executor, heard = self.executor, self.heard
         if int(t / self.dt) % 10 == 0 and orphaned():  # somebody else holds the channel open
             self.lose()
-            return
-        if self.heard is not None and t - self.heard > patience:
-            if not self.silent:
+        elif heard is not None and t - heard > executor.params.monitor.heartbeat:
+            if not (self.silent or self.gone):
                 self.silent = True
-                executor.fail(f"nothing is heard of the planner for {t - self.heard:.2f} s")
+                executor.fail(f"nothing is heard of the planner for {t - heard:.2f} s")
         elif self.silent:
             self.silent = False
             executor.log("planner", "it is heard again")

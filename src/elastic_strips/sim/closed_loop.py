@@ -324,6 +324,8 @@ def simulation(
         senses.known(), params=params, limits=limits, seed=seed, workers=workers, meter=meter,
         events=None if record else KEPT_EVENTS, **options,
     )  # fmt: skip
+    if meter is not None:
+        controller.warm_up()
     if fault_plan.faults:
         senses = cast("Perception", FaultyPerception(senses, fault_plan))
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))

@@ -24,7 +24,6 @@ from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Event, RunState
 from elastic_strips.control.log_stream import read_log
 from elastic_strips.control.record import DriveResult, RecordError
-from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import Scene, World
 from elastic_strips.validation import check_number
 
@@ -134,7 +133,7 @@ class RealtimeSimulation(Simulation[Controller]):
                 )
                 stack.enter_context(executor)
                 executor.start(machine.driver())
-                warm_up(controller)
+                controller.warm_up()
                 epoch = time.monotonic() + _STARTS
                 machine.begin(epoch)
                 executor.begin(epoch)
@@ -195,19 +194,6 @@ class RealtimeSimulation(Simulation[Controller]):
             self.executor.run.events.append(Event(self.time, "fault", str(error)))
         _record(self, rows)
         return replace(super()._result(seconds), compute="realtime")
-
-
-def warm_up(controller: Controller) -> None:
-    """Plan for nothing, while the robot stands: what the first use looks up and loads is there when time is 0, and so
-    is how long a tick takes."""
-    pace = controller.pace
-    try:
-        for warm in (False, True):
-            pace.begin()
-            controller.planner.tick(0.0, controller.scene, controller.executor.active, pace.latency)
-            pace.finish(full=warm)
-    except ElasticStripsError as error:  # the first tick that counts will say so, too
-        _log.info("warming up: %s", error)
 
 
 def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> None:
