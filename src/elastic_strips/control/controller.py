@@ -238,8 +238,8 @@ class Controller(ControlLoop[Scene]):
         self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
 
     def warm_up(self) -> None:
-        """Plan for nothing, while the robot stands: what the first use loads is there when time is 0, and so is how long
-        a tick takes."""
+        """Plan for nothing, while the robot stands: what the first use loads is there when time is 0, and it is known
+        how long a tick takes."""
         try:
             for warm in (False, True):
                 self.pace.begin()

@@ -27,7 +27,6 @@ from elastic_strips.sim.closed_loop import MACHINE, sensed_by
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.machine_process import MachineDriver, MachineProcess, TrueState
 from elastic_strips.sim.plant import KinematicPlant
-from elastic_strips.sim.realtime import warm_up
 from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.sim.scenarios.drive import make_realtime
 from elastic_strips.trajectory import MotionLimits
@@ -153,9 +152,10 @@ def _watch(
         if begin is None and fast and machine.now > moved + delay:
             begin, first = machine.now, len(truth) - 1
             _inject(kind, planner, executor, told)
-        if begin is not None and stands is None and new and np.abs(new[-1].v).max() < _RESTS:
-            stands = new[-1].time
-            if kind not in _GO_ON:
+        if begin is not None and stands is None:
+            still = (s.time for s in new if s.time > begin and np.abs(s.v).max() < _RESTS)
+            stands = next(still, None)
+            if stands is not None and kind not in _GO_ON:
                 break
         over = told.poll(0.0) and (begin is None or kind in _GO_ON)  # the planner has come to an end
         if over or (begin is not None and kind not in _GO_ON and machine.now > begin + _PATIENCE):
@@ -187,7 +187,7 @@ def _plan(driver: MachineDriver, name: str, kind: str, seed: int, log: str, owne
         executor.start(driver)
         if kind == "parent_killed":
             _hold_open()
-        warm_up(controller)
+        controller.warm_up()
         epoch = time.monotonic() + 0.1
         owner.send((executor.pid, epoch))
         executor.begin(epoch)
