@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 CALL = [sys.executable, "-c", "from elastic_strips.cli import main; main()"]
@@ -18,9 +19,15 @@ def _heed_interrupts() -> None:
 
 
 def interrupted(
-    arguments: list[str], folder: Path, *, after: float = 0.0, printed: str = ""
+    arguments: list[str],
+    folder: Path,
+    *,
+    after: float = 0.0,
+    printed: str = "",
+    until: Callable[[], bool] | None = None,
 ) -> subprocess.CompletedProcess[str]:
-    """A process that gets Ctrl-C some seconds after its modules are loaded, or once it printed something."""
+    """A process that gets Ctrl-C some seconds after its modules are loaded, or once it printed something, or once
+    something holds."""
     program = "from elastic_strips.cli import main; print('loaded', flush=True); main()"
     process = subprocess.Popen(
         [sys.executable, "-u", "-c", program, *arguments],
@@ -33,6 +40,9 @@ def interrupted(
         if printed:
             assert printed in process.stdout.readline()
         time.sleep(after)
+        end = time.monotonic() + 120.0
+        while until is not None and not until() and time.monotonic() < end:
+            time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=120)
     finally:
