@@ -152,6 +152,7 @@ class ExecutorProcess:
         self._active: tuple[int, Trajectory] = (0, resting)
         self._lock = threading.Lock()
         self._closing = False
+        self._early: list[tuple[object, ...]] | None = []  # what is said before the process begins
         self._restarted = -math.inf  # [s]
         self._ending = threading.Event()
         self._gone = ""
@@ -196,7 +197,9 @@ class ExecutorProcess:
     def begin(self, epoch: float) -> None:
         """Let the control loop run; its time is 0 at this ``time.monotonic()``."""
         self.epoch = epoch
-        self._put("begin", epoch)
+        early, self._early = self._early or [], None
+        for message in (("begin", epoch), *early):
+            self._put(*message)
         self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         self._thread.start()
 
@@ -329,6 +332,9 @@ class ExecutorProcess:
             self._motions.append((serial, motion))
 
     def _put(self, *message: object) -> bool:
+        if self._early is not None:  # Ctrl-C, say
+            self._early.append(message)
+            return True
         sent = put(self._link, message)
         if not sent:
             _log.warning("the executor did not get: %s", message[0])

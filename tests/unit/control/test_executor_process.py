@@ -129,7 +129,8 @@ def test_a_full_disk_is_named_and_the_drive_goes_on(jackal_box: RobotModel, mach
     with started(jackal_box, machine, "/dev/full") as executor:
         set_off(executor, FAR)
         until(lambda: says(executor, "cannot be written: No space left"))
-        assert executor.run.state is RunState.MOVING
+        told = executor.reference(0.0).time
+        until(lambda: executor.reference(0.0).time > told + 0.5)
     assert machine.ended.exists()
 
 
@@ -164,7 +165,8 @@ def test_a_killed_planner_leaves_a_robot_at_rest(
     assert machine.ended.exists()
     reasons = [str(row.get("reason")) for row in read_log(log)]
     assert "the planner's process is gone" in reasons
-    assert any("nothing is heard of the planner" in reason for reason in reasons) == stopped
+    if stopped:  # a busy machine may be silent for a while otherwise, too
+        assert any("nothing is heard of the planner" in reason for reason in reasons)
     assert rows()[-1]["reference_v"] == [0.0, 0.0, 0.0]
     assert rows()[-1]["drive"] == [0.0, 0.0]
 
@@ -230,3 +232,11 @@ def test_a_channel_keeps_the_order_and_drops_what_does_not_fit():
         next(taken)
     assert not put(other, "nobody hears it")
     other.close()
+
+
+def test_what_is_said_before_it_runs_is_heard(jackal_box: RobotModel, machine: Machine, tmp_path: Path):
+    with ExecutorProcess(jackal_box, jackal_box.home(), jackal_box.home(x=FAR), log=tmp_path / "l.jsonl") as executor:
+        executor.stop("Ctrl-C while it starts")
+        executor.start(machine)
+        executor.begin(time.monotonic())
+        until(lambda: executor.waits == "Ctrl-C while it starts")
