@@ -111,7 +111,7 @@ def drive(
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
-    options.check_outputs(scenario, json_file, record_file, html_file)
+    options.check_outputs(scenario, json_file, record_file, html_file, log)
     if record_file is not None:
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
