@@ -124,13 +124,15 @@ class StateEstimator:
         measured after its return; 0 in normal operation."""
         return 0.0 if self._lost_since is None else self._time - self._lost_since
 
-    @property
-    def deviation(self) -> tuple[float, float]:
-        """Standard deviations of the present pose, by the filter: position [m], heading [rad]; 0 for a fixed base."""
+    def deviation(self, reach: float) -> float:
+        """Standard deviation [m], by the filter, of the present place of a point that moves with the base and is at
+        most ``reach`` [m] from its origin, in the direction where it is largest; 0 for a fixed base."""
         if not self._k:
-            return 0.0, 0.0
+            return 0.0
         P = self._predicted(self._past[-1])
-        return math.sqrt(P[0, 0] + P[1, 1]), math.sqrt(P[2, 2])
+        half, apart = 0.5 * (P[0, 0] + P[1, 1]), 0.5 * (P[0, 0] - P[1, 1])
+        largest = half + math.hypot(apart, P[0, 1])
+        return math.sqrt(largest + 2.0 * reach * math.hypot(P[0, 2], P[1, 2]) + reach**2 * P[2, 2])
 
     def reset(self, coordinates: Array, time: float = 0.0) -> None:
         """Restart from a known coordinate row (nv,) at a time [s]."""

@@ -51,6 +51,7 @@ class Monitor:
         self._dt = dt
         self._displacement = Displacement(robot)
         self._last: Measurement | None = None
+        self._joints_read: float | None = None  # time of the last joints that were believed
         self._model = np.zeros(len(limits.drive_speed))  # speeds that the motors ought to have
         self._wrong_since: float | None = None
 
@@ -82,14 +83,17 @@ class Monitor:
             faults.append(f"odometry was silent for {span:.2f} s")
             drive = None
         first = self.robot.space.base_nv
-        if not _near(joints, estimate[first:], self.limits.joint_speed, span):
+        unread = raw.time - (before if self._joints_read is None else self._joints_read)
+        if not _near(joints, estimate[first:], self.limits.joint_speed, unread):
             faults.append("joints are misread")
             joints = estimate[first:].copy()
             self._silence(t)
-        elif drive is None:
-            self._silence(t)
         else:
-            self.silent = None
+            self._joints_read = raw.time
+            if drive is None:
+                self._silence(t)
+            else:
+                self.silent = None
         pose, covariance = raw.pose, raw.pose_covariance
         if pose is not None:
             sound = np.shape(pose) == (3,) and np.isfinite(pose).all() and raw.pose_time is not None
@@ -139,8 +143,8 @@ class Monitor:
             estimator: knows how exact that is.
         """
         self.deviation = float(self._displacement(reference[None], estimate[None])[0])
-        position, heading = estimator.deviation if estimator.localized else (0.0, 0.0)
-        self.uncertainty = self.params.sigmas * (position + heading * self._displacement.reach())
+        error = estimator.deviation(self._displacement.reach()) if estimator.localized else 0.0
+        self.uncertainty = self.params.sigmas * error
 
 
 class SceneMonitor:

@@ -95,7 +95,7 @@ class MonitorParams(Checked):
         heartbeat: longest time [s] in which executor and planning, each in its process, hear nothing of each other.
     """
 
-    control_share: Fraction = 0.55
+    control_share: Fraction = 0.5
     largest: Positive = 0.1
     brake_at: Fraction = 1.0
     sigmas: Positive = 3.0

@@ -87,7 +87,7 @@ class DeformParams(StripParams):
     k_c: Positive = 1.0
     near: NonNegative = 0.06
     k_near: NonNegative = 20.0
-    k_self: NonNegative = 5.0
+    k_self: NonNegative = 40.0
     self_influence: NonNegative = 0.03
     k_limit: NonNegative = 1.0
     limit_margin: NonNegative = 0.05

@@ -129,3 +129,13 @@ def test_motors_that_hold_their_speed_are_found_out(monitor, home, obeys):
         assert seen is not None
         assert 1.0 < seen < 1.5
         assert "does not obey" in monitor.motor_fault
+
+
+def test_joints_that_were_misread_for_long_may_be_elsewhere_then(monitor, home):
+    """They went on while nobody could read them; a second later they are believed at their new place."""
+    for t in DT * np.arange(1, 101):
+        monitor.measurement(t, reading(home, t=t, joints=np.full(7, np.nan)), home)
+    moved = home[3:] + 0.5 * monitor.limits.joint_speed
+    got, faults = monitor.measurement(t + DT, reading(home, t=t + DT, joints=moved), home)
+    assert not faults
+    np.testing.assert_array_equal(got.joints, moved)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import link_distances
+from brute_force import link_distances, self_distances
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
@@ -454,3 +454,18 @@ def test_taking_out_a_node_does_not_lose_the_certificate(tmp_path):
     report = deformer.step(strip, post)
     assert report.certified, report.reason
     assert len(deformer.step(strip, Scene([])).strip) == 2, "nothing stood in the way, and the node stayed"
+
+
+def test_a_low_ceiling_does_not_press_an_arm_into_itself(bridge_arm):
+    """The robot's own links push back harder than what presses them together."""
+    folded = (2.05, -0.06, -2.8, -2.0, 0.06, 0.6)
+    coordinates = np.zeros((12, bridge_arm.nv))
+    coordinates[:, 0], coordinates[:, 3:] = np.linspace(0.0, 1.2, 12), folded
+    scene = Scene([Box((6, 6, 0.1), at=(0, 0, 0.62))])
+    deformer = Deformer(bridge_arm, DeformParams(clearance=0.025))
+    strip = Strip.from_coordinates(bridge_arm, coordinates)
+    for _ in range(60):
+        report = deformer.step(strip, scene)
+        strip = report.strip
+    assert report.certified, report.reason
+    assert min(self_distances(bridge_arm, q).min() for q in strip.q[1:-1]) > 0.004
