@@ -83,8 +83,8 @@ class Monitor:
             faults.append(f"odometry was silent for {span:.2f} s")
             drive = None
         first = self.robot.space.base_nv
-        unread = raw.time - (before if self._joints_read is None else self._joints_read)
-        if not _near(joints, estimate[first:], self.limits.joint_speed, unread):
+        self._joints_read = before if self._joints_read is None else self._joints_read
+        if not _near(joints, estimate[first:], self.limits.joint_speed, raw.time - self._joints_read):
             faults.append("joints are misread")
             joints = estimate[first:].copy()
             self._silence(t)
