@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import math
-import multiprocessing
 import pickle
 import select
 import signal
@@ -21,13 +20,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
+from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control.channel import ChannelClosedError, channel, put, take
-from elastic_strips.control.child_process import end_process, orphaned, start_quietly
+from elastic_strips.control.child_process import NOTHING_HEARD, end_process, orphaned, start_process
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.process_priority import raise_priority
@@ -113,6 +113,7 @@ class MachineProcess:
         self.priority: str = ""
         self._make_plant, self._coordinates = make_plant, np.array(coordinates, dtype=float)
         self._count = (0, 0)
+        self._process: SpawnProcess | None = None
         self._states: list[TrueState] = []
 
     def __enter__(self) -> MachineProcess:
@@ -123,21 +124,15 @@ class MachineProcess:
         """
         self._driver, executor = channel(_READINGS)
         self._world, world = channel(_STATES)
-        context = multiprocessing.get_context("spawn")
-        self._process = context.Process(
-            target=_run,
-            args=(self._make_plant, self._coordinates, self.period, self.timeout, executor, world),
-            name="machine",
-            daemon=True,
-        )
         try:
-            start_quietly(self._process)
+            task = (self._make_plant, self._coordinates, self.period, self.timeout)
+            self._process = start_process(_run, (executor, world), task, name="machine")
             executor.close()
             world.close()
             self._world.settimeout(_START)
             data = self._world.recv(_LARGEST)
             self._world.setblocking(False)
-            ready = pickle.loads(data) if data else "it ended at once"
+            ready = pickle.loads(data) if data else NOTHING_HEARD
         except BaseException as error:
             executor.close()
             world.close()
@@ -165,7 +160,7 @@ class MachineProcess:
         self._end(_LONGEST_STOP + 5.0)
 
     def _end(self, patience: float) -> None:
-        if not end_process(self._process, patience):
+        if self._process is not None and not end_process(self._process, patience):
             _log.warning("the simulated machine did not end; it is killed")
         self._states = self.truth()
         self._driver.close()
@@ -174,12 +169,12 @@ class MachineProcess:
     @property
     def alive(self) -> bool:
         """Whether the process runs."""
-        return self._process.is_alive()
+        return self._process is not None and self._process.is_alive()
 
     @property
     def pid(self) -> int | None:
         """Number of the process."""
-        return self._process.pid
+        return None if self._process is None else self._process.pid
 
     @property
     def now(self) -> float:
@@ -420,12 +415,12 @@ class _Machine:
 
 
 def _run(
+    executor: socket.socket,
+    world: socket.socket,
     make_plant: Callable[[], Plant],
     coordinates: Array,
     period: float,
     timeout: float,
-    executor: socket.socket,
-    world: socket.socket,
 ) -> None:
     """The process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, who closes the machine

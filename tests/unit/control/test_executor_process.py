@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -240,3 +242,22 @@ def test_what_is_said_before_it_runs_is_heard(jackal_box: RobotModel, machine: M
         executor.start(machine)
         executor.begin(time.monotonic())
         until(lambda: executor.waits == "Ctrl-C while it starts")
+
+
+def test_a_program_that_starts_it_when_it_is_read_is_told_so(tmp_path: Path):
+    """The process reads the program again, and would start another one: it ends at once, without its task read."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import elastic_strips as es\n"
+        "from elastic_strips.control.executor_process import ExecutorProcess\n"
+        "robot = es.load_robot('silvermate')\n"
+        "ExecutorProcess(robot, robot.home(), robot.home(x=1.0)).start(None)\n"
+    )
+    source = str(Path(executor_process.__file__).parents[2])
+    ended = subprocess.run(
+        [sys.executable, str(program)], capture_output=True, text=True, timeout=100.0,
+        env=os.environ | {"PYTHONPATH": source}, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 1
+    assert "it ended at once" in ended.stderr.splitlines()[-1]
+    assert "__name__" in ended.stderr.splitlines()[-1]

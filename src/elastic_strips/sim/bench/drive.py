@@ -34,6 +34,8 @@ _FAULT_SECONDS = {
     "localization_coarse": 100.0, "lost_odometry": 0.5, "scene_frozen": 2.0,
 }  # fmt: skip
 """Durations of the faults [s]; one second for the others."""
+_SLOW = "late tick"
+"""Said of planning on a slow machine, whatever else is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +114,7 @@ def _drive_once(task: _DriveTask) -> Figures:
         "tracking_m": outcome.tracking_error,
         "physical_contacts": list(outcome.physical_contacts),
         "tick_ms": result.statistics.percentiles(),
-        "faults": [[e.time, e.reason] for e in result.events if e.kind == "fault"],
+        "faults": [[e.time, e.reason] for e in result.events if e.kind in ("fault", "localization")],
         "wall_s": result.seconds,
     }
 
@@ -207,7 +209,7 @@ def bench_disturb(
         summary[kind] = {
             **_summary(mine),
             "at_rest_or_goal": float(np.mean([r.get("at_rest_at_end", False) for r in mine])),
-            "named": float(np.mean([bool(r.get("faults")) for r in mine])),
+            "named": float(np.mean([any(reason != _SLOW for _, reason in r.get("faults", ())) for r in mine])),
         }
     rows = [
         {

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control.child_process import end_process, start_quietly
+from elastic_strips.control.child_process import end_process, start_process
 from elastic_strips.control.controller import Controller
 from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Command, Measurement
@@ -186,9 +186,8 @@ def _steal() -> float:
 def _witness() -> Iterator[_Stalls]:
     """A process that notices when it is not served; the list is filled at the end."""
     here, there = multiprocessing.Pipe()
-    process = multiprocessing.get_context("spawn").Process(target=_notice, args=(there,), daemon=True)
     stalls: _Stalls = []
-    start_quietly(process)
+    process = start_process(_notice, (there,), (), name="witness")
     there.close()
     try:
         if here.poll(60.0):
