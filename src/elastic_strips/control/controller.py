@@ -293,6 +293,7 @@ class Controller(ControlLoop[Scene]):
         if not self._stopping:
             self._planning_tick(t)
         self._publish(np.inf)
+        self.executor.planned()
 
     def _see(self, t: float, scene: Scene | None, trouble: str) -> None:
         """Take in a scene, and set out for the next goal where this one is reached."""

@@ -104,6 +104,10 @@ class ExecutorLink(Protocol):
         """Write down an event at the present time: its kind in one word, and a reason."""
         ...
 
+    def planned(self) -> None:
+        """Note that a planning tick is over, whatever came of it."""
+        ...
+
     def anchor(self, resting: Trajectory) -> None:
         """At rest, follow a trajectory that stays where the robot is estimated to be."""
         ...
@@ -231,6 +235,9 @@ class Executor:
             self.log("fault", "late tick")
         if self.supervisor.submit(motion, certificate, self.time, at_goal=at_goal):
             self.proven = proven
+
+    def planned(self) -> None:
+        """Nothing to do: who plans here cannot hang unnoticed."""
 
     def brake(self, reason: str) -> None:
         t, supervisor = self.time, self.supervisor

@@ -113,7 +113,8 @@ class _Loop:
         self.link, self.executor, self.driver, self.log = link, executor, driver, log
         self.epoch, self.dt = 0.0, executor.params.control_dt
         self.heard: float | None = None  # [s] when the last word of planning came
-        self.silent = self.gone = self.closing = False
+        self.planned: float | None = None  # [s] when its last tick was over
+        self.silent = self.hangs = self.gone = self.closing = False
         self.serial = 0
         self.own = 0  # trajectories of the executor's own so far
         self.known: Trajectory = executor.active  # the active one, as it was told
@@ -217,7 +218,7 @@ class _Loop:
             executor.log("fault", f"a message of the planner: {type(error).__name__}: {error}")
 
     def check_planner(self, t: float) -> None:
-        """Come to rest where planning is gone, or says nothing for too long."""
+        """Come to rest where planning is gone, or says nothing for too long; where it hangs, on the motion it made."""
         executor, heard = self.executor, self.heard
         if int(t / self.dt) % 10 == 0 and orphaned():  # somebody else holds the channel open
             self.lose()
@@ -228,6 +229,18 @@ class _Loop:
         elif self.silent:
             self.silent = False
             executor.log("planner", "it is heard again")
+        self.check_ticks(t)
+
+    def check_ticks(self, t: float) -> None:
+        """Write down where planning lives, but hangs."""
+        executor, params = self.executor, self.executor.params.monitor
+        ago = 0.0 if self.planned is None or self.silent or self.gone else t - self.planned
+        if not self.hangs and ago > params.planner_hangs and not executor.at_rest(t):
+            self.hangs = True
+            executor.log("fault", f"the planner hangs: its last tick was over {ago:.2f} s ago")
+        elif self.hangs and ago <= params.planner_hangs:
+            self.hangs = False
+            executor.log("planner", "it plans again")
 
     def lose(self) -> None:
         """Planning is gone for good."""
@@ -267,6 +280,8 @@ class _Loop:
             executor.retarget(check_array("goal", goal, (executor.robot.nv,)), tolerance)
         elif what == "close":
             self.end()
+        elif what == "planned":
+            self.planned = executor.time
         elif what in ("brake", "reject", "log", "stop", "resume"):
             getattr(executor, what)(*map(str, values))
         elif what != "beat":

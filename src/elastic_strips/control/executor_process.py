@@ -251,6 +251,9 @@ class ExecutorProcess:
         if self._put("anchor", serial, (resting.time, resting.coordinates, resting.v, resting.a)):
             self._note(serial, resting, at_goal=False)
 
+    def planned(self) -> None:
+        self._put("planned")
+
     def brake(self, reason: str) -> None:
         self._put("brake", reason)
 

@@ -93,6 +93,8 @@ class MonitorParams(Checked):
         vanished: a scene that lacks this part of the obstacles of the one before is not believed
         scene_doubt: before this time [s] is over.
         heartbeat: longest time [s] in which executor and planning, each in its process, hear nothing of each other.
+        planner_hangs: longest time [s] from the end of one planning tick to that of the next, before a robot that moves
+            says that planning hangs; it goes on to the end of its motion.
     """
 
     control_share: Fraction = 0.5
@@ -109,6 +111,7 @@ class MonitorParams(Checked):
     vanished: Fraction = 0.8
     scene_doubt: NonNegative = 1.0
     heartbeat: Positive = 0.25
+    planner_hangs: Positive = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
