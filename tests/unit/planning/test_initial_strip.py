@@ -9,7 +9,7 @@ from elastic_strips.planning import grid_path, plan_report
 from elastic_strips.planning.initial_strip import STUCK_TICKS, line_strip, path_rows, path_strip, relax_path
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Deformer
+from elastic_strips.strip import Deformer, DeformParams
 
 REACH = {
     "arm_1_joint": 0.61, "arm_2_joint": 0.25, "arm_3_joint": -0.58, "arm_4_joint": 1.53, "arm_5_joint": 0.46,
@@ -27,7 +27,8 @@ ZIGZAG = Scene(
 
 def test_the_arm_is_tucked_where_it_does_not_fit(silvermate) -> None:
     start, goal = silvermate.home(joints=REACH), silvermate.home(x=5.0, joints=REACH)
-    report = plan_report(silvermate, ZIGZAG, start, goal, grid=True, line=False, timeout=60.0)
+    weak = DeformParams(k_self=5.0)  # the links push each other so little that the doors press the arm into itself
+    report = plan_report(silvermate, ZIGZAG, start, goal, grid=True, line=False, timeout=60.0, params=weak)
     assert report.certified
     assert report.method == "grid"
     assert "the grid's path with the arm tucked relaxed" in report.reason
