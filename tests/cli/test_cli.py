@@ -330,6 +330,30 @@ def test_ctrl_c_in_a_benchmark_ends_with_130(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_ctrl_c_during_a_late_import_is_not_lost(tmp_path: Path) -> None:
+    """In a callback of the interpreter, as imports have them, an exception is printed and forgotten."""
+    (tmp_path / "late.py").write_text(
+        "import os, signal, weakref\n"
+        "class Thing: pass\n"
+        "thing = Thing()\n"
+        "watch = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGINT))\n"
+        "del thing\n"
+    )
+    program = (
+        "import signal, time\n"
+        "from elastic_strips.cli import unlost_interrupts\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "try:\n"
+        "    with unlost_interrupts():\n"
+        "        import late\n"
+        "        time.sleep(20)\n"
+        "except KeyboardInterrupt:\n"
+        "    print('heard')\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert ended.stdout == "heard\n", ended.stderr
+
+
 def test_ctrl_c_closes_the_viewer(tmp_path: Path) -> None:
     """The viewer listens on this machine until Ctrl-C, which is its proper end."""
     ended = interrupted(["view", "case-1"], tmp_path, printed="127.0.0.1", after=0.3)

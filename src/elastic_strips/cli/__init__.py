@@ -3,8 +3,9 @@
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 EXIT_INTERRUPTED = 130
 
@@ -21,7 +22,8 @@ def main(arguments: list[str] | None = None) -> None:
         with interruptible_imports():
             from .group import run_cli
 
-        run_cli(arguments)
+        with unlost_interrupts():
+            run_cli(arguments)
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
         sys.exit(EXIT_INTERRUPTED)
@@ -31,22 +33,47 @@ def main(arguments: list[str] | None = None) -> None:
 def interruptible_imports() -> Iterator[None]:
     """Ctrl-C ends the process at once: nothing has started yet, and a ``KeyboardInterrupt`` during an import may be
     lost in a callback of the interpreter, or printed by one."""
+    with _interrupts_by(_leave):
+        yield
+
+
+@contextmanager
+def unlost_interrupts() -> Iterator[None]:
+    """Ctrl-C during an import is a ``KeyboardInterrupt`` right after it: some things are imported at their first use."""
+    with _interrupts_by(_raise_later):
+        yield
+
+
+@contextmanager
+def _interrupts_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Another handler of SIGINT, where it has Python's own or one of these."""
+    before = signal.getsignal(signal.SIGINT)
     try:
-        mine = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        mine = before in (signal.default_int_handler, _leave, _raise_later)
         if mine:
-            signal.signal(signal.SIGINT, _leave)
+            signal.signal(signal.SIGINT, handler)
     except ValueError:  # not the main thread, which alone gets signals
         mine = False
     try:
         yield
     finally:
         if mine:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, before)
 
 
-def _leave(number: int, frame: object) -> None:
+def _leave(number: int, frame: FrameType | None) -> None:
     os.write(2, b"interrupted\n")
     os._exit(EXIT_INTERRUPTED)
+
+
+def _raise_later(number: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            signal.signal(signal.SIGALRM, _raise_later)
+            signal.setitimer(signal.ITIMER_REAL, 0.02)
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 __all__ = ["main"]
