@@ -39,7 +39,7 @@ def interruptible_imports() -> Iterator[None]:
 
 @contextmanager
 def unlost_interrupts() -> Iterator[None]:
-    """Ctrl-C during an import is a ``KeyboardInterrupt`` right after it: some things are imported at their first use."""
+    """Ctrl-C during an import is a ``KeyboardInterrupt`` right after it; some modules are imported late."""
     with _interrupts_by(_raise_later):
         yield
 
