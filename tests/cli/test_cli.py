@@ -354,6 +354,23 @@ def test_ctrl_c_during_a_late_import_is_not_lost(tmp_path: Path) -> None:
     assert ended.stdout == "heard\n", ended.stderr
 
 
+def test_ctrl_c_is_heard_where_the_command_line_is_called_while_a_module_is_imported(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(
+        "import os, signal, time\n"
+        "import elastic_strips.cli.group as group\n"
+        "from elastic_strips.cli import main\n"
+        "def interrupted(arguments):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(20)\n"
+        "group.run_cli = interrupted\n"
+        "main([])\n"
+    )
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); import caller"
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 130, ended
+    assert ended.stderr == "interrupted\n"
+
+
 def test_ctrl_c_closes_the_viewer(tmp_path: Path) -> None:
     """The viewer listens on this machine until Ctrl-C, which is its proper end."""
     ended = interrupted(["view", "case-1"], tmp_path, printed="127.0.0.1", after=0.3)

@@ -67,9 +67,9 @@ def _leave(number: int, frame: FrameType | None) -> None:
 
 
 def _raise_later(number: int, frame: FrameType | None) -> None:
-    while frame is not None:
+    while frame is not None and frame.f_code is not main.__code__:  # who imports a module that calls main may go on
         if frame.f_code.co_filename.startswith("<frozen importlib"):
-            signal.signal(signal.SIGALRM, _raise_later)
+            signal.signal(signal.SIGALRM, _raise_later)  # ask again soon
             signal.setitimer(signal.ITIMER_REAL, 0.02)
             return
         frame = frame.f_back
