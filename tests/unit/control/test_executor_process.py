@@ -184,7 +184,7 @@ def test_a_killed_executor_is_named(jackal_box: RobotModel, machine: Machine, tm
     assert read_log(tmp_path / "log.jsonl")
 
 
-def test_planning_that_hangs_is_named_and_the_motion_is_driven_to_its_end(executor: ExecutorProcess):
+def test_planning_that_hangs_is_named_and_refutes_no_motion(executor: ExecutorProcess):
     set_off(executor, FAR)
     executor.planned()  # and then no more, while its heartbeats go on
     until(lambda: says(executor, "the planner hangs: its last tick was over"))
