@@ -45,7 +45,7 @@ install() {
 }
 
 # setup_venv EXTRAS: afterwards .venv holds the checkout, editable, with these extras ("" for none).
-# A stamp remembers what was installed from which pyproject.toml, so that the second run installs nothing.
+# A stamp remembers what was installed from which pyproject.toml and C++ code: the second run installs nothing.
 setup_venv() {
     local extras="$1" python digest stamp target="$ROOT"
     if [ ! -x "$VENV/bin/python" ]; then
@@ -56,7 +56,9 @@ setup_venv() {
     digest="$("$VENV/bin/python" -c '
 import hashlib, pathlib, sys
 digest = hashlib.sha256(sys.version.encode() + sys.argv[1].encode())
-digest.update(pathlib.Path(sys.argv[1], "pyproject.toml").read_bytes())
+root = pathlib.Path(sys.argv[1])
+for path in (root / "pyproject.toml", *sorted((root / "src/native").rglob("*.*"))):
+    digest.update(path.read_bytes())
 print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and run again"
     stamp="$VENV/.installed-${extras:-core}"
     # Everything that the demo needs is in the test environment, too.
@@ -66,9 +68,24 @@ print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and ru
         fi
     done
     [ -n "$extras" ] && target="$ROOT[$extras]"
+    setup_compiler
     say "Installing $target (a few minutes the first time)"
     install --editable "$target" || die "could not install $target"
     printf '%s\n' "$digest" >"$stamp"
+}
+
+# The native kernel is compiled while the checkout is installed; without a compiler NumPy computes, several times slower.
+setup_compiler() {
+    local headers
+    headers="$("$VENV/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["include"])')/Python.h"
+    command -v "${CXX:-c++}" >/dev/null 2>&1 && [ -f "$headers" ] && return
+    if [ "$(id -u)" -eq 0 ] && command -v apt-get >/dev/null 2>&1; then
+        say "Installing a compiler"
+        apt-get update -qq &&
+            DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends g++ python3-dev >/dev/null &&
+            return
+    fi
+    say "No C++ compiler, or no headers of Python: the native kernel is left out (Debian: apt-get install g++ python3-dev)"
 }
 
 # Print the browser that scripts/screenshot would take; fail where there is none.

@@ -263,6 +263,14 @@ def test_bench_replan(tmp_path: Path) -> None:
     assert figures["certified"] == sum(run["certified"] for run in figures["runs"]) / len(figures["runs"])
 
 
+def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
+    """What ticks do not mend is planned anew."""
+    figures = _bench(tmp_path, "replan", "--seeds", "2", "--into", "0.3")
+    assert figures["into_m"] == 0.3
+    assert figures["anew"] == sum(run["anew"] for run in figures["runs"]) > 0
+    assert all(run["certified"] or run["reason"] for run in figures["runs"])
+
+
 def test_bench_tick(tmp_path: Path) -> None:
     """Phases add up to the tick within a tenth; without --scaling nothing else is measured."""
     figures = _bench(tmp_path, "tick", "--ticks", "20", "--no-scaling")

@@ -104,6 +104,7 @@ def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["drive", "case-1", "--sensors", "none.yaml"], "none.yaml"),
         (["drive", "case-1", "--method", "vhf"], "'vfh'"),
         (["drive", "case-1", "--method", "vfh", "--fault", "scene_late@1"], "are of the strip"),
+        (["drive", "case-1", "--method", "vfh", "--no-evade"], "are of the strip"),
         (["drive", "case-1", "--compute", "fast"], "'free', 'work', or a finite factor"),
         (["drive", "case-1", "--log", "l.jsonl"], "--log is of --realtime"),
         (["drive", "case-1", "--realtime", "--compute", "2"], "takes its own time"),

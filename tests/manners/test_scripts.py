@@ -20,7 +20,7 @@ def checkout(tmp_path: Path) -> Path:
         'say() { printf "==> %s\\n" "$*"; }\ndie() { printf "error: %s\\n" "$*" >&2; exit 1; }\n'
     )
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
-    for name in ("ruff", "lint-imports", "pyright", "pytest"):
+    for name in ("ruff", "clang-format", "lint-imports", "pyright", "pytest"):
         end(tmp_path, name, 0)
     return tmp_path
 
@@ -41,12 +41,12 @@ def test_all_that_passes_ends_with_0(checkout: Path) -> None:
     assert done.stdout.endswith("==> All checks passed\n")
 
 
-@pytest.mark.parametrize("check", ["ruff", "lint-imports", "pyright", "pytest"])
+@pytest.mark.parametrize("check", ["ruff", "clang-format", "lint-imports", "pyright", "pytest"])
 def test_what_fails_is_named_and_the_others_are_run(checkout: Path, check: str) -> None:
     end(checkout, check, 3)
     done = run(checkout)
     assert done.returncode == 1
     assert "All checks passed" not in done.stdout
     assert "error: something to mend: " + check in done.stderr
-    for name in ("ruff", "lint-imports", "pyright", "pytest"):
+    for name in ("ruff", "clang-format", "lint-imports", "pyright", "pytest"):
         assert f"{name} has spoken" in done.stdout

@@ -21,8 +21,8 @@ ROOT = Path(__file__).parents[2]
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(
-        any(importlib.util.find_spec(name) is None for name in ("build", "hatchling")),
-        reason="build and hatchling are not installed: pip install -e '.[dev]'",
+        any(importlib.util.find_spec(name) is None for name in ("build", "scikit_build_core", "nanobind")),
+        reason="build and scikit-build-core are not installed: pip install -e '.[dev]'",
     ),
 ]
 

@@ -28,7 +28,7 @@ _json = options.json_option("Write all figures.")
 _json_runs = options.json_option("Write all figures and runs.")
 _root = click.option(
     "--root", required=True, metavar="DIR", type=click.Path(exists=True, file_okay=False),
-    help="Folder with the data: DIR/barn, DIR/dynabarn, DIR/bridge.",
+    help="Folder with the data: DIR/barn, DIR/dynabarn, DIR/bridge, DIR/house.",
 )  # fmt: skip
 
 
@@ -69,14 +69,18 @@ def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | Non
 @bench.command(short_help="Certified again after an obstacle moved.")
 @options.robot_option("silvermate")
 @_seeds(100, "Number of corridors.")
+@click.option("--into", type=options.Finite(0.001, 0.5), metavar="M", help="Push so deep into the strip instead [m].")
 @_json
-def replan(robot: str, seeds: int, json_file: str | None) -> None:
-    """Push the nearest obstacle 5 cm towards each planned strip, 4 times."""
+def replan(robot: str, seeds: int, into: float | None, json_file: str | None) -> None:
+    """Push the nearest obstacle 5 cm towards each planned strip, 4 times.
+
+    With --into a strip that stays broken is planned anew."""
     model = load_robot(robot)
     with options.LateProgress("replanning", seeds) as bar:
-        figures = bench_replan(model, seeds, bar.step)
+        figures = bench_replan(model, seeds, bar.step, into=into)
     click.echo(f"{figures['robot']}, {figures['pushes']} pushes on {seeds} corridors")
-    _row("certified again", f"{100 * figures['certified']:.1f} %")
+    anew = "" if into is None else f", {figures['anew']} planned anew"
+    _row("certified again", f"{100 * figures['certified']:.1f} %{anew}")
     _row("time", _times(figures["time_to_certified_ms"]))
     ticks = figures["ticks"]
     _row("ticks", f"p50 {ticks['p50']:.0f}, p99 {ticks['p99']:.0f}, max {ticks['max']:.0f}")
@@ -156,6 +160,9 @@ def robots(
 @click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
 @click.option("--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True, help="The machine.")
 @options.evade_option
+@click.option(
+    "--alternatives", type=click.IntRange(1, 10), default=1, show_default=True, help="Strips that are kept at hand."
+)
 @click.option("--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True, help="What steers.")
 @options.sensors_option
 @options.compute_option
@@ -167,7 +174,8 @@ def drive(
     seeds: int,
     first: int,
     plant: str,
-    evade: bool,
+    evade: bool | None,
+    alternatives: int,
     method: str,
     sensors: str | None,
     compute: str | None,
@@ -183,7 +191,8 @@ def drive(
             bar.step,
             scenario=scenario,
             plant=plant,
-            evade=evade,
+            evade=evade is not False,
+            alternatives=alternatives,
             method=method,
             sensors=config,
             compute=_compute(compute),
@@ -194,10 +203,7 @@ def drive(
     for group in figures["classes"]:
         click.echo(f"movers up to {group['from']:g} … {group['to']:g} m/s, {group['count']} runs")
         _drive_rows(group)
-    for run in figures["runs"]:
-        if not run["reached"] or run["collisions"]:
-            last = run.get("error") or (run["stops"][-1][1] if run["stops"] else run["state"])
-            _row(f"seed {run['seed']}", f"{run['collisions']} collisions; {last}")
+    _failed_rows(figures)
     _write(json_file, figures)
 
 
@@ -303,6 +309,40 @@ def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str
     _write(json_file, figures)
 
 
+@bench.command(short_help="Across a furnished house.")
+@_root
+@options.robot_option("silvermate")
+@_seeds(30, "Pairs of start and goal.")
+@click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
+@options.evade_option
+@options.sensors_option
+@options.compute_option
+@options.processes_option
+@_json_runs
+def house(
+    root: str,
+    robot: str,
+    seeds: int,
+    first: int,
+    evade: bool | None,
+    sensors: str | None,
+    compute: str | None,
+    processes: int | None,
+    json_file: str | None,
+) -> None:
+    """Drive from one free place of the house to another, with walls, furniture and their legs as 571 convex pieces."""
+    config = options.sensors_of(sensors)
+    with options.LateProgress("driving", seeds) as bar:
+        figures = bench_drive(
+            robot, range(first, first + seeds), bar.step, scenario="house", evade=evade is not False, sensors=config,
+            compute=_compute(compute), time_limit=180.0, root=root, processes=processes,
+        )  # fmt: skip
+    click.echo(f"{robot}, house, {seeds} pairs, computing: {figures['compute']}")
+    _drive_rows(figures)
+    _failed_rows(figures)
+    _write(json_file, figures)
+
+
 @bench.command(short_help="How soon a new obstacle is answered.")
 @options.robot_option("silvermate")
 @_seeds(50, "Number of corridors.")
@@ -401,6 +441,23 @@ def _drive_rows(figures: Figures) -> None:
             _row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
         _row("planning tick", f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, "
              f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
+        ticks = figures["ticks"]
+        if ticks["count"]:
+            moving = ticks["moving_max_ms"]
+            _row("all ticks", _times(ticks["ms"]) + f", max {ticks['ms']['max']:.1f} ms"
+                 + ("" if moving is None else f" ({moving:.1f} while moving)")
+                 + f", {100 * ticks['over_20_ms']:.2f} % over 20 ms")  # fmt: skip
+        anew = figures["planned_anew_s"]
+        if anew["p50"] is not None:
+            _row("waits for plans", f"p50 {anew['p50']:.2f}, p99 {anew['p99']:.2f}, max {anew['max']:.2f} s")
+
+
+def _failed_rows(figures: Figures) -> None:
+    """A line for each run with something wrong."""
+    for run in figures["runs"]:
+        if not run["reached"] or run["collisions"]:
+            last = run.get("error") or (run["stops"][-1][1] if run["stops"] else run["state"])
+            _row(f"seed {run['seed']}", f"{run['collisions']} collisions; {last}")
 
 
 def _problem_rows(figures: Figures) -> None:

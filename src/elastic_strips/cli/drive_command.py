@@ -91,7 +91,7 @@ def drive(
     method: str,
     sensors: str | None,
     time_limit: float | None,
-    evade: bool,
+    evade: bool | None,
     alternatives: int,
     compute: str | None,
     realtime: bool,
@@ -118,11 +118,11 @@ def drive(
     model = problem.load_robot(robot, "default", base)
     number = problem.seed if seed is None else seed
     wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors)
-    if method != STRIP and (wrong or evade or alternatives > 1 or compute or log):
+    if method != STRIP and (wrong or evade is not None or alternatives > 1 or compute or log):
         raise click.UsageError(
             f"--disturb, --evade, --alternatives, --compute and --log are of the strip; --method {method} has none"
         )
-    apart = realtime and method == STRIP
+    evades, apart = evade is not False, realtime and method == STRIP
     if apart and (compute or plant != PLANTS[0]):
         raise click.UsageError(
             "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
@@ -144,13 +144,13 @@ def drive(
         driven: _AnySimulation
         if apart:
             driven = make_realtime(
-                problem, robot=model, seed=number, sensors=config, evade=evade, alternatives=alternatives, faults=wrong,
-                watch=watch, log=log,
+                problem, robot=model, seed=number, sensors=config, evade=evades, alternatives=alternatives,
+                faults=wrong, watch=watch, log=log,
             )  # fmt: skip
         else:
             if method == STRIP:
                 make = partial(
-                    make_simulation, problem, evade=evade, alternatives=alternatives, faults=wrong,
+                    make_simulation, problem, evade=evades, alternatives=alternatives, faults=wrong,
                     compute=compute or "1",
                 )  # fmt: skip
             else:

@@ -76,7 +76,9 @@ compute_option = click.option(
     "work: the time that is modelled for the work that was counted, alike everywhere; free: nothing.",
 )  # fmt: skip
 evade_option = click.option(
-    "--evade", is_flag=True, help="Leave the strip where something comes, rather than only brake and wait."
+    "--evade/--no-evade",
+    default=None,
+    help="Leave the strip where something moving comes [default], or only brake and wait.",
 )
 sensors_option = click.option(
     "--sensors", metavar="NAMES|FILE.yaml",

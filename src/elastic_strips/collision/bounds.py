@@ -7,14 +7,21 @@ limits; tight ones for one posture and the motion to the next.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.robot.coal_shapes import native_solid
 from elastic_strips.robot.kinematics import KinematicTree
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 _POINT_RADIUS = 1e-6
 
@@ -42,18 +49,22 @@ class BodySet:
     ends: Array
     radius: Array
     skin: float = 0.0
+    _kept: list[_native.Bodies] = field(default_factory=list, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.names)
 
     @staticmethod
     def links(robot: RobotModel) -> BodySet:
-        """The robot's convex links."""
+        """The robot's convex links; made once for each robot."""
+        known = _LINKS.get(robot)
+        if known is not None:
+            return known
         tree, pieces = robot.tree, robot.geometries
         placements = np.array([tree.to_aligned(p.joint, p.placement) for p in pieces])
         ends = np.array([[p.capsule.a, p.capsule.b] for p in pieces])
         align = tree.align[[p.joint for p in pieces]]
-        return BodySet(
+        links = BodySet(
             tree=tree,
             names=tuple(p.name for p in pieces),
             geometries=tuple(p.geometry for p in pieces),
@@ -63,6 +74,8 @@ class BodySet:
             ends=np.einsum("gji,gej->gei", align, ends),
             radius=np.array([p.capsule.r for p in pieces]),
         )
+        _LINKS[robot] = links
+        return links
 
     @staticmethod
     def control_points(robot: RobotModel) -> BodySet:
@@ -81,6 +94,20 @@ class BodySet:
             radius=np.full(n, _POINT_RADIUS),
             skin=_POINT_RADIUS,
         )
+
+    def native(self) -> _native.Bodies | None:
+        """The bodies as the native kernel takes them, or None where there is none; made once."""
+        module, tree = kernel(), self.tree.native()
+        if module is None or tree is None:
+            return None
+        if not self._kept:
+            solids = [native_solid(geometry) for geometry in self.geometries]
+            bodies = module.Bodies(
+                tree, solids, self.joint, self.rotation, self.translation, np.ascontiguousarray(self.ends),
+                self.radius, self.skin,
+            )  # fmt: skip
+            self._kept.append(bodies)
+        return self._kept[0]
 
     def only(self, index: int) -> BodySet:
         """One of the bodies alone."""
@@ -107,6 +134,9 @@ class BodySet:
         rotation = np.matmul(frame[..., :3], self.rotation[body])
         translation = np.matmul(frame[..., :3], self.translation[body][..., None])[..., 0] + frame[..., 3]
         return rotation, translation
+
+
+_LINKS: WeakKeyDictionary[RobotModel, BodySet] = WeakKeyDictionary()
 
 
 class MotionBounds:

@@ -12,16 +12,21 @@ and lessened by how far the obstacle can be from where it is expected.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import ParameterError
+from elastic_strips.native import kernel
 from elastic_strips.scene import Scene
 from elastic_strips.scene.parts import Part
 from elastic_strips.scene.scene import PartTable
 from elastic_strips.work import count_work
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 _LONGEST = 1e6  # [s]
 
@@ -52,6 +57,7 @@ class CandidateParts:
     box_half: Array
     transforms: list[coal.Transform3s]
     obstacle: Indices
+    _poses: _native.Poses | None = None
 
     @staticmethod
     def build(scene: Scene, low: Array, high: Array, slack: float, *, always: Indices | None = None) -> CandidateParts:
@@ -78,6 +84,15 @@ class CandidateParts:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def native(self) -> _native.Poses:
+        """The poses as the native kernel takes them; it sees where the parts go."""
+        if self._poses is None:
+            module = kernel()
+            assert module is not None
+            self._poses = module.Poses(self.rotation, self.translation, self.box_center, self.box_half)
+        assert self._poses is not None
+        return self._poses
 
     def obstacle_name(self, part: int) -> str:
         """Name of the obstacle that a part belongs to."""
@@ -247,6 +262,7 @@ class MovingParts:
         self._mover: Indices = np.zeros(0, dtype=np.intp)
         self._rotation: Array = np.zeros((0, 3, 3))
         self._translation: Array = np.zeros((0, 3))
+        self.native: _native.Moving | None = None
 
     def known(self, prediction: NodePrediction) -> bool:
         """Whether the candidates hold all the forecast's obstacles; if not, the next ones will."""
@@ -270,6 +286,13 @@ class MovingParts:
         self._mover = lookup[candidates.obstacle]
         self.columns = self._mover >= 0
         self._rotation, self._translation = candidates.rotation.copy(), candidates.translation.copy()
+        module = kernel()
+        self.native = None
+        if module is not None and self.prediction is not None:
+            a = self.prediction
+            self.native = module.Moving(
+                np.ascontiguousarray(a.shift, dtype=float), np.ascontiguousarray(a.uncertainty), self._mover
+            )
 
     def advance(
         self, prediction: NodePrediction | None, candidates: CandidateParts, changed: Indices

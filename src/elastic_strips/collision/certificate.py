@@ -223,8 +223,8 @@ class OpenIntervals:
         return OpenIntervals(*(np.concatenate((getattr(self, x), getattr(other, x))) for x in self.__slots__))
 
     def open(self, clearance: float) -> Mask:
-        """Which of them the lemma does not prove."""
-        return self.d_low + self.d_high <= self.travel + 2.0 * clearance
+        """Which of them the lemma does not prove; what is not a number proves nothing."""
+        return ~(self.d_low + self.d_high > self.travel + 2.0 * clearance)
 
     def __len__(self) -> int:
         return len(self.pair)

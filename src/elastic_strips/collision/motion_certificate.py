@@ -7,6 +7,8 @@ samples, then between two of them. The first distance below the clearance ends t
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
@@ -29,6 +31,9 @@ from .certificate import (
 )
 from .narrowphase import Narrowphase
 from .self_distance import SelfProximity
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 _SLACK = 0.6
 """How far [m] a motion may leave the boxes about the candidates before they are collected anew."""
@@ -54,6 +59,8 @@ class MotionCertifier:
         self._moving = MovingParts()
         self._kin = Kinematics(bodies.tree, 64)
         self._bisection = Bisection(bodies)
+        self._v = np.zeros((0, bodies.tree.space.nv))
+        self.checks: int = 0
 
     @property
     def queries(self) -> int:
@@ -90,6 +97,7 @@ class MotionCertifier:
         count_work(batches=1)
         self._kin.update(coordinates, jacobians=False)
         self._bisection.begin(self._kin, v)
+        self._v, self.checks = v, 0
         travel = self.bounds.travel(v)
         self._look(scene, prediction, clearance, travel)
         turns = np.flatnonzero(self.bodies.tree.space.half_turn(v))
@@ -101,7 +109,9 @@ class MotionCertifier:
         states = np.full(len(v), SegmentState.CERTIFIED if broken is None else SegmentState.UNKNOWN, dtype=np.int8)
         if broken is not None and broken.certain:
             states[broken.segment] = SegmentState.COLLIDING
-        return Certificate(clearance, states == SegmentState.CERTIFIED, states, broken, self._bisection.checks)
+        return Certificate(
+            clearance, states == SegmentState.CERTIFIED, states, broken, self.checks + self._bisection.checks
+        )
 
     def _look(self, scene: Scene, prediction: NodePrediction, clearance: float, travel: Array) -> None:
         """Candidates: all that comes within the clearance of the motion, and all that moves."""
@@ -120,18 +130,41 @@ class MotionCertifier:
     def _prove_obstacles(self, travel: Array, clearance: float) -> BrokenSegment | None:
         candidates, count = self.candidates, len(self.bodies)
         assert candidates is not None
+        approach = self._moving.travel()
+        pairs = ObstaclePairs(self.bodies, self._narrow, candidates, self._moving)
+        if self._narrow.native is not None:
+            found = self._narrow.native.prove(
+                self._kin.T, self._kin.coordinates[: self._kin.n], self._v, candidates.native(), self._moving.native,
+                travel, approach, clearance, _depth(len(travel)),
+            )  # fmt: skip
+            return self._proof(pairs, found, len(travel))
         total = np.zeros((len(travel) + 1, count, len(candidates)))
         np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=total[1:])
-        approach = self._moving.travel()
         if approach is not None:
             total[1:] += np.cumsum(approach, axis=0)[:, None, :]
-        pairs = ObstaclePairs(self.bodies, self._narrow, candidates, self._moving)
         return self._prove(pairs, total.reshape(len(total), count * len(candidates)), clearance)
 
     def _prove_self(self, v: Array, clearance: float) -> BrokenSegment | None:
+        travel, pairs = self._self.travel(v), SelfPairs(self._self)
+        if self._self.native is not None:
+            found = self._self.native.prove(
+                self._kin.T, self._kin.coordinates[: self._kin.n], v, travel, clearance, _depth(len(v))
+            )
+            return self._proof(pairs, found, len(v))
         total = np.zeros((len(v) + 1, len(self._self.pairs)))
-        np.cumsum(self._self.travel(v), axis=0, out=total[1:])
-        return self._prove(SelfPairs(self._self), total, clearance)
+        np.cumsum(travel, axis=0, out=total[1:])
+        return self._prove(pairs, total, clearance)
+
+    def _proof(self, pairs: Pairs, found: _native.Proof, segments: int) -> BrokenSegment | None:
+        """What the native kernel found."""
+        broken, checks, (bounded, queries) = found
+        self.checks += checks
+        count_work(pairs=bounded, queries=queries)
+        self._narrow.queries += queries
+        if broken is None:
+            return None
+        place, pair, distance, certain = broken
+        return pairs.broken(min(int(place), segments - 1), pair, distance, certain)
 
     def _prove(self, pairs: Pairs, total: Array, clearance: float) -> BrokenSegment | None:
         """One interval for each pair, from the first sample to the last, is halved until all is proven."""
@@ -145,12 +178,17 @@ class MotionCertifier:
         todo = OpenIntervals(pair, low, high, d_low, d_high, unknown, unknown, total[-1])
         search = _MotionSearch(pairs, clearance, last)
         todo = todo.take(todo.open(clearance))
-        left = self._bisection.run(pairs, todo, search, last.bit_length() + _MAX_DEPTH + 1, total)
+        left = self._bisection.run(pairs, todo, search, _depth(last), total)
         if search.broken is None and len(left):
             d = np.minimum(left.d_low, left.d_high)
             k = int(np.argmin(d))
             return pairs.broken(min(int(left.low[k]), last - 1), int(left.pair[k]), float(d[k]), False)
         return search.broken
+
+
+def _depth(segments: int) -> int:
+    """Most halvings of a motion of so many segments."""
+    return segments.bit_length() + _MAX_DEPTH + 1
 
 
 class _MotionSearch:

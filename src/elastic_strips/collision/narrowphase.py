@@ -12,19 +12,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import for_penetration, sphere_as_capsule
+from elastic_strips.robot.coal_shapes import for_penetration, native_block, native_solid, sphere_as_capsule
 from elastic_strips.scene.parts import Part
 from elastic_strips.work import count_work
 
 from .bounds import BodySet
 from .candidates import CandidateParts
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 _TOLERANCE = 1e-12
 _AGREEMENT = 1e-4
@@ -136,12 +140,21 @@ class Narrowphase:
         self._blocks: dict[int, _Block] = {}
         self._probes: dict[int, coal.CollisionObject] = {}
         self._transform = coal.Transform3s()
+        module, native_bodies = kernel(), bodies.native()
+        self.native: _native.Narrowphase | None = None
+        if module is not None and native_bodies is not None:
+            self.native = module.Narrowphase(native_bodies)
+        self._solids: dict[int, _native.Solid] = {}
 
     def retain(self, parts: Sequence[Part]) -> None:
         """Forget what is cached for all other parts."""
         self._parts = {id(part): part for part in parts}
         self._functors = {key: f for key, f in self._functors.items() if key[1] in self._parts}
         self._blocks = {key: b for key, b in self._blocks.items() if key in self._parts}
+        if self.native is not None:
+            known = self._solids
+            self._solids = {key: known.get(key) or native_part(part) for key, part in self._parts.items()}
+            self.native.set_parts([self._solids[id(part)] for part in parts])
 
     def query(
         self,
@@ -170,6 +183,9 @@ class Narrowphase:
         count_work(queries=count)
         distance = np.empty(count)
         direction, witness = np.zeros((count, 3)), np.zeros((count, 3))
+        if self.native is not None:
+            self.native.query(kin.T, node, body, part, candidates.native(), shift, distance, direction, witness)
+            return distance, direction, witness
         rotation, translation = self.bodies.placements(kin, node, body)
         if shift is not None:
             translation -= shift  # the obstacle moves one way, or the robot the other
@@ -221,6 +237,11 @@ class Narrowphase:
         distance, direction, witness = block.nearest(probe, pose)
         # the caller turns directions of its own queries around; this one already points away
         return distance, -(part_rotation @ direction), part_rotation @ witness + part_translation
+
+
+def native_part(part: Part) -> _native.Solid:
+    """An obstacle's part as the native kernel takes it."""
+    return native_block(part.boxes) if part.geometry is None else native_solid(part.geometry)
 
 
 class _Block:

@@ -8,16 +8,23 @@ nothing else.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero
 from elastic_strips.scene import Scene
+from elastic_strips.work import count_work
 
 from .bounds import BodySet
 from .candidates import CandidateParts, MovingParts, NodePrediction
 from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 _FAR = 1e9
 _MOVING_TOLERANCE = 2e-3
@@ -56,7 +63,6 @@ class ObstacleProximity:
         self.moving: MovingParts = MovingParts()
         self._cover = np.zeros(0, dtype=np.intp)
         self._coordinates = np.zeros((0, 0))
-        self._limit = np.zeros(0)
         self._allocate(0, 0)
 
     def _allocate(self, n: int, p: int) -> None:
@@ -66,6 +72,8 @@ class ObstacleProximity:
         self.exact = np.full((n, g, p), np.inf)
         self.direction, self.witness = np.zeros((n, g, p, 3)), np.zeros((n, g, p, 3))
         self._ends, self._frames = np.zeros((n, g, 2, 3)), np.zeros((n, g, 3, 3))
+        self._limit = np.full(p, self.tolerance)
+        self._share()
 
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
@@ -93,6 +101,7 @@ class ObstacleProximity:
         self.bound[new] = -_FAR
         self._since[new] = _FAR
         self._coordinates[new] = np.nan
+        self._share()
 
     def update(self, kin: Kinematics, scene: Scene, prediction: NodePrediction | None = None) -> None:
         """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot.
@@ -102,24 +111,39 @@ class ObstacleProximity:
             scene: the snapshot.
             prediction: where some of its obstacles will be when each node is reached; all of them stay where None.
         """
-        coordinates = kin.coordinates[: kin.n]
-        ends = self.bodies.capsule_ends(kin)
         columns = None if self.candidates is None else self.candidates.follow(scene)
         if prediction is not None and not self.moving.known(prediction):
             columns = None
-        moved_nodes = None
-        if columns is not None and self._coordinates.shape == coordinates.shape:
-            moved_nodes = np.flatnonzero((coordinates != self._coordinates).any(axis=1))
-            if len(moved_nodes) and not self._keep_margin(ends, moved_nodes):
-                columns = None
-        if columns is None or moved_nodes is None:
-            self._rebuild(ends, scene)
+        if columns is not None and not self._follow(kin):
             columns = None
-        elif len(moved_nodes):
-            self._drift(kin, ends, moved_nodes)
+        if columns is None:
+            ends = self.bodies.capsule_ends(kin)
+            self._rebuild(ends, scene)
+            self._remember(kin, ends, None)
         self._predict(prediction, columns)
-        self._remember(kin, ends, moved_nodes)
         self.refine(kin)
+
+    def _follow(self, kin: Kinematics) -> bool:
+        """Lower the bounds of nodes that moved; False where the candidates may not hold all that is near them."""
+        coordinates = kin.coordinates[: kin.n]
+        if self._coordinates.shape != coordinates.shape:
+            return False
+        candidates, native, arrays = self.candidates, self.narrow.native, self.arrays
+        assert candidates is not None
+        if native is None or arrays is None:
+            moved = np.flatnonzero((coordinates != self._coordinates).any(axis=1))
+            if len(moved):
+                ends = self.bodies.capsule_ends(kin)
+                if not self._keep_margin(ends, moved):
+                    return False
+                self._drift(kin, ends, moved)
+                self._remember(kin, ends, moved)
+            return True
+        lost = native.follow(
+            kin.T, coordinates, self.influence, self._coordinates, self._ends, self._frames, candidates.cover_low,
+            candidates.cover_high, self._cover, self.margin, arrays,
+        )  # fmt: skip
+        return not lost or self._cover_anew(*self._boxes(self._ends[lost]), np.array(lost))
 
     def _predict(self, prediction: NodePrediction | None, columns: Indices | None) -> None:
         """Lower the bounds by how far parts have moved, or are now expected to have moved when a node is reached."""
@@ -139,6 +163,16 @@ class ObstacleProximity:
         self._limit = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
         if moving.prediction is not None and moving.prediction.ignored.any():
             self._mark(moving.prediction.ignored, moving.columns, _FAR, 0.0)
+        self._share()
+
+    def _share(self) -> None:
+        """Show the native kernel the arrays."""
+        module = kernel()
+        self.arrays: _native.Distances | None = None
+        if self.narrow.native is not None and module is not None:
+            self.arrays = module.Distances(
+                self.bound, self._since, self.exact, self.direction, self.witness, self._limit
+            )
 
     def _mark(self, nodes: Mask, columns: Mask, bound: float, since: float) -> None:
         at = np.ix_(nodes, np.ones(len(self.bodies), dtype=bool), columns)
@@ -162,13 +196,16 @@ class ObstacleProximity:
         )
         depth[cover < 0] = -1.0
         lost = np.flatnonzero(depth < self.influence)
-        if len(lost):
-            grow = self.influence
-            if not candidates.covered(low[lost] - grow, high[lost] + grow).all():
-                return False
-            depth[lost] = grow
-            self._cover[moved[lost]] = -1
         self.margin[moved] = depth
+        return len(lost) == 0 or self._cover_anew(low[lost], high[lost], moved[lost])
+
+    def _cover_anew(self, low: Array, high: Array, nodes: Indices) -> bool:
+        """Nodes that left their box of candidates; whether others hold all that is near their own boxes (M, 3)."""
+        assert self.candidates is not None
+        grow = self.influence
+        if not self.candidates.covered(low - grow, high + grow).all():
+            return False
+        self.margin[nodes], self._cover[nodes] = grow, -1
         return True
 
     def look_between(self, kin: Kinematics, between: Kinematics, reach: Array) -> bool:
@@ -191,8 +228,8 @@ class ObstacleProximity:
             return False
         ends = self.bodies.capsule_ends(kin)
         self._rebuild(ends, candidates.scene, low[new], high[new])
-        self._predict(self.moving.prediction, None)
         self._remember(kin, ends, None)
+        self._predict(self.moving.prediction, None)
         self.refine(kin)
         return True
 
@@ -227,16 +264,22 @@ class ObstacleProximity:
         return kin.T[self.bodies.joint[None, :], nodes[:, None]][..., :3]
 
     def _remember(self, kin: Kinematics, ends: Array, moved: Indices | None) -> None:
-        self._ends = ends
         if moved is None:
-            self._frames = self._rotations(kin, np.arange(kin.n))
+            self._ends = np.ascontiguousarray(ends)
+            self._frames = np.ascontiguousarray(self._rotations(kin, np.arange(kin.n)))
             self._coordinates = kin.coordinates[: kin.n].copy()
         elif len(moved):
+            self._ends[moved] = ends[moved]
             self._frames[moved] = self._rotations(kin, moved)
             self._coordinates[moved] = kin.coordinates[moved]
 
     def refine(self, kin: Kinematics) -> None:
         """Make every pair exact whose bound is below the influence distance and that moved since it was measured."""
+        candidates, native, arrays = self.candidates, self.narrow.native, self.arrays
+        assert candidates is not None
+        if native is not None and arrays is not None:
+            self.account(*native.refine(kin.T, candidates.native(), self.moving.native, self.influence, arrays))
+            return
         need = (self.bound < self.influence) & (self._since > self._limit)
         node, body, part = nonzero(need)
         self._ask(kin, node, body, part, self.influence)
@@ -245,6 +288,11 @@ class ObstacleProximity:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
         stale = (self.bound[node, body, part] < reach) & (self._since[node, body, part] > 0.0)
         self._ask(kin, node[stale], body[stale], part[stale], reach[stale])
+
+    def account(self, pairs: int, queries: int) -> None:
+        """Account the work of the native kernel."""
+        self.narrow.queries += queries
+        count_work(pairs=pairs, queries=queries)
 
     def _ask(self, kin: Kinematics, node: Indices, body: Indices, part: Indices, reach: Array | float) -> None:
         candidates = self.candidates
@@ -274,7 +322,10 @@ class ObstacleProximity:
 
     def contacts(self) -> Contacts:
         """All pairs within the influence distance, exact to the tolerance."""
-        node, body, part = at = nonzero((self.exact < self.influence) & (self._since <= self._limit))
+        if self.arrays is not None:
+            node, body, part = at = self.arrays.contacts(self.influence)
+        else:
+            node, body, part = at = nonzero((self.exact < self.influence) & (self._since <= self._limit))
         return Contacts(node, body, part, self.exact[at], self.direction[at], self.witness[at])
 
     def clearance(self) -> Array:

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero
 from elastic_strips.work import count_work
 
 from .bounds import BodySet, MotionBounds
 from .narrowphase import GJK_EXCESS, PairSolver, ShapePair
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 _FAR = 1e9
 
@@ -96,6 +101,10 @@ class SelfProximity:
         self.queries: int = 0
         self._coordinates = np.zeros((0, 0))
         self._base = np.zeros((0, 3, 4))
+        module, native_bodies = kernel(), bodies.native()
+        self.native: _native.SelfPairs | None = None
+        if module is not None and native_bodies is not None:
+            self.native = module.SelfPairs(native_bodies, pairs)
         self._allocate(0)
         self._functors = [ShapePair.of(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
         self._solver = PairSolver()
@@ -106,6 +115,16 @@ class SelfProximity:
         s = len(self.pairs)
         self.bound, self.exact, self._since = np.full((n, s), -_FAR), np.full((n, s), np.inf), np.full((n, s), _FAR)
         self.direction, self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3)), np.zeros((n, s, 3))
+        self._share()
+
+    def _share(self) -> None:
+        """Show the native kernel the arrays."""
+        module = kernel()
+        self.arrays: _native.SelfDistances | None = None
+        if self.native is not None and module is not None:
+            self.arrays = module.SelfDistances(
+                self.bound, self._since, self.exact, self.direction, self.first, self.second, self.tolerance
+            )
 
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
@@ -121,21 +140,29 @@ class SelfProximity:
         self.bound[new] = -_FAR
         self._since[new] = _FAR
         self._coordinates[new] = np.nan
+        self._share()
 
     def update(self, kin: Kinematics) -> None:
         """Bring bounds and exact distances up to date with the nodes of ``kin``."""
         coordinates = kin.coordinates[: kin.n]
-        if self._coordinates.shape != coordinates.shape:
+        fresh = self._coordinates.shape != coordinates.shape
+        if fresh:
             self._allocate(kin.n)
-        else:
+        self._base = kin.T[1 if self.bodies.tree.space.planar else 0, : kin.n].copy()
+        before, self._coordinates = coordinates if fresh else self._coordinates, coordinates.copy()
+        if self.native is not None and self.arrays is not None:
+            pairs, queries = self.native.update(
+                kin.T, self._coordinates, before, self.radius, self.influence, self.arrays
+            )
+            self.account(pairs, queries)
+            return
+        if not fresh:
             b = self.bodies.tree.space.base_nv
-            delta = np.abs(coordinates[:, b:] - self._coordinates[:, b:])
+            delta = np.abs(coordinates[:, b:] - before[:, b:])
             shift = delta @ self.radius[b:]
             shift[np.isnan(shift)] = _FAR
             self.bound -= shift
             self._since += shift
-        self._coordinates = coordinates.copy()
-        self._base = kin.T[1 if self.bodies.tree.space.planar else 0, : kin.n].copy()
         self.refine(kin, self.influence)
 
     def refine(self, kin: Kinematics, reach: float) -> None:
@@ -188,6 +215,11 @@ class SelfProximity:
             first[k] = result.getNearestPoint1()
             second[k] = result.getNearestPoint2()
         return distance, -direction, first, second
+
+    def account(self, pairs: int, queries: int) -> None:
+        """Account the work of the native kernel."""
+        self.queries += queries
+        count_work(pairs=pairs, queries=queries)
 
     def distances(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
         """Exact signed distances (K,) [m]; cheaper than :meth:`query`, which reads the nearest points, too."""

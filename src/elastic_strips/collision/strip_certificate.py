@@ -89,6 +89,10 @@ class Certifier:
             _StripSearch(obstacle_pairs, clearance, states, worst),
             _StripSearch(SelfPairs(self.self_pairs), self_clearance, states, worst),
         )
+        native = self._certify_native(kin, v, searches, states)
+        if native is not None:
+            worst.sort(key=lambda b: (not b.certain, b.clearance))
+            return Certificate(clearance, states == 0, states, worst[0] if worst else None, looked + native)
         self._colliding_nodes(kin, searches[0])
         todos = self._open_obstacles(kin, v, travel, clearance, states), self._open_self(kin, v, self_clearance)
         self._bisection.begin(kin, v)
@@ -103,6 +107,37 @@ class Certifier:
         worst.sort(key=lambda b: (not b.certain, b.clearance))
         checks = looked + self._bisection.checks
         return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
+
+    def _certify_native(
+        self, kin: Kinematics, v: Array, searches: tuple[_StripSearch, _StripSearch], states: npt.NDArray[np.int8]
+    ) -> int | None:
+        """The rest of :meth:`certify` by the native kernel; returns its checks, or None where there is none."""
+        obstacles, own, depth = self.obstacles, self.self_pairs, self.max_depth
+        candidates, narrow, arrays, self_arrays = (
+            obstacles.candidates,
+            obstacles.narrow.native,
+            obstacles.arrays,
+            own.arrays,
+        )
+        if candidates is None or narrow is None or own.native is None or arrays is None or self_arrays is None:
+            return None
+        coordinates, checks = kin.coordinates[: kin.n], 0
+        if len(candidates):
+            broken, count, work = narrow.certify(
+                kin.T, kin.J, coordinates, v, candidates.native(), obstacles.moving.native, self.bounds.radius,
+                obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
+            )  # fmt: skip
+            obstacles.account(*work)
+            searches[0].note(broken)
+            checks += count
+        if len(own.pairs):
+            broken, count, work = own.native.certify(
+                kin.T, coordinates, v, own.radius, self_arrays, searches[1].clearance, depth, states
+            )
+            own.account(*work)
+            searches[1].note(broken)
+            checks += count
+        return checks
 
     def _colliding_nodes(self, kin: Kinematics, search: _StripSearch) -> None:
         """A node that is itself too close decides both its segments."""
@@ -132,7 +167,7 @@ class Certifier:
         if approach is not None:
             slack -= approach[:, None, :]
         slack[states != 0] = np.inf
-        segment, body, part = nonzero(slack <= 0.0)
+        segment, body, part = nonzero(~(slack > 0.0))
         if len(segment) == 0:
             return None
         # second chance with the tight travel of these bodies, then with refreshed distances at the ends
@@ -142,7 +177,7 @@ class Certifier:
         tight = self.bounds.tight_travel(kin, s, g, v[s])[inverse]
         if approach is not None:
             tight = tight + approach[segment, part]
-        keep = bound[segment, body, part] + bound[segment + 1, body, part] <= tight + 2.0 * clearance
+        keep = ~(bound[segment, body, part] + bound[segment + 1, body, part] > tight + 2.0 * clearance)
         segment, body, part, tight = segment[keep], body[keep], part[keep], tight[keep]
         if len(segment) == 0:
             return None
@@ -159,7 +194,7 @@ class Certifier:
         if bound.shape[1] == 0:
             return None
         travel = proximity.travel(v)
-        segment, pair = nonzero(bound[:-1] + bound[1:] <= travel + 2.0 * clearance)
+        segment, pair = nonzero(~(bound[:-1] + bound[1:] > travel + 2.0 * clearance))
         if len(segment) == 0:
             return None
         travel = travel[segment, pair]
@@ -210,6 +245,12 @@ class _StripSearch:
         if bad.any():
             self.report(place[bad], pair[bad], d[bad], certain=True)
         return False
+
+    def note(self, broken: tuple[float, int, float, bool] | None) -> None:
+        """Note the place, pair and distance that the native kernel found worst."""
+        if broken is not None:
+            place, pair, distance, certain = broken
+            self.worst.append(self.pairs.broken(int(place), pair, distance, certain))
 
     def report(self, place: Array, pair: Indices, d: Array, *, certain: bool) -> None:
         """Give segments their state and note the nearest pair."""

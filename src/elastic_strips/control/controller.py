@@ -40,6 +40,9 @@ from .supervisor import RunLog
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
 """Events that are kept by default: a robot may run for days."""
+_ELSEWHERE = 0.02
+"""Distance [m, rad] from the beginning of a strip that was planned while the robot braked, from which on it stands
+elsewhere."""
 _Planned = TypeVar("_Planned")
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
@@ -144,6 +147,7 @@ class Controller(ControlLoop[Scene]):
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
         self._no_path = self._stopping = ""
+        self._beside = 0.0  # [s] of the present tick that went into other tasks
         self._next_tick = 0  # number of the step with the next planning tick
 
     def __enter__(self) -> Controller:
@@ -321,7 +325,7 @@ class Controller(ControlLoop[Scene]):
         Returns:
             What it took [s], by the meter.
         """
-        began = perf_counter()
+        began, self._beside = perf_counter(), 0.0
         executor = self.executor
         self.result = None
         before = len(self._ready)
@@ -340,7 +344,7 @@ class Controller(ControlLoop[Scene]):
         result = self.result
         charged = self.pace.finish(full=bool(result and result.timings))
         self._ready[before:] = [(due + charged, ready, proven) for due, ready, proven in self._ready[before:]]
-        seconds = perf_counter() - began
+        seconds = perf_counter() - began - self._beside
         reason = (result.reason if result else "") or self.reason
         status = result.report.status.value if result else ""
         self.tick = Tick(t, seconds, result, self.strip.coordinates, executor.active.end_time, status, reason)
@@ -368,12 +372,12 @@ class Controller(ControlLoop[Scene]):
         if self._no_path:  # the strip leads to the previous goal
             executor.reject(self._no_path)
             return
-        waiting = self._replan(t)
-        if (waiting and self.planner.evasion is None) or self._rest_of_goal(t, scene):
+        waiting, at_rest = self._replan(t), executor.at_rest(t)
+        evades = self.planner.evasion is not None and any(o.motion is not None for o in scene)
+        if (waiting and at_rest and not evades) or self._rest_of_goal(t, scene):
             return
         self._allow()
         begin = self._begin(t)
-        at_rest = executor.at_rest(t)
         if at_rest and t >= executor.active.end_time + params.settle_time:
             executor.anchor(stationary(self.robot, self.limits, np.array(executor.estimate), begin, params.control_dt))
         result = self.result = self.plan_tick(t, scene, executor.active, begin)
@@ -382,7 +386,7 @@ class Controller(ControlLoop[Scene]):
         due = "" if waiting else self.replanner.watch(t, result, scene, at_rest=at_rest)
         if due:
             executor.log("replanning", due)
-        if not waiting or result.outcome is PlanOutcome.EVADE:
+        if not waiting or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
 
     def _allow(self) -> None:
@@ -437,8 +441,11 @@ class Controller(ControlLoop[Scene]):
         return certificate.certified
 
     def _replan(self, t: float) -> bool:
-        """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it."""
-        replanner, executor = self.replanner, self.executor
+        """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it.
+
+        It begins where the robot will come to rest, and is taken when it stands there.
+        """
+        replanner, executor, space = self.replanner, self.executor, self.robot.space
         if self._next_plan is not None:
             if not self._next_plan.done():
                 return True
@@ -452,19 +459,27 @@ class Controller(ControlLoop[Scene]):
             self.planner.take(report.strip)
         if not replanner.pending and self._replan_task is None:
             return False
+        at_rest = executor.at_rest(t)
         if self._replan_task is None and t >= replanner.due:
-            q = self.robot.space.from_coordinates(self.reference.coordinates)
-            self._replan_task = self._submit(replanner.plan_anew, self.scene, q, self.goal_q)
-        if self._replan_task is not None and self._replan_task.done():
+            row = self.reference.coordinates if at_rest else executor.active.coordinates[-1]
+            self._replan_task = self._submit(replanner.plan_anew, self.scene, space.from_coordinates(row), self.goal_q)
+        if self._replan_task is not None and self._replan_task.done() and at_rest:
             planned, self._replan_task = self._replan_task, None
             replanner.pending = False
             strip, reason = planned.result()
-            executor.log("replanned", reason)
             if strip is not None:
+                apart = space.difference(strip.coordinates[0], self.reference.coordinates)
+                if float(np.abs(apart).max(initial=0.0)) > _ELSEWHERE:
+                    replanner.pending, replanner.due = True, t
+                    return True
                 self.planner.take(strip)
+            executor.log("replanned", reason)
         return True
 
     def _submit(self, plan: Callable[..., _Planned], *arguments: object) -> Future[_Planned]:
         if self._workers is None:
             self._workers = self._own = ThreadPoolExecutor(1, thread_name_prefix="planner")
-        return self._workers.submit(plan, *arguments)
+        began = perf_counter()
+        planned = self._workers.submit(plan, *arguments)
+        self._beside += perf_counter() - began  # some workers compute at once, what others compute beside the tick
+        return planned

@@ -21,6 +21,7 @@ from elastic_strips.trajectory.path import integrate_travel
 from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertifier
 
 from .lookahead import ObstacleLookahead
+from .pace import Pace
 from .params import EvasionParams
 from .prediction import ArrivalTimes
 from .strip_timer import PlanOutcome, PlanResult, fastest_drive
@@ -99,14 +100,23 @@ def _roll_out(
 
     ``part`` is that of the acceleration limits.
     """
-    time = dt * np.arange(1.0, round(horizon / dt) + 1.0)
-    step = part * limits.drive_acceleration * dt
-    speed = np.empty((len(time) + 1, *targets.first.shape))
-    speed[0] = limits.to_drive(start.v[:3])
-    for i, t in enumerate(time):
-        goal = np.where((t - 0.5 * dt < targets.change)[:, None], targets.first, targets.second)
-        speed[i + 1] = speed[i] + np.clip(goal - speed[i], -step, step)
+    change = part * limits.drive_acceleration * dt
+    steps = np.arange(round(horizon / dt) + 1)
+    speed = _approach(limits.to_drive(start.v[:3]), targets.first, change, steps)
+    for when in np.unique(targets.change[np.isfinite(targets.change)]).tolist():
+        at = np.flatnonzero(targets.change == when)
+        done = min(int(np.ceil(when / dt - 0.5)), len(steps) - 1)  # steps towards the first target
+        speed[done:, at] = _approach(speed[done, at], targets.second[at], change, steps[: len(steps) - done])
     return _poses(limits, start, speed, dt)
+
+
+def _approach(speed: Array, goal: Array, change: Array, steps: Indices) -> Array:
+    """Speeds (S, N, k) after numbers of steps (S,), from speeds (k,) or (N, k) towards goals (N, k).
+
+    Each step changes them by ``change`` (k,) at most.
+    """
+    most = steps[:, None, None] * change
+    return np.asarray(speed + np.minimum(np.maximum(goal - speed, -most), most), dtype=float)
 
 
 def roll_to_rest(
@@ -128,22 +138,17 @@ def roll_to_rest(
     change = part * limits.drive_acceleration
     longest = float(hold.max()) + float((limits.drive_speed / change).max()) + dt
     time = dt * np.arange(1.0, round(longest / dt) + 1.0)
-    speed = np.empty((len(time) + 1, *target.shape))
-    speed[0] = limits.to_drive(start.v[:3])
-    fall = np.zeros_like(target)
-    braking = np.zeros(len(target), dtype=bool)
+    steps = np.arange(len(time) + 1)
+    speed = _approach(limits.to_drive(start.v[:3]), target, change * dt, steps)
     rest = np.zeros(len(target))
-    for i, t in enumerate(time):
-        now = speed[i]
-        begin = ~braking & (t > hold + 0.5 * dt)
-        if begin.any():
-            duration = np.maximum((np.abs(now[begin]) / change).max(axis=1), 1e-9)
-            fall[begin] = now[begin] / duration[:, None] * dt
-            rest[begin] = time[i] - dt + duration
-            braking |= begin
-        going = now + np.clip(target - now, -change * dt, change * dt)
-        slower = np.sign(now) * np.maximum(np.abs(now) - np.abs(fall), 0.0)
-        speed[i + 1] = np.where(braking[:, None], slower, going)
+    for when in np.unique(hold).tolist():
+        at = np.flatnonzero(hold == when)
+        done = int(np.floor(when / dt + 0.5))  # steps before it brakes
+        now = speed[done, at]
+        duration = np.maximum((np.abs(now) / change).max(axis=1), 1e-9)
+        left = np.maximum(1.0 - steps[: len(steps) - done, None] * (dt / duration), 0.0)
+        speed[done:, at] = left[..., None] * now
+        rest[at] = done * dt + duration
     return time, _poses(limits, start, speed, dt), rest
 
 
@@ -270,6 +275,7 @@ class EvasivePlanner:
         possible: Forecast,
         certifier: TrajectoryCertifier,
         arrival: ArrivalTimes,
+        pace: Pace | None = None,
     ) -> PlanResult:
         """The given result, or one with a certified motion off the strip where that has a lower cost.
 
@@ -281,6 +287,7 @@ class EvasivePlanner:
             possible: forecast of its moving obstacles.
             certifier: of motions.
             arrival: times at the strip's nodes.
+            pace: how much time there is for further motions where the best is not certified; enough where None.
         """
         if not self.look(scene, possible, start, result.report.strip.coordinates):
             return result
@@ -297,10 +304,16 @@ class EvasivePlanner:
             self._last = None
             return result
         gain = _GAIN if threatened or start.v.any() else self.params.min_gain
+        began = 0.0 if pace is None else pace.reading()
         for motion in self.options(start, cost - gain):
             certificate = certifier.certify(motion, scene, possible)
             if certificate.certified:
                 return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate, reason="")
+            if pace is not None:
+                took, began = pace.reading() - began, pace.reading()
+                if not pace.has(took):
+                    self._last = None
+                    break
         return result
 
     def _followed(self, result: PlanResult, start: ReferenceState, arrival: ArrivalTimes) -> Array:
@@ -405,7 +418,7 @@ class EvasivePlanner:
         time, pose, rest = roll_to_rest(
             self.limits, start, np.repeat(kinds, count, axis=0), hold, part=self.params.acceleration, dt=0.1
         )
-        apart = self._lookahead.possible(pose, self._delay + time) - self.clearance
+        apart = self._lookahead.possible(pose, self._delay + time, 2.0 * self.clearance) - self.clearance
         over = time > rest[:, None] + 0.25
         return ((apart > 0.0) | over).all(axis=1).reshape(-1, count)
 
@@ -419,19 +432,20 @@ class EvasivePlanner:
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching static obstacles."""
-        apart = self._lookahead.from_standing(pose[:, 1::2])
+        apart = self._lookahead.from_standing(pose[:, 1::2], 2.0 * self.clearance)
         weight = 2.0 * self.params.step * np.exp(-self.time[1::2] / self.params.discount_time)
         return (_TOUCHING * (apart < self.clearance)) @ weight
 
     def _to_go(self, pose: Array) -> Array:
         """(N,) time [s] to the goal from poses (N, 3): back to the strip, along it, and turning."""
         top = 0.8 * float(self.limits.drive_speed[:2].min())
-        offset = self._path[None] - pose[:, None, :2]
-        length = _DETOUR * np.sqrt(np.square(offset).sum(axis=2)) + self._rest
+        at, path = pose[:, :2], self._path
+        square = np.square(at).sum(axis=1)[:, None] + np.square(path).sum(axis=1) - 2.0 * (at @ path.T)
+        length = _DETOUR * np.sqrt(np.maximum(square, 0.0)) + self._rest
         node = length.argmin(axis=1)
         ahead = np.searchsorted(-self._rest, -np.maximum(self._rest[node] - 1.0, 0.0))
         ahead = np.minimum(ahead, len(self._rest) - 1)
-        to = offset[np.arange(len(pose)), ahead]
+        to = path[ahead] - at
         turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
         turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is possible too
         turn = turn * np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is none left

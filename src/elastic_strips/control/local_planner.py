@@ -22,6 +22,11 @@ from .prediction import ArrivalTimes, as_expected, predict
 from .progress import reconnect, trim_passed
 from .strip_timer import PlanOutcome, PlanResult, Stopwatch, StripTimer
 
+PATIENCE = 4
+"""Steps for which a strip that has broken gets new nodes; then other means have to help."""
+_SELDOM = 4
+"""After that it is deformed in every so many ticks while the robot waits, in case that what broke it goes away."""
+
 
 class LocalPlanner:
     """Workspace: the strip ahead of the robot, and motions along it.
@@ -58,8 +63,10 @@ class LocalPlanner:
         self.report: DeformReport | None = None
         self._last: PlanResult | None = None
         self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # a certified motion, and what against
+        self._compared: tuple[Scene, Scene, bool] | None = None  # two scenes, and whether one surprises after the other
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
+        self._broken = 0  # steps in a row that have left the strip without a certificate
         self._off_strip = False
         self._step_took = self._evasion_took = 0.0  # [s] the last time
 
@@ -71,7 +78,7 @@ class LocalPlanner:
     def take(self, strip: Strip) -> None:
         """Follow another strip from now on."""
         self.strip = strip
-        self._last = None
+        self._last, self._broken = None, 0
 
     def allow(self, tracking_error: float) -> None:
         """Plan for another tracking error [m] from now on; what was certified for a smaller one is certified anew."""
@@ -145,7 +152,9 @@ class LocalPlanner:
         if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
             self.evasion.hold = self._held
             before = self.pace.reading()
-            result = self.evasion.improved(result, start, active, scene, possible, self.timer.certifier, self.arrival)
+            result = self.evasion.improved(
+                result, start, active, scene, possible, self.timer.certifier, self.arrival, self.pace
+            )
             self._evasion_took = self.pace.reading() - before
             watch.lap("evasion")
         self._off_strip = result.outcome is PlanOutcome.EVADE or (self._off_strip and not result.accepted)
@@ -206,7 +215,12 @@ class LocalPlanner:
         if self._proof is None:
             return True
         motion, before, forecast = self._proof
-        return motion is not active or not as_expected(scene, before, forecast, self.params.assumptions)
+        if motion is not active:
+            return True
+        if self._compared is None or self._compared[0] is not scene or self._compared[1] is not before:
+            expected = as_expected(scene, before, forecast, self.params.assumptions)
+            self._compared = scene, before, not expected
+        return self._compared[2]
 
     def _deform(self, now: float, scene: Scene, start: ReferenceState, watch: Stopwatch) -> DeformReport:
         """One tick of the strip from the start state on; several where it has just lost its certificate."""
@@ -225,14 +239,16 @@ class LocalPlanner:
         self._ticks += 1
         before, last = self.report, self._last
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
-        if before is not None and waits and scene.names == self._names and prediction is not None and self._ticks % 2:
+        stuck = self._broken > PATIENCE
+        every = _SELDOM if stuck else 1 if prediction is None else 2
+        if before is not None and waits and scene.names == self._names and self._ticks % every:
             report = replace(before, strip=strip)  # only the motion is planned again
         else:
             began = self.pace.reading()
-            report = self.deformer.step(
-                strip, scene, prediction=prediction, nodes=self._ticks % params.maintain_every == 0
-            )
+            maintained = self._ticks % params.maintain_every == 0 and not stuck
+            report = self.deformer.step(strip, scene, prediction=prediction, nodes=maintained)
             self._step_took = self.pace.reading() - began
+            self._broken = 0 if report.certified else self._broken + 1
         if before is not None and before.certified and not self._off_strip:
             for _ in range(params.recover_iterations):
                 if report.certified or not self.pace.has(self._step_took):

@@ -6,6 +6,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Forecast
+from elastic_strips.native import kernel
 from elastic_strips.robot import PlanarFootprint
 from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Scene
@@ -13,7 +14,8 @@ from elastic_strips.work import count_work
 
 FAR = 3.0
 """Largest separation that is returned [m]."""
-_FASTEST = 3.0  # [m/s] faster obstacles are found late
+_ROUND = ("Cylinder", "Sphere", "Capsule", "Cone")
+_LEAST_DISC = 0.12  # [m] radius of the smallest discs that cover the robot's boxes
 _LOW = 0.02  # [m] lower obstacles are driven over
 
 
@@ -36,42 +38,37 @@ class ObstacleLookahead:
     ) -> None:  # fmt: skip
         count_work(batches=1, obstacles=len(scene))
         self.body = footprint
-        moving = dict(zip(forecast.obstacles.tolist(), range(len(forecast)), strict=True))
-        discs, boxes = [], []
-        for k, obstacle in enumerate(scene):
-            pose, mover = obstacle.pose, moving.get(k)
-            if (
-                float(np.hypot(*(pose[:2, 3] - centre))) - obstacle.reach
-                > reach + (mover is not None) * _FASTEST * horizon
-            ):
-                continue
-            for part in obstacle.parts:
-                middle = pose[:3, :3] @ part.center + pose[:3, 3]
-                tall = float(np.abs(pose[2, :3]) @ part.half_extents)
-                flat = min(float(np.hypot(*part.half_extents[:2])), part.radius)
-                if type(part.geometry).__name__ in ("Cylinder", "Sphere", "Capsule", "Cone"):
-                    flat = float(part.half_extents[:2].max())
-                if abs(pose[2, 2]) < 0.999:  # it lies or leans
-                    flat = part.radius
-                low, high = middle[2] - tall, middle[2] + tall
-                if high < _LOW or low > footprint.high.max():
-                    continue
-                if mover is not None:
-                    v = forecast.velocity[mover]
-                    discs.append((*middle[:2], *v[:2], flat, low, high, mover))
-                elif float(np.hypot(*(middle[:2] - centre))) - flat < reach:
-                    yaw = np.arctan2(pose[1, 0], pose[0, 0])
-                    boxes.append((*middle[:2], *part.half_extents[:2], low, high, yaw))
-        found = np.array(discs).reshape(-1, 8)
+        self._native = kernel()
+        table, mover = scene.table, np.full(len(scene), -1)
+        mover[forecast.obstacles] = np.arange(len(forecast))
+        mover = mover[table.obstacle_index]
+        turn, middle, half = table.rotation, table.center, table.local_half
+        round_parts = np.array([type(part.geometry).__name__ in _ROUND for part in table.parts], dtype=bool)
+        flat = np.minimum(np.hypot(half[:, 0], half[:, 1]), table.radius)
+        flat[round_parts] = half[round_parts, :2].max(axis=1)
+        flat = np.where(np.abs(turn[:, 2, 2]) < 0.999, table.radius, flat)  # those lie or lean
+        tall = (np.abs(turn[:, 2]) * half).sum(axis=1)
+        low, high = middle[:, 2] - tall, middle[:, 2] + tall
+        counts = (high >= _LOW) & (low <= footprint.high.max())
+        near = np.hypot(*(middle[:, :2] - centre).T) - flat < reach
+        at = np.flatnonzero(counts & near & (mover < 0))
+        yaw = np.arctan2(turn[at, 1, 0], turn[at, 0, 0])
+        self._boxes: Array = np.column_stack([middle[at, :2], half[at, :2], low[at], high[at], yaw])
+        at = np.flatnonzero(counts & (mover >= 0))
+        velocity = forecast.velocity[mover[at], :2]
+        found = np.column_stack([middle[at, :2], velocity, flat[at], low[at], high[at], mover[at]])
         t = np.linspace(0.0, horizon, 7)[:, None]
         apart = np.hypot(found[:, 0] + found[:, 2] * t - centre[0], found[:, 1] + found[:, 3] * t - centre[1])
         soon = (apart - found[:, 4] - reach * t / horizon).min(axis=0)
         order = np.argsort(soon, kind="stable")[:most]
         self._discs = found[order[soon[order] < footprint.reach()]]
-        self._boxes = np.array(boxes).reshape(-1, 7)
         at = self._discs[:, 7].astype(int)
         self._error = np.stack([forecast.offset[at], forecast.speed[at], 0.5 * forecast.acceleration[at]])
         self._size = self._discs[:, 4] + [footprint.reach(*z) for z in self._discs[:, 5:7]]
+
+    def _boxes_of_robot(self) -> tuple[Array, Array, Array, Array]:
+        body = self.body
+        return body.middle, body.half, body.low, body.high
 
     @property
     def movers(self) -> int:
@@ -93,6 +90,10 @@ class ObstacleLookahead:
             (N, T) separations [m].
         """
         count_work(outlooks=_pairs(pose, self._discs))
+        if self._native is not None:
+            result = np.empty(pose.shape[:2])
+            self._native.near_discs(pose, time, self._discs, self._size, lookahead, FAR, result)
+            return result
         x, y, vx, vy = self._discs[:, :4].T
         t = time[:, None]
         dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
@@ -101,17 +102,21 @@ class ObstacleLookahead:
         dy += vy * ahead
         return (np.sqrt(dx * dx + dy * dy) - self._size).min(axis=-1, initial=FAR)
 
-    def possible(self, pose: Array, time: Array) -> Array:
+    def possible(self, pose: Array, time: Array, far: float = FAR) -> Array:
         """Separations (N, T) [m] from all places where moving obstacles can be then, as for a certificate.
 
         Args:
             pose: (N, T, 3) poses of the base [m, rad].
             time: (T,) times [s] after the scene.
+            far: largest separation that is returned [m].
         """
-        result = np.full(pose.shape[:2], FAR)
+        result = np.full(pose.shape[:2], far)
         if not len(self._discs):
             return result
         count_work(outlooks=len(self.body.low) * _pairs(pose, self._discs))
+        if self._native is not None:
+            self._native.possible_discs(pose, time, self._discs, self._error, *self._boxes_of_robot(), far, result)
+            return result
         cos, sin = np.cos(pose[..., 2])[..., None], np.sin(pose[..., 2])[..., None]
         x, y, vx, vy, radius, low, high = self._discs[:, :7].T
         t = time[:, None]
@@ -126,20 +131,23 @@ class ObstacleLookahead:
                 np.minimum(result, (d - size[:, at]).min(axis=-1), out=result)
         return result
 
-    def from_standing(self, pose: Array) -> Array:
-        """Lower bounds (N, T) [m] of the separations from static obstacles, at poses (N, T, 3) [m, rad].
+    def from_standing(self, pose: Array, far: float = FAR) -> Array:
+        """Lower bounds (N, T) [m] of the separations from static obstacles, at poses (N, T, 3) [m, rad], up to ``far``.
 
         They are a little too small, as discs cover the boxes of the robot.
         """
-        result = np.full(pose.shape[:2], FAR)
+        result = np.full(pose.shape[:2], far)
         body = self.body
         count_work(outlooks=len(body.low) * _pairs(pose, self._boxes))
+        if self._native is not None:
+            self._native.standing_boxes(pose, self._boxes, *self._boxes_of_robot(), _LEAST_DISC, far, result)
+            return result
         cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         for k in range(len(body.low)):
             at = np.flatnonzero((self._boxes[:, 4] <= body.high[k]) & (self._boxes[:, 5] >= body.low[k]))
             if not len(at):
                 continue
-            count = np.ceil(body.half[k] / max(float(body.half[k].min()), 0.12)).astype(int)
+            count = np.ceil(body.half[k] / max(float(body.half[k].min()), _LEAST_DISC)).astype(int)
             part = body.half[k] / count
             radius = float(np.hypot(*part))
             for i, j in np.ndindex(*count.tolist()):

@@ -30,16 +30,13 @@ class Pace:
         self.params: DriveParams = params
         self.meter: Callable[[], float] | None = meter
         self._seconds: deque[float] = deque(maxlen=_KEPT)
+        self._periods: int = 0  # that most ticks take
         self._began = self._end = 0.0
 
     @property
     def periods(self) -> int:
         """Control periods from a tick to the beginning of its motion."""
-        least = self.params.latency + self.transfer
-        if not self._seconds:
-            return least
-        expected = _RESERVE * float(np.quantile(self._seconds, _QUANTILE))
-        return max(least, math.ceil(expected / self.params.control_dt) + self.transfer)
+        return max(self.params.latency, self._periods) + self.transfer
 
     @property
     def latency(self) -> float:
@@ -69,6 +66,8 @@ class Pace:
         seconds = self.meter() - self._began
         if full:
             self._seconds.append(seconds)
+            expected = _RESERVE * float(np.quantile(self._seconds, _QUANTILE))
+            self._periods = math.ceil(expected / self.params.control_dt)
         return seconds
 
     def has(self, seconds: float) -> bool:

@@ -131,7 +131,7 @@ class DriveParams(Checked):
         deform: parameters of the strip; its clearance is raised to what execution needs.
         assumptions: of the obstacles.
         monitor: when what is assumed of robot and inputs counts as broken.
-        evasion: how the robot gets out of the way of what moves; None: it only brakes and waits.
+        evasion: how the robot gets out of the way of what moves, where anything does; None: it only brakes and waits.
         constraint: what the strip has to satisfy besides its goal.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
@@ -161,7 +161,7 @@ class DriveParams(Checked):
     deform: DeformParams = DRIVE_STRIP
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
     monitor: MonitorParams = field(default_factory=MonitorParams)
-    evasion: EvasionParams | None = None
+    evasion: EvasionParams | None = field(default_factory=EvasionParams)
     constraint: OrientationConstraint | None = None
     control_dt: Positive = 0.01
     plan_every: Count = 5

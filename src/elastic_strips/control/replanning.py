@@ -101,7 +101,7 @@ class Replanner:
         if t - self._since <= self.params.replan_after * (1 + self.count):
             return ""
         self.halted = by_standing
-        if not at_rest:
+        if not at_rest and not by_standing:
             return ""
         self._since, self.pending, self.due = None, True, t + self.params.replan_time
         return f"the strip is broken: {broken}" if by_standing else result.reason

@@ -178,6 +178,8 @@ class StripTimer:
             motion, reason = self._timed(coordinates, start, active, distance, speed, off_strip)
             watch.lap("retiming")
             if motion is None:
+                if start.v.any():
+                    break  # what cannot stop in time at this speed does not at a lower one
                 continue
             certificate = self.certifier.certify(motion, scene, possible)
             self._attempt_took = self.pace.reading() - began
@@ -206,16 +208,18 @@ class StripTimer:
         if not off_strip:
             attempts += [(share, self.hard) for share in _SHARES]
         for share, retimer in attempts:
+            began = self.pace.reading()
             nodes = coordinates if share == 0.0 else self._continued(coordinates, start, active, share)
             try:
                 part = speed * self.params.speed_scale if retimer is self.easy else speed
                 motion = retimer.horizon(
-                    nodes, start.v, a_start=start.a, distance=distance, start_time=start.time, speed=part
-                )
+                    nodes, start.v, a_start=start.a, distance=distance, start_time=start.time, speed=part,
+                    insist=retimer is self.hard,
+                )  # fmt: skip
                 return motion, ""
             except RetimingError as error:
                 reason = reason or f"no motion along the strip: {error}"
-            if not start.v.any():
+            if not start.v.any() or not self.pace.has(self.pace.reading() - began):
                 break
         return None, reason
 

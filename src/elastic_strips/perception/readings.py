@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -136,6 +136,11 @@ class ScanRays:
     range_min: float
     range_max: float
     closed: bool
+    _reach: Array = field(init=False, repr=False)  # (R,) how far each ray sees [m]; −1 where that is not known
+
+    def __post_init__(self) -> None:
+        reach = np.where(np.isnan(self.ranges), -1.0, np.minimum(self.ranges, self.range_max))
+        object.__setattr__(self, "_reach", reach)
 
     @property
     def hits(self) -> Mask:
@@ -164,11 +169,10 @@ class ScanRays:
         step = (self.bearing[-1] - self.bearing[0]) / (len(self.bearing) - 1)
         spread = np.minimum(0.5 * margin / np.maximum(distance, 1e-6), 0.5) / step + 1.0
         count = len(self.bearing)
-        reach = np.where(np.isnan(self.ranges), -1.0, np.minimum(self.ranges, self.range_max))
         offsets = np.linspace(-1.0, 1.0, 9)
         index = np.rint(ray[:, None] + offsets * spread[:, None]).astype(np.intp)
         index = index % count if self.closed else np.minimum(np.maximum(index, 0), count - 1)
-        seen = reach[index]
+        seen = self._reach[index]
         # a range that is not known says nothing; the ranges that are known must all be long enough
         known = np.where(seen < 0.0, np.inf, seen)
         through = inside & (known.min(axis=1) > distance + margin) & (seen[:, 4] > 0.0)

@@ -262,9 +262,7 @@ class Tracker:
             seen.add(k)
             used.add(j)
             self._judge(track, small[j], rays, sensor, moved)
-        for k, track in enumerate(self._tracks):
-            if k not in seen:
-                self._missed(track, rays)
+        self._missed([track for k, track in enumerate(self._tracks) if k not in seen], rays)
         self._tracks = [t for t in self._tracks if not t.lost]
         self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], rays.time)
         views = self._views.setdefault(sensor, deque(maxlen=_MAX_VIEWS))
@@ -332,19 +330,22 @@ class Tracker:
                     return True
         return False
 
-    def _missed(self, track: Track, rays: ScanRays) -> None:
-        """A track without a cluster: seen through, it is not there; hidden or next to something else, it may be."""
+    def _missed(self, tracks: list[Track], rays: ScanRays) -> None:
+        """Tracks without a cluster: seen through, it is not there; hidden or next to something else, it may be."""
+        if not tracks:
+            return
         params = self.params
-        track.votes = 0
-        places = track.p + track.radius * _STAR
-        through, _ = rays.beyond(places, 0.5 * params.carve_margin)
-        if through.sum() > 0.5 * len(places):
-            track.misses += 1
-        track.lost = (
-            track.misses >= params.lost_misses
-            or (bool(through.any()) and not track.confirmed)
-            or rays.time - track.seen > params.coast_time
-        )
+        places = np.concatenate([track.p + track.radius * _STAR for track in tracks])
+        through = rays.beyond(places, 0.5 * params.carve_margin)[0].reshape(len(tracks), len(_STAR)).sum(axis=1)
+        for track, count in zip(tracks, through.tolist(), strict=True):
+            track.votes = 0
+            if count > 0.5 * len(_STAR):
+                track.misses += 1
+            track.lost = (
+                track.misses >= params.lost_misses
+                or (count > 0 and not track.confirmed)
+                or rays.time - track.seen > params.coast_time
+            )
 
     def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float) -> None:
         """New tracks, but for parts of movers."""

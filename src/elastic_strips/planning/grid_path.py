@@ -34,6 +34,9 @@ COMFORT = 0.35
 _RESOLUTION = 0.05  # [m] edge of a cell, where the grid is not too large
 _WIDEN = 3.0  # [m] a grid reaches so far beyond what it is about
 _COARSEST = 0.5  # [m] a larger cell says nothing about where a robot passes
+_FEW = 5_000  # cells; where there are more, a coarse grid says where to search
+_BLOCK = 3  # cells along the edge of a coarse one
+_ASIDE = 2  # coarse cells aside of the coarse path that are searched
 _MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
 
 
@@ -140,20 +143,51 @@ def cheapest_path(
         inner: clearance below which a cell is closed [m].
         comfort: clearance beyond ``inner`` from which on more of it is worth nothing [m].
     """
-    from scipy.sparse.csgraph import dijkstra  # late: slow to import
-
     cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
     cost = cell_cost(clear, inner, comfort, cells, resolution)
-    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
-    _, before = dijkstra(cell_graph(cost), directed=False, indices=first, return_predecessors=True)
+    about = _about_coarse_path(cost, cells) if cost.size > _FEW else None
+    route = None if about is None else _cheapest_route(np.where(about, cost, np.inf), cells)
+    if route is None:
+        route = _cheapest_route(cost, cells)
+    if route is None:
+        return None
+    path = low + resolution * route
+    path[0], path[-1] = endpoints
+    return path
+
+
+def _cheapest_route(cost: Array, ends: Indices) -> Indices | None:
+    """Cells (K, 2) from the first of two ends (2, 2) to the second, or None."""
+    from scipy.sparse.csgraph import dijkstra  # late: slow to import
+
+    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in ends)
+    _, before = dijkstra(cell_graph(cost), indices=first, return_predecessors=True)
     if first != last and before[last] < 0:
         return None
     route = [last]
     while route[-1] != first:
         route.append(int(before[route[-1]]))
-    path = low + resolution * np.column_stack(np.unravel_index(route[::-1], cost.shape)).astype(float)
-    path[0], path[-1] = endpoints
-    return path
+    return np.column_stack(np.unravel_index(route[::-1], cost.shape))
+
+
+def _about_coarse_path(cost: Array, ends: Indices) -> Mask | None:
+    """Cells (rows, columns) about the cheapest path on a coarse grid, each cell of which costs what its best one does.
+
+    So no gap is missed; where the path passes one that is none, there may be no path on the cells about it.
+    """
+    from scipy.ndimage import binary_dilation  # late: slow to import
+
+    blocks = -(-np.array(cost.shape) // _BLOCK)
+    padded = np.full(tuple(_BLOCK * blocks), np.inf)
+    padded[: cost.shape[0], : cost.shape[1]] = cost
+    route = _cheapest_route(padded.reshape(blocks[0], _BLOCK, blocks[1], _BLOCK).min(axis=(1, 3)), ends // _BLOCK)
+    if route is None:
+        return None
+    about = np.zeros(tuple(blocks), dtype=np.bool_)
+    about[route[:, 0], route[:, 1]] = True
+    about = binary_dilation(about, np.ones((3, 3), dtype=np.bool_), iterations=_ASIDE)
+    cells = np.asarray(about.repeat(_BLOCK, axis=0).repeat(_BLOCK, axis=1), dtype=np.bool_)
+    return cells[: cost.shape[0], : cost.shape[1]]
 
 
 def clearance_map(taken: Mask, resolution: float) -> Array:
@@ -204,6 +238,9 @@ def owner_map(
     return owner
 
 
+_UPRIGHT = 1e-9  # a half plane whose normal has a smaller part along y bounds x alone
+
+
 def _fill(owner: Indices, whose: int, reach: Array, at: Array, around: Array, low: Array, resolution: float) -> None:
     """Give the cells within half a cell of an outline, with the supports ``reach`` about ``at``, to ``whose``."""
     quarter = DIRECTIONS // 4
@@ -214,9 +251,11 @@ def _fill(owner: Indices, whose: int, reach: Array, at: Array, around: Array, lo
         return
     x = low[0] + resolution * np.arange(first[0], last[0] + 1) - at[0]
     y = low[1] + resolution * np.arange(first[1], last[1] + 1) - at[1]
-    inside = np.ones((len(x), len(y)), dtype=bool)
-    for direction, bound in zip(around, reach, strict=True):
-        inside &= direction[0] * x[:, None] + direction[1] * y[None, :] <= bound + 0.5 * resolution
+    room = (reach + 0.5 * resolution)[:, None] - around[:, :1] * x  # (directions, columns): dy·y is at most that
+    up, down = around[:, 1] > _UPRIGHT, around[:, 1] < -_UPRIGHT
+    highest = (room[up] / around[up, 1, None]).min(axis=0)[:, None]
+    lowest = (room[down] / around[down, 1, None]).max(axis=0)[:, None]
+    inside = (y >= lowest) & (y <= highest) & (room[~(up | down)] >= 0.0).all(axis=0)[:, None]
     owner[first[0] : last[0] + 1, first[1] : last[1] + 1][inside] = whose
 
 
@@ -234,23 +273,25 @@ def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, reso
 
 
 def cell_graph(cost: Array) -> csr_array:
-    """Costs of the moves between neighbouring cells, in both directions, as a sparse matrix of one of them."""
+    """Costs of the moves from each cell (rows, columns) to its neighbours, as a sparse matrix; a cell may be closed."""
     from scipy.sparse import csr_array  # late: slow to import
 
-    count_work(batches=1, cells=int(np.isfinite(cost).sum()))
-    number = np.arange(cost.size).reshape(cost.shape)
-    rows, columns, weights = [], [], []
-    for di, dj in _MOVES:
-        a = (slice(0, cost.shape[0] - di), slice(max(-dj, 0), cost.shape[1] - max(dj, 0)))
-        b = (slice(di, cost.shape[0]), slice(max(dj, 0), cost.shape[1] - max(-dj, 0)))
-        weight = 0.5 * (cost[a] + cost[b]) * float(np.hypot(di, dj))
-        open_ = np.isfinite(weight)
-        rows.append(number[a][open_])
-        columns.append(number[b][open_])
-        weights.append(weight[open_])
-    return csr_array(
-        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(cost.size, cost.size)
-    )
+    rows, columns = cost.shape
+    padded = np.full((rows + 4, columns + 4), np.inf)
+    padded[2:-2, 2:-2] = cost
+    open_ = np.flatnonzero(np.isfinite(cost))
+    count_work(batches=1, cells=len(open_))
+    steps = np.array(_MOVES + tuple((-i, -j) for i, j in _MOVES))
+    at = (open_ // columns + 2) * (columns + 4) + open_ % columns + 2
+    flat = padded.ravel()
+    weight = flat[at[:, None] + steps @ (columns + 4, 1)]
+    weight += flat[at, None]
+    weight *= 0.5 * np.hypot(*steps.T)
+    linked = np.isfinite(weight)
+    pointers = np.zeros(cost.size + 1, dtype=np.int32)
+    pointers[open_ + 1] = linked.sum(axis=1)
+    to = open_.astype(np.int32)[:, None] + (steps @ (columns, 1)).astype(np.int32)
+    return csr_array((weight[linked], to[linked], np.cumsum(pointers, dtype=np.int32)), shape=(cost.size, cost.size))
 
 
 def smooth_path(path: Array, resolution: float) -> Array:

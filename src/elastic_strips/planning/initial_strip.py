@@ -215,7 +215,7 @@ def _turn(row: Array, yaw: float) -> Array:
 
 
 _LINE_TICKS = 6  # most that a straight line gets
-_LINE_DEPTH = (-0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 1, 2, 3 … is given up
+_LINE_DEPTH = (-0.28, -0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 0, 1, 2 … is given up
 _TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it
 STUCK_TICKS = 6
 """Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
@@ -320,14 +320,13 @@ class PathSearch:
         with self.timed("line"):
             report = deformer.assess(strip, scene)
             for tick in range(1, _LINE_TICKS + 1 if relax else 1):
-                if report.usable or self.problem.deadline.over():
-                    break
+                deep = report.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]
+                if report.usable or deep or self.problem.deadline.over():
+                    break  # deep: nodes on both sides of an obstacle, which more ticks would not bring together
                 step = deformer.step(report.strip, scene, nodes=tick > 3)
                 report = replace(step, ticks=tick)
                 if self.watch is not None:
                     self.watch(step)
-                if step.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]:
-                    break  # nodes on both sides of an obstacle: more ticks would not bring them together
         return report
 
     def relax_rows(

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import Certificate
+from elastic_strips.collision import BodySet, Certificate
+from elastic_strips.collision.candidates import CandidateParts
+from elastic_strips.collision.narrowphase import native_part
 from elastic_strips.errors import ParameterError
+from elastic_strips.native import kernel
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
@@ -22,6 +25,9 @@ from elastic_strips.strip.solver import project_rolling
 from elastic_strips.work import count_work
 
 from .problem import Deadline
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 _MAX_PAIRED = 400
 _REACH = 2.0  # [m] that a robot extends from its base, at most
@@ -46,6 +52,16 @@ class ValidityChecker:
     ) -> None:
         self.robot: RobotModel = robot
         self.checks: int = 0
+        self.native: _native.Validity | None = None
+        module, bodies = kernel(), BodySet.links(robot).native()
+        if module is not None and bodies is not None:
+            least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
+            if low is not None and high is not None:
+                least[0, :2], most[0, :2] = low - _REACH, high + _REACH
+            candidates = CandidateParts.build(scene, least, most, 0.0)
+            solids = [native_part(part) for part in candidates.parts]
+            self.native = module.Validity(bodies, solids, robot.self_pairs, candidates.native(), margin)
+            return
         table = scene.table
         rows = np.arange(len(table.parts))
         if low is not None and high is not None and len(rows):
@@ -85,10 +101,19 @@ class ValidityChecker:
 
     def __call__(self, q: Array) -> bool:
         """Whether the configuration (nq,) is valid."""
+        if self.native is not None:
+            return self.at(self.robot.space.to_coordinates(q))
         self.checks += 1
         if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
             return False
         return self._manager is None or not self._hits_tree()
+
+    def at(self, coordinates: Array) -> bool:
+        """Whether the configuration with these coordinates (nv,) is valid."""
+        if self.native is None:
+            return self(self.robot.space.from_coordinates(coordinates))
+        self.checks += 1
+        return self.native.valid(coordinates)
 
     def _hits_tree(self) -> bool:
         assert self._manager is not None
@@ -219,7 +244,9 @@ def _search(
     reader = _Reader(robot)
 
     def is_valid(state: Any) -> bool:  # when the time is over no further edge is taken, and no shortcut
-        return (deadline is None or not deadline.over()) and valid(reader.configuration(state))
+        if deadline is not None and deadline.over():
+            return False
+        return valid(reader.configuration(state)) if valid.native is None else valid.at(reader.row(state))
 
     setup.setStateValidityChecker(is_valid)
     for k in range(states.getSubspaceCount()):
@@ -307,13 +334,14 @@ class _Reader:
         return q
 
     def row(self, state: Any) -> Array:
-        row = np.zeros(self._space.nv)
+        row, b = np.empty(self._space.nv), self._space.base_nv
         if self._planar:
             base = state[0]
-            row[:3] = base.getX(), base.getY(), base.getYaw()
+            row[0], row[1], row[2] = base.getX(), base.getY(), base.getYaw()
         if self._nj:
             joints = state[1 if self._planar else 0]
-            row[self._space.base_nv :] = [joints[i] for i in range(self._nj)]
+            for k in range(self._nj):
+                row[b + k] = joints[k]
         return row
 
     def write(self, state: Any, row: Array) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 import pinocchio as pin
 
@@ -13,7 +15,14 @@ from .model import RobotModel
 
 DIRECTIONS = 32
 """Number of half planes that bound an outline: it is at most 0.5 % of its radius too large."""
-_UP, _DOWN = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
+_UP_DOWN = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+
+
+_POINTS: WeakKeyDictionary[RobotModel, list[tuple[Array, float]]] = WeakKeyDictionary()
+"""Of each robot's bodies: points and a radius whose sphere-swept hull contains it."""
+_OUTLINES: WeakKeyDictionary[RobotModel, dict[bytes, Array]] = WeakKeyDictionary()
+"""Of each robot in its last postures: how far each body reaches, as `PlanarFootprint.outlines` gives it."""
+_POSTURES = 64  # that are kept of a robot
 
 
 class PlanarFootprint:
@@ -24,26 +33,19 @@ class PlanarFootprint:
     would close doors that the robot fits through.
 
     Args:
-        robot: the robot.
-
-    Attributes:
-        middle, half: (K, 2) centres and half sizes of the boxes [m]; boxes within others are left out.
-        low, high: (K,) lowest and highest points of the boxes [m].
+        robot: the robot, in its home posture at first.
     """
-
-    middle: Array
-    half: Array
-    low: Array
-    high: Array
 
     def __init__(self, robot: RobotModel) -> None:
         count_work(batches=1)
         self._robot = robot
         self._data, self._placed = robot.model.createData(), robot.collision_model.createData()
-        self._points = [support_points(piece.geometry) for piece in robot.geometries]
+        points = _POINTS.get(robot)
+        if points is None:
+            points = _POINTS[robot] = [support_points(piece.geometry) for piece in robot.geometries]
+        self._points = points
         self._posture: Array | None = None
-        self.middle = self.half = np.zeros((0, 2))
-        self.low = self.high = np.zeros(0)
+        self._place(robot.home_q.copy())
 
     @staticmethod
     def of(robot: RobotModel, q: Array) -> PlanarFootprint:
@@ -61,20 +63,50 @@ class PlanarFootprint:
             self._posture = row
 
     def _place(self, q: Array) -> None:
-        robot = self._robot
-        if robot.space.planar:
+        if self._robot.space.planar:
             q[:4] = 0.0, 0.0, 1.0, 0.0
-        pin.updateGeometryPlacements(robot.model, self._data, robot.collision_model, self._placed, q)
-        index = np.arange(len(self._points))
-        boxes = np.empty((len(index), 2, 3))
-        for k, ((points, radius), pose) in enumerate(zip(self._points, self._placed.oMg, strict=True)):
-            placed = points @ pose.rotation.T + pose.translation
-            boxes[k] = placed.min(axis=0) - radius, placed.max(axis=0) + radius
-        inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2) & (boxes[:, None, 1] <= boxes[None, :, 1]).all(2)
-        inside &= ~np.eye(len(index), dtype=bool)
-        boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
-        self.middle, self.half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
-        self.low, self.high = boxes[:, 0, 2], boxes[:, 1, 2]
+        self._q: Array = q
+        self._boxes: tuple[Array, Array, Array, Array] | None = None
+
+    def _poses(self) -> list[pin.SE3]:
+        robot = self._robot
+        pin.updateGeometryPlacements(robot.model, self._data, robot.collision_model, self._placed, self._q)
+        return list(self._placed.oMg)
+
+    def boxes(self) -> tuple[Array, Array, Array, Array]:
+        """Centres and half sizes (K, 2), lowest and highest points (K,) of the boxes [m], less those within others."""
+        if self._boxes is None:
+            index = np.arange(len(self._points))
+            boxes = np.empty((len(index), 2, 3))
+            for k, ((points, radius), pose) in enumerate(zip(self._points, self._poses(), strict=True)):
+                placed = points @ pose.rotation.T + pose.translation
+                boxes[k] = placed.min(axis=0) - radius, placed.max(axis=0) + radius
+            inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2)
+            inside &= (boxes[:, None, 1] <= boxes[None, :, 1]).all(axis=2) & ~np.eye(len(index), dtype=bool)
+            boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
+            middle, half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
+            self._boxes = middle, half, boxes[:, 0, 2], boxes[:, 1, 2]
+        return self._boxes
+
+    @property
+    def middle(self) -> Array:
+        """Centres (K, 2) of the boxes [m]."""
+        return self.boxes()[0]
+
+    @property
+    def half(self) -> Array:
+        """Half sizes (K, 2) of the boxes [m]."""
+        return self.boxes()[1]
+
+    @property
+    def low(self) -> Array:
+        """Lowest points (K,) of the boxes [m]."""
+        return self.boxes()[2]
+
+    @property
+    def high(self) -> Array:
+        """Highest points (K,) of the boxes [m]."""
+        return self.boxes()[3]
 
     @property
     def inner(self) -> float:
@@ -83,32 +115,42 @@ class PlanarFootprint:
 
     def inner_below(self, height: float) -> float:
         """Radius [m] of the largest such disc within one of the bodies that reach below ``height`` [m]."""
-        at = -self._supports(_DOWN)[:, 0] < height
-        return float(self._supports(outline_directions())[at].min(axis=1).max(initial=0.0))
+        reach = self.outlines()
+        at = -reach[:, DIRECTIONS + 1] < height
+        return float(reach[at, :DIRECTIONS].min(axis=1).max(initial=0.0))
 
     @property
     def outer(self) -> float:
         """Radius [m] of a disc about the base's origin that holds the robot."""
-        return float(self._supports(outline_directions()).max(initial=0.0) / np.cos(np.pi / DIRECTIONS))
+        return float(self.outlines()[:, :DIRECTIONS].max(initial=0.0) / np.cos(np.pi / DIRECTIONS))
 
     @property
     def height(self) -> float:
         """Height of the highest point [m]."""
-        return float(self._supports(_UP).max(initial=0.0))
+        return float(self.outlines()[:, DIRECTIONS].max(initial=0.0))
 
     def reach(self, low: float = -np.inf, high: float = np.inf) -> float:
         """Radius [m] about the base's origin of a disc that holds the boxes between two heights [m]."""
         at = (self.low <= high) & (self.high >= low)
         return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
 
-    def _supports(self, directions: Array) -> Array:
-        """(G, K) how far [m] each body reaches from the base's origin along ``directions`` (K, 3)."""
-        return np.array(
-            [
-                support(piece.geometry, directions @ pose.rotation) + directions @ pose.translation
-                for piece, pose in zip(self._robot.geometries, self._placed.oMg, strict=True)
-            ]
-        )
+    def outlines(self) -> Array:
+        """How far [m] each body reaches from the base's origin: (bodies, DIRECTIONS + 2) all around, up, and down."""
+        known = _OUTLINES.setdefault(self._robot, {})
+        key = self._q.tobytes()
+        reach = known.get(key)
+        if reach is None:
+            along = np.vstack((outline_directions(), _UP_DOWN))
+            reach = np.array(
+                [
+                    support(piece.geometry, along @ pose.rotation) + along @ pose.translation
+                    for piece, pose in zip(self._robot.geometries, self._poses(), strict=True)
+                ]
+            ).reshape(-1, DIRECTIONS + 2)
+            if len(known) >= _POSTURES:
+                known.clear()
+            known[key] = reach
+        return reach
 
 
 def outline_directions() -> Array:

@@ -8,16 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.native import kernel
 from elastic_strips.summary import Summary
 from elastic_strips.work import count_work
 
 from .space import ConfigurationSpace
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 
 def _rotation_to_axis(axis: Array) -> Array:
@@ -116,6 +121,16 @@ class KinematicTree(Summary):
                     f"nothing could be certified. Is NumPy {np.__version__} at fault? Try another version."
                 )
 
+    def native(self) -> _native.Tree | None:
+        """The tree as the native kernel takes it, or None where there is none."""
+        module = kernel()
+        if module is None:
+            return None
+        space = self.space
+        return module.Tree(
+            space.planar, self.parents, self.coordinate_index, self.prismatic, space.circular, self.support, self.offset
+        )
+
     def to_aligned(self, joint: int, T_joint: Array) -> Array:
         """A placement (4, 4) given in Pinocchio's joint frame, expressed in the aligned frame."""
         out = np.array(T_joint, dtype=float)
@@ -142,6 +157,7 @@ class Kinematics:
     def __init__(self, tree: KinematicTree, capacity: int = 64) -> None:
         self.tree = tree
         self.n: int = 0
+        self.native: _native.Tree | None = tree.native()
         self._allocate(capacity)
 
     def _allocate(self, capacity: int) -> None:
@@ -164,6 +180,9 @@ class Kinematics:
         tree, T = self.tree, self.T
         if n > 1:  # a single one, as in every control step, takes a tenth of the time
             count_work(batches=1)
+        if self.native is not None:
+            self.native.place(self.coordinates[:n], T, self.J, jacobians)
+            return
         cos, sin = np.cos(coordinates), np.sin(coordinates)
         for i in range(1, len(tree.parents)):
             k = tree.coordinate_index[i]
@@ -233,6 +252,10 @@ class Kinematics:
             point: (K, 3) world positions [m].
             direction: (K, 3) directions n, world frame.
         """
+        if self.native is not None:
+            rows = np.zeros((len(node), self.tree.space.nv))
+            self.native.directional(self.J, node, joint, point, direction, rows)
+            return rows
         wrench = np.empty((len(node), 6, 1))
         wrench[:, :3, 0] = direction
         wrench[:, 3, 0] = point[:, 1] * direction[:, 2] - point[:, 2] * direction[:, 1]

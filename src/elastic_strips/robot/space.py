@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.native import kernel
 from elastic_strips.summary import Summary
 
 
@@ -164,6 +165,11 @@ class ConfigurationSpace(Summary):
 
         The base part (v_x, v_y, ω) is the constant twist in the base's own frame (a screw arc) that takes unit time.
         """
+        module = kernel()
+        if module is not None and a.ndim == 2 and a.shape == b.shape:
+            v = np.empty(a.shape)
+            module.difference(self.planar, self.circular, a, b, v)
+            return v
         v = np.subtract(b, a)
         n = self.base_nv
         if self.circular.any():
@@ -181,6 +187,11 @@ class ConfigurationSpace(Summary):
 
     def integrate(self, a: Array, v: Array) -> Array:
         """Coordinate rows (…, nv) reached from ``a`` along tangent vectors ``v``: ``pin.integrate``."""
+        module = kernel()
+        if module is not None and a.ndim == 2 and a.shape == v.shape:
+            out = np.empty(a.shape)
+            module.integrate(self.planar, self.circular, a, v, out)
+            return out
         out = np.add(a, v)
         if self.planar:
             theta = v[..., 2]

@@ -39,6 +39,7 @@ class PartTable:
         center: Centres of the parts' world bounding boxes (P, 3) [m]; of their bounding spheres too.
         half_extents: Half sizes of the world bounding boxes (P, 3) [m].
         radius: Radii of the bounding spheres (P,) [m].
+        local_half: Half sizes of the bounding boxes (P, 3) [m] in the obstacles' frames.
     """
 
     parts: tuple[Part, ...]
@@ -49,9 +50,9 @@ class PartTable:
     center: Array
     half_extents: Array
     radius: Array
+    local_half: Array
     _local_translation: Array  # (P, 3), in the obstacles' frames
     _local_center: Array
-    _local_half: Array
 
     def __len__(self) -> int:
         return len(self.parts)
@@ -73,7 +74,7 @@ def _build_table(obstacles: Sequence[Obstacle]) -> PartTable:
     translation = np.einsum("pij,pj->pi", rotation, local_translation) + origin
     center = np.einsum("pij,pj->pi", rotation, local_center) + origin
     half = np.minimum(np.einsum("pij,pj->pi", np.abs(rotation), local_half), radius[:, None])
-    arrays = (index, offsets, rotation, translation, center, half, radius, local_translation, local_center, local_half)
+    arrays = (index, offsets, rotation, translation, center, half, radius, local_half, local_translation, local_center)
     for array in arrays:
         array.flags.writeable = False
     return PartTable(tuple(chain.from_iterable(s.parts for s in solids)), *arrays)
@@ -91,7 +92,7 @@ def _update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequ
         rotation[rows] = turn
         translation[rows] = table._local_translation[rows] @ turn.T + origin
         center[rows] = table._local_center[rows] @ turn.T + origin
-        half[rows] = np.minimum(table._local_half[rows] @ np.abs(turn).T, table.radius[rows, None])
+        half[rows] = np.minimum(table.local_half[rows] @ np.abs(turn).T, table.radius[rows, None])
     else:
         poses = np.array([obstacles[k].pose for k in changed])
         number = np.full(len(table.offsets) - 1, -1)
@@ -103,7 +104,7 @@ def _update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequ
         rotation[rows] = turn
         translation[rows] = np.einsum("pij,pj->pi", turn, table._local_translation[rows]) + origin
         center[rows] = np.einsum("pij,pj->pi", turn, table._local_center[rows]) + origin
-        spread = np.einsum("pij,pj->pi", np.abs(turn), table._local_half[rows])
+        spread = np.einsum("pij,pj->pi", np.abs(turn), table.local_half[rows])
         half[rows] = np.minimum(spread, table.radius[rows, None])
     for array in (rotation, translation, center, half):
         array.flags.writeable = False
@@ -254,8 +255,8 @@ class Scene:
 
     def _derived(self, obstacles: tuple[Obstacle, ...], time: float, changed: tuple[int, ...]) -> Scene:
         """Snapshot that differs in the poses of the ``changed`` obstacles."""
-        if self._table is not None:
-            source = self._table
+        if self._table is not None or self._source is None:  # all that is derived from this one derives its table
+            source = self.table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
         new = _filled(object.__new__(Scene), obstacles, time, self, source, changed)

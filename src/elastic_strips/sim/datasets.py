@@ -1,8 +1,9 @@
-"""Data sets: worlds, starts and goals from published benchmarks: BARN, DynaBARN and the bridge.
+"""Data sets: worlds, starts and goals from published benchmarks: BARN, DynaBARN, the bridge, and a furnished house.
 
 BARN (static worlds of cylinders) and DynaBARN (arenas of moving discs) were made for a Jackal
 (github.com/Daffan/the-barn-challenge). At the bridge, a base with an arm has to duck under an obstacle; its numbers are
-those of REMANI-Planner's first experiment.
+those of REMANI-Planner's first experiment. The house is that of AWS RoboMaker (aws-robomaker-small-house-world), as
+convex pieces.
 """
 
 from __future__ import annotations
@@ -10,21 +11,25 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ScenarioError, SceneError
+from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError, SceneError
 from elastic_strips.io import PoseSpec
 from elastic_strips.io.nodes import Node, load_json
+from elastic_strips.planning.problem import check_endpoints
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
+from elastic_strips.scene import Box, ConvexHull, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH
+from elastic_strips.strip import DeformParams
 from elastic_strips.summary import Summary
 from elastic_strips.validation import shown
 
 _BARN_FILE, _DYNABARN_FILE, _BRIDGE_FILE = "barn_worlds.json", "dynabarn_worlds.json", "bridge.json"
+_HOUSE_FILE = "house.json"
 _JOINTS = (
     "shoulder_pan_joint",
     "shoulder_lift_joint",
@@ -34,6 +39,10 @@ _JOINTS = (
     "wrist_3_joint",
 )  # of the robot "bridge-arm" that the bridge's six arm angles belong to
 _BRIDGE_TOLERANCE = 0.1  # goal tolerance [m]; the source states none
+_HOUSE_TOLERANCE = 0.05  # goal tolerance [m]
+_HOUSE_CLEARANCE = 0.05  # of the whole robot at a start or goal in the house [m]
+_MOST_TRIES = 2000  # pairs in the house that are tried
+_HOUSE_APART = 3.0  # least distance from start to goal in the house [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -217,6 +226,45 @@ def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
         robot="bridge-arm",
         limits={"joint_acceleration": root["robot"]["max_joint_acc"].number(low=1e-3, unit="rad/s²")},
     )
+
+
+def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> DriveProblem:
+    """The house with one of many pairs of start and goal: the robot at home, anywhere where it keeps 5 cm of clearance.
+
+    Whether a way leads from one to the other is not known.
+
+    Args:
+        path: The file, or the folder that holds ``house.json``.
+        robot: That has to fit there; its base moves.
+        seed: Of the pair.
+
+    Raises:
+        ScenarioError: The file is missing or no JSON, an entry does not fit, or no place is found.
+        RobotError: A fixed base.
+    """
+    if not robot.space.planar:
+        raise RobotError(f"the base of {robot.name!r} is fixed; in the house it moves: use diff_drive or omni")
+    root = load_json(path, _HOUSE_FILE)
+    pieces = [
+        entry.checked(ConvexHull, entry["vertices"].rows(3, limit=MAX_LENGTH), name=entry["name"].text())
+        for entry in root["obstacles"]
+    ]
+    scene = root["obstacles"].checked(Scene, pieces)
+    low, high = root["inside"].rows(2, limit=MAX_LENGTH)
+    rng = np.random.default_rng(seed)
+    params = DeformParams(clearance=_HOUSE_CLEARANCE)
+    for _ in range(_MOST_TRIES):
+        start, goal = (PoseSpec(*rng.uniform(low, high).tolist(), yaw=rng.uniform(-math.pi, math.pi)) for _ in range(2))
+        if math.hypot(goal.x - start.x, goal.y - start.y) < _HOUSE_APART:
+            continue
+        with suppress(ConfigurationError):
+            q_start, q_goal = (robot.home(p.x, p.y, p.yaw) for p in (start, goal))
+            check_endpoints(robot, scene, q_start, q_goal, params)
+            return DriveProblem(
+                name=f"house-{seed}", world=World(scene), start=start, goals=(goal,), goal_tolerance=_HOUSE_TOLERANCE,
+                heading_free=False, timeout=None, robot=robot.name,
+            )  # fmt: skip
+    root.fail(f"no free places for {robot.name!r} among {_MOST_TRIES} pairs")
 
 
 def _pose(entry: Node, joints: dict[str, float]) -> PoseSpec:

@@ -16,7 +16,14 @@ from elastic_strips.validation import check_type
 
 from .base_deformer import BaseDeformer, NodePredictor, TickResult
 from .constraint import ConstraintForce, OrientationConstraint
-from .forces import add_elastic, add_joint_limits, add_posture, add_repulsion, add_self_repulsion
+from .forces import (
+    add_elastic,
+    add_joint_limits,
+    add_obstacle_repulsion,
+    add_posture,
+    add_self_repulsion,
+    repulsive_magnitude,
+)
 from .params import DeformParams
 from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
 from .resampling import node_spacing, resample
@@ -81,6 +88,7 @@ class Deformer(BaseDeformer[DeformReport]):
         self._proven = False  # the current nodes could be driven
         self._scene: Scene | None = None
         self._trust = 1.0
+        self._detail = False  # whether forces are wanted for the report
 
     def keep_clearance(self, clearance: float) -> None:
         """Keep another clearance [m] from now on.
@@ -117,6 +125,7 @@ class Deformer(BaseDeformer[DeformReport]):
         """
         work = self.workspace
         already, known = work.queries, work.holds(strip)
+        self._detail = detail
         self._load(strip, scene, prediction, budget=budget, to_move=True)
         self._proven = self._to_keep(strip, scene, known)
         result = self._iterations(scene, budget)
@@ -190,11 +199,13 @@ class Deformer(BaseDeformer[DeformReport]):
         system.clear()
         v = space.difference(coordinates[:-1], coordinates[1:])
         add_elastic(system, space, v, self._stiffness)
-        contacts = obstacles.contacts()
-        add_repulsion(
-            system, kin, contacts, obstacles.bodies.joint,
-            k_r=params.k_r, influence=params.influence, k_near=params.k_near, near=min(params.near, params.influence),
-        )  # fmt: skip
+        near = min(params.near, params.influence)
+        add_obstacle_repulsion(system, kin, obstacles, k_r=params.k_r, k_near=params.k_near, near=near)
+        forces = StripForces.none()
+        if self._detail:
+            contacts = obstacles.contacts()
+            push = repulsive_magnitude(contacts.distance, params.k_r, params.influence)
+            forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
         add_self_repulsion(system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self)
         add_joint_limits(
             system, space, coordinates, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin
@@ -217,8 +228,6 @@ class Deformer(BaseDeformer[DeformReport]):
         if self._rolling:
             moved, residual = project_rolling(space, moved)
         self.clock.mark("rolling")
-        push = params.k_r * (params.influence - contacts.distance)
-        forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
         return moved, residual, dict(system.energies), forces
 
     def _shortened(self, before: Array, coordinates: Array, scene: Scene, full: TickResult) -> TickResult:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.collision import SelfProximity
+from elastic_strips.collision import ObstacleProximity, SelfProximity
 from elastic_strips.collision.narrowphase import Contacts
 from elastic_strips.collision.self_distance import SelfContacts
 from elastic_strips.robot import ConfigurationSpace, Kinematics
@@ -35,6 +35,9 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
         v: (N−1, nv) segment tangents.
         weight: (nv,) stiffness of each tangent coordinate.
     """
+    if system.native is not None:
+        system.energies["elastic"] = system.native.add_elastic(space.planar, v, weight)
+        return
     pull = v * weight
     energy = 0.5 * float(np.einsum("ij,ij->", pull, v))
     b = space.base_nv
@@ -95,6 +98,20 @@ def add_repulsion(
     system.energies["repulsion"] = energy
 
 
+def add_obstacle_repulsion(
+    system: System, kin: Kinematics, obstacles: ObstacleProximity, *, k_r: float, k_near: float, near: float
+) -> None:
+    """:func:`add_repulsion` of all that is within a proximity's influence distance."""
+    influence = obstacles.influence
+    if system.native is None or obstacles.narrow.native is None or obstacles.arrays is None:
+        contacts, joint = obstacles.contacts(), obstacles.bodies.joint
+        add_repulsion(system, kin, contacts, joint, k_r=k_r, influence=influence, k_near=k_near, near=near)
+        return
+    system.energies["repulsion"] = system.native.add_repulsion(
+        obstacles.narrow.native, kin.J, obstacles.arrays, influence, k_r, near, k_near
+    )
+
+
 def add_self_repulsion(
     system: System, kin: Kinematics, proximity: SelfProximity, contacts: SelfContacts, *, k_s: float
 ) -> None:
@@ -115,6 +132,9 @@ def add_joint_limits(
     system: System, space: ConfigurationSpace, coordinates: Array, *, k_l: float, margin: float
 ) -> None:
     """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
+    if system.native is not None:
+        system.energies["joint_limits"] = system.native.add_limits(coordinates, space.lower, space.upper, k_l, margin)
+        return
     below = np.maximum(space.lower + margin - coordinates, 0.0)
     above = np.maximum(coordinates - space.upper + margin, 0.0)
     energy = 0.5 * k_l * float((below**2).sum() + (above**2).sum())
@@ -135,9 +155,12 @@ def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, t
         target: (nv,) or (N, nv) posture; the base's entries do not count.
         k_p: (nv,) gains, zero for the base.
     """
-    b = space.base_nv
+    b, target = space.base_nv, np.broadcast_to(target, coordinates.shape)
+    if system.native is not None:
+        system.energies["posture"] = system.native.add_posture(coordinates, target, k_p, space.circular)
+        return
     off = np.zeros_like(coordinates)
-    off[:, b:] = coordinates[:, b:] - np.broadcast_to(target, coordinates.shape)[:, b:]
+    off[:, b:] = coordinates[:, b:] - target[:, b:]
     if space.circular.any():
         wrapped = np.arctan2(np.sin(off[:, b:]), np.cos(off[:, b:]))
         off[:, b:] = np.where(space.circular, wrapped, off[:, b:])

@@ -51,6 +51,8 @@ def resample(
         for _ in range(room):
             need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, priority, 0.0), -np.inf)
             pieces[int(np.argmax(need))] += 1
+    if (pieces == 1).all() and not (spacing[:-1] + spacing[1:] < min_spacing).any():
+        return None
     keep = np.ones(len(coordinates), dtype=bool)
     for j in range(1, len(coordinates) - 1):
         undivided = pieces[j - 1] == 1 and pieces[j] == 1

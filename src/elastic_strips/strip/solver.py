@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.native import kernel
 from elastic_strips.robot import ConfigurationSpace
 from elastic_strips.work import count_work
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
 
 ROLLING_TOLERANCE = 1e-9
 """Largest sideways travel [m] of a segment that counts as none."""
@@ -37,6 +43,10 @@ class System:
         self.diagonal: Array = np.zeros((n, nv, nv))
         self.upper: Array = np.zeros((max(n - 1, 0), nv, nv))
         self.energies: dict[str, float] = {}
+        module = kernel()
+        self.native: _native.System | None = None
+        if module is not None:
+            self.native = module.System(self.force, self.diagonal, self.upper)
 
     def clear(self) -> None:
         """Set everything to zero."""
@@ -55,6 +65,9 @@ class System:
             stiffness: (K,) second derivative of the potential.
         """
         if len(node) == 0:
+            return
+        if self.native is not None:
+            self.native.add_rows(node, rows, force, stiffness)
             return
         starts = np.flatnonzero(np.r_[True, node[1:] != node[:-1]])
         touched = node[starts]
@@ -82,13 +95,17 @@ class BandedSolver:
         Raises:
             FloatingPointError: the matrix is not positive definite (an infinite or NaN entry).
         """
-        from scipy.linalg.lapack import dpbsv  # late: slow to import
-
         n, nv = system.force.shape
         inner = n - 2
         delta = np.zeros((n, nv))
         if inner <= 0:
             return delta
+        if system.native is not None:
+            if not system.native.solve(damping, delta):
+                raise FloatingPointError("the matrix of the step is not positive definite")
+            return delta
+        from scipy.linalg.lapack import dpbsv  # late: slow to import
+
         width = 2 * nv
         if self._shape != (inner, nv):
             self._shape = (inner, nv)
@@ -123,9 +140,14 @@ def project_rolling(space: ConfigurationSpace, coordinates: Array, *, iterations
     Returns:
         The projected nodes, and the largest |v_y| [m] that is left (above 1e-9 m if it did not converge).
     """
+    coordinates = coordinates.copy()
+    module = kernel()
+    if module is not None:
+        residual, iteration = module.project_rolling(coordinates, iterations)
+        count_work(batches=iteration + 1)
+        return coordinates, residual
     from scipy.linalg.lapack import dptsv  # late: slow to import
 
-    coordinates = coordinates.copy()
     base, plane = coordinates[:, :3], _PLANE
     inverse_mass = np.array([1.0, 1.0, 1.0 / _YAW_WEIGHT])
     residual, iteration = np.inf, 0

@@ -214,6 +214,7 @@ class Curve:
 _LARGEST = 0.1  # largest shape, as a part of its window's length: more would swing
 _NEAR = 1e-6  # distance from the strip that counts as none [m]
 _ITERATIONS = 6
+_STALLED = 0.9  # of the best so far: what is left has no room in any window
 _PANELS = 12  # of the integral over a window
 
 # Shapes to use, as (body's x, y or yaw; step, bump or odd bump). A step in yaw would turn all windows behind it.
@@ -258,9 +259,10 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
         px, py = cos * vx - sin * vy, sin * vx + cos * vy  # the base's motion per length
         miss = target - start[:2] - width * np.cumsum(np.stack([px @ part, py @ part], axis=1), axis=0)
         worst = float(np.abs(miss).max())
+        stalled = iteration > 1 and worst > _STALLED * least
         if worst < least:
             best, least = weights, worst
-        if worst < _NEAR or iteration == _ITERATIONS - 1:
+        if worst < _NEAR or stalled or iteration == _ITERATIONS - 1:
             break
         ask = miss.copy()
         ask[1:] -= np.where(full[:-1, None], 0.0, miss[:-1])

@@ -84,6 +84,7 @@ class Retimer:
         distance: float = np.inf,
         start_time: float = 0.0,
         speed: float = 1.0,
+        insist: bool = True,
     ) -> Trajectory:
         """The fastest motion along the nodes ahead that ends at rest.
 
@@ -99,6 +100,7 @@ class Retimer:
             distance: how far to go [m]: the base's travel, a joint's turn counted as 0.25 m/rad.
             start_time: time of the first sample [s].
             speed: part of the speed limits to use, in (0, 1]. A faster start is braked to it.
+            insist: where there is no room to brake, try other curves into the nodes, too, and harder braking.
 
         Raises:
             ConfigurationError: nodes of the wrong shape or not finite.
@@ -111,7 +113,7 @@ class Retimer:
         check_number("speed", speed, above=0.0, high=1.0)
         start = self._start(start_time, v_start, a_start)
         line = polyline(self.robot, self.limits, self.weight, nodes, start.velocity if start.moving else None)
-        return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed)
+        return self._drive(line, float(line.s[line.stops[0]]), start, distance, speed, insist=insist)
 
     def full(self, coordinates: npt.ArrayLike, *, start_time: float = 0.0, speed: float = 1.0) -> Trajectory:
         """All of the nodes from rest to rest, with a stop wherever one is needed.
@@ -198,7 +200,9 @@ class Retimer:
         sharpness = float(np.linalg.norm(bend * self.weight))
         return _Start(time, velocity, True, bend * min(1.0, _SHARPEST / max(sharpness, 1e-12)))
 
-    def _drive(self, line: Polyline, available: float, start: _Start, distance: float, speed: float) -> Trajectory:
+    def _drive(
+        self, line: Polyline, available: float, start: _Start, distance: float, speed: float, *, insist: bool = True
+    ) -> Trajectory:
         """A motion over ``distance`` or what is needed to stop, and no more than the length ``available``."""
         with np.errstate(divide="ignore"):
             rate = float(np.min(self._acceleration / np.abs(start.velocity), initial=np.inf))
@@ -226,9 +230,9 @@ class Retimer:
                 return result
             if result is None and length < longest:
                 length, path = min(_GROWTH * length, longest), None
-            elif result is None and start.moving and margin == 0:
+            elif result is None and insist and start.moving and margin == 0:
                 margin = 1
-            elif result is None and start.moving and attempt + 1 < len(_LEADS):
+            elif result is None and insist and start.moving and attempt + 1 < len(_LEADS):
                 attempt, margin, path = attempt + 1, 0, None
             elif result is not None and margin + 1 < len(_MARGINS):
                 margin = max(margin + 1, 2)

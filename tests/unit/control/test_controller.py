@@ -130,7 +130,7 @@ def test_it_does_not_wait_for_a_plan(silvermate):
         silvermate, start, goal, Scene([wall]), strip=through, workers=later, params=DriveParams(replan_after=0.1)
     )
     k = 0
-    while not later.jobs and k < 1000:
+    while not (later.jobs and controller.executor.at_rest(controller.time)) and k < 1000:
         k = drive(controller, wheels, 5, still(wall), first=k) + 1
     assert later.jobs
     here = wheels.coordinates.copy()
@@ -193,7 +193,7 @@ def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
     controller = Controller(
         silvermate, start, goal, Scene([wall]), strip=through, workers=later, params=DriveParams(replan_after=0.1)
     )
-    while not later.jobs and k < 1000:
+    while not (later.jobs and controller.executor.at_rest(controller.time)) and k < 1000:
         k = drive(controller, wheels, 5, still(wall), first=k) + 1
     controller.retarget(silvermate.home())
     later.work()  # the strip to the first goal, and the one to the second

@@ -16,6 +16,7 @@ from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
 from elastic_strips.control.prediction import predict
 from elastic_strips.control.progress import reconnect
 from elastic_strips.control.strip_timer import PlanOutcome
+from elastic_strips.native import kernel, twin
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
@@ -101,6 +102,47 @@ def test_separations_from_above(jackal_box):
     assert 1.4 - half[1] - 0.1 < lookahead.from_standing(pose)[0, 0] <= 1.4 - half[1] + 1e-9
 
 
+@pytest.mark.skipif(kernel() is None, reason="no native kernel")
+def test_separations_are_those_of_the_twin(jackal_box, silvermate):
+    rng, touched = np.random.default_rng(5), np.zeros(2)
+    for robot in (jackal_box, silvermate):
+        footprint = PlanarFootprint.of(robot, robot.home())
+        for _ in range(10):
+            movers = [
+                Cylinder(
+                    rng.uniform(0.1, 0.5), rng.uniform(0.3, 1.8), at=(*rng.uniform(-3, 3, 2), rng.uniform(0.2, 1.5)),
+                    name=f"mover-{k}", motion=Twist((*rng.uniform(-1, 1, 2), 0.0)),
+                )
+                for k in range(6)
+            ]  # fmt: skip
+            still = []
+            for k in range(8):
+                half = 0.5 * rng.uniform(-np.pi, np.pi)
+                still.append(
+                    Box(
+                        rng.uniform(0.1, 1.0, 3), at=(*rng.uniform(-3, 3, 2), rng.uniform(0, 1)), name=f"box-{k}",
+                        quat=(0.0, 0.0, np.sin(half), np.cos(half)),
+                    )
+                )  # fmt: skip
+            scene = Scene([*movers, *still])
+            forecast = predict(scene, ObstacleAssumptions())
+            arguments = footprint, scene, forecast, np.zeros(2)
+            native = ObstacleLookahead(*arguments, reach=3.0, horizon=3.0)
+            with twin():
+                readable = ObstacleLookahead(*arguments, reach=3.0, horizon=3.0)
+            pose, time = rng.uniform(-2, 2, (7, 9, 3)), np.linspace(0.0, 3.0, 9)
+            for mine, own in (
+                (native.near(pose, time, 0.5), readable.near(pose, time, 0.5)),
+                (native.possible(pose, time), readable.possible(pose, time)),
+                (native.possible(pose, time, 0.05), readable.possible(pose, time, 0.05)),
+                (native.from_standing(pose), readable.from_standing(pose)),
+                (native.from_standing(pose, 0.05), readable.from_standing(pose, 0.05)),
+            ):
+                np.testing.assert_allclose(mine, own, rtol=0.0, atol=1e-12)
+            touched += np.array([(native.from_standing(pose) < 0.0).any(), (native.possible(pose, time) < 0.0).any()])
+    assert (touched > 3).all(), "what is far from everything shows little"
+
+
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
     limits = limits_for(jackal_box)
     evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
@@ -133,6 +175,10 @@ def test_a_still_scene_is_driven_as_without(jackal_box):
     assert not any(p.outcome is PlanOutcome.EVADE for p in runs[0][1])
     coordinate_arrays = [run[0].recorder.finish().control.coordinates for run in runs]
     np.testing.assert_array_equal(*coordinate_arrays)
+
+
+def test_it_evades_unless_told_otherwise():
+    assert DriveParams().evasion == EvasionParams()
 
 
 def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):

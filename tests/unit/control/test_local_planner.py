@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from elastic_strips.collision import BrokenSegment, Certificate
-from elastic_strips.control import DriveParams, LocalPlanner
+from elastic_strips.control import DriveParams, LocalPlanner, local_planner
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
 from elastic_strips.strip import Strip
-from elastic_strips.trajectory import MotionLimits
+from elastic_strips.trajectory import MotionLimits, RetimingError
 from elastic_strips.trajectory.trajectory import stationary
 
 PILLAR = Cylinder(0.2, 1.4, at=(2.6, -0.9, 0.7), name="pillar")
@@ -108,6 +108,37 @@ def test_a_waiting_robot_tries_every_other_tick(silvermate):
     assert gone.accepted
 
 
+def test_a_strip_that_stays_broken_is_not_pushed_on_at_full_size(silvermate, monkeypatch):
+    """A wall across the way: it gets nodes for a few steps only."""
+    wall = Scene([Box((0.2, 8.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")])
+
+    def most_nodes() -> int:
+        ride, most = Ride(silvermate, wall), 0
+        for _ in range(80):
+            ride.tick()
+            most = max(most, len(ride.planner.strip))
+        assert not ride.planner.report.certified
+        return most
+
+    few = most_nodes()
+    monkeypatch.setattr(local_planner, "PATIENCE", 10_000)
+    assert few < 0.6 * most_nodes()
+
+
+def test_a_strip_that_was_broken_recovers_where_the_way_is_free_again(silvermate):
+    wall = Box((0.2, 8.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")
+    ride = Ride(silvermate, Scene([wall]))
+    for _ in range(60):
+        ride.tick()
+    pose = np.eye(4)
+    pose[:3, 3] = 2.0, 9.0, 0.75
+    ride.scene = ride.scene.moved("wall", pose)
+    for _ in range(40):
+        result = ride.tick()
+    assert ride.planner.report.certified
+    assert result.accepted or result.outcome is PlanOutcome.UNCHANGED
+
+
 def test_every_tick_is_planned_anew_where_asked_for(silvermate):
     params = DriveParams(motion_every=1)
     ride = Ride(silvermate, Scene([PILLAR, WALKER]), params)
@@ -160,3 +191,23 @@ def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silve
     assert "not certified" in result.reason
     refuted = ride.tick(moved(ride.scene.at(ride.time), "walker", (0.0, 0.3, 0.0)))
     assert refuted.outcome is PlanOutcome.BRAKE
+
+
+def test_what_cannot_stop_in_time_is_not_tried_at_lower_speeds(silvermate, monkeypatch):
+    """The same velocity at the start has to be braked on the same path."""
+    ride = Ride(silvermate, Scene([PILLAR]))
+    for _ in range(6):
+        ride.tick()
+    tried = []
+
+    def none(*_, speed: float, **__):
+        tried.append(speed)
+        raise RetimingError("no room to brake")
+
+    for retimer in (ride.planner.timer.easy, ride.planner.timer.hard):
+        monkeypatch.setattr(retimer, "horizon", none)
+    result = ride.tick()
+    assert not result.accepted
+    assert "no room to brake" in result.reason
+    assert len(tried) > 1
+    assert set(tried) <= {1.0, PARAMS.speed_scale}

@@ -35,13 +35,14 @@ def replanner(silvermate):
 
 
 def test_what_stands_stops_the_robot_and_is_planned_around(replanner, silvermate):
-    seen = [replanner.watch(t, proposal("crate", accepted=True), SCENE, at_rest=False) for t in (0.0, 0.3, 0.6)]
-    assert seen == ["", "", ""]
+    seen = [replanner.watch(t, proposal("crate", accepted=True), SCENE, at_rest=False) for t in (0.0, 0.3)]
+    assert seen == ["", ""]
+    assert not replanner.halted
+    reason = replanner.watch(0.6, proposal("crate", accepted=True), SCENE, at_rest=False)
+    assert "crate" in reason, "it is planned around while the robot still brakes"
     assert replanner.halted
-    reason = replanner.watch(0.7, proposal("crate", accepted=True), SCENE, at_rest=True)
-    assert "crate" in reason
     assert replanner.pending
-    assert replanner.due == pytest.approx(1.0)
+    assert replanner.due == pytest.approx(0.9)
     strip, text = replanner.plan_anew(SCENE, silvermate.home(), silvermate.home(x=5.0))
     assert strip is not None, text
     assert not replanner.halted
@@ -55,7 +56,9 @@ def test_what_moves_is_waited_for(replanner):
 
 def test_a_strip_that_leads_nowhere_is_given_up_at_rest(replanner):
     assert replanner.watch(0.0, proposal(None, accepted=False), SCENE, at_rest=True) == ""
-    assert replanner.watch(0.6, proposal(None, accepted=False), SCENE, at_rest=True) == "no motion"
+    assert replanner.watch(0.6, proposal(None, accepted=False), SCENE, at_rest=False) == ""
+    replanner.watch(0.7, proposal(None, accepted=False), SCENE, at_rest=True)
+    assert replanner.watch(1.3, proposal(None, accepted=False), SCENE, at_rest=True) == "no motion"
 
 
 def test_a_strip_that_recovers_is_kept(replanner):

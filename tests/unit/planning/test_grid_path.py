@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import coal
 import numpy as np
 import pytest
@@ -10,13 +12,21 @@ from shared_data import shared_data
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import grid_path, plan_report
-from elastic_strips.planning.grid_path import clearance_map, owner_map, resample
+from elastic_strips.planning.grid_path import (
+    COMFORT,
+    cell_cost,
+    cheapest_path,
+    clearance_map,
+    owner_map,
+    resample,
+)
 from elastic_strips.planning.initial_strip import waypoint_rows
 from elastic_strips.robot import PlanarFootprint, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
 from elastic_strips.sim.datasets import barn_ids, load_barn
 from elastic_strips.strip import Deformer
 
+FAR_LOW = np.array([-12.0, -12.0])
 WALL = Scene([Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75)), Box((0.2, 3.0, 1.5), at=(2.0, -3.9, 0.75))])
 """A wall with one door, off the straight line."""
 
@@ -80,6 +90,37 @@ def test_it_prefers_a_wide_gap_to_a_short_way(jackal_box):
     narrow = grid_path(jackal_box, shut, jackal_box.home(), jackal_box.home(4.0))
     assert narrow.points is not None
     assert abs(np.interp(2.0, narrow.points[:, 0], narrow.points[:, 1])) < 0.1
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_coarse_grid_leads_to_a_path_that_costs_little_more_than_the_cheapest(jackal_box, monkeypatch, seed):
+    module = sys.modules["elastic_strips.planning.grid_path"]
+    scene, low = slalom(seed), np.array([-3.0, -3.0])
+    clear = clearance_map(owner_map(scene, low, np.array([241, 121]), 0.05, 1.0) >= 0, 0.05)
+    assert clear.size > module._FEW
+    ends, inner = np.array([[0.0, 0.0], [6.0, 0.0]]), PlanarFootprint.of(jackal_box, jackal_box.home_q).inner
+    cells = np.rint((ends - low) / 0.05).astype(int)
+    cost = cell_cost(clear, inner, COMFORT, cells, 0.05)
+
+    def total():
+        path = cheapest_path(clear, low, 0.05, ends, inner=inner, comfort=COMFORT)
+        assert path is not None
+        at = tuple(np.rint((path - low) / 0.05).astype(int).T)
+        return float((0.5 * (cost[at][1:] + cost[at][:-1]) * np.linalg.norm(np.diff(path, axis=0), axis=1)).sum())
+
+    guided = total()
+    monkeypatch.setattr(module, "_FEW", clear.size)
+    assert np.isfinite(guided)
+    assert total() - 1e-9 <= guided <= 1.1 * total()
+
+
+def test_a_gap_that_only_the_coarse_grid_sees_does_not_hide_the_way(jackal_box):
+    """Between two posts the robot nearly fits; a long way round there is one."""
+    gap = 0.5 * (2.0 * PlanarFootprint.of(jackal_box, jackal_box.home_q).inner - 0.01)
+    posts = [Box((0.02, 8.0, 1.0), at=(2.0, s * (4.0 + gap), 0.5)) for s in (-1, 1)]
+    found = grid_path(jackal_box, Scene(posts), jackal_box.home(), jackal_box.home(4.0), box=(FAR_LOW, -FAR_LOW))
+    assert found.points is not None
+    assert np.abs(found.points[:, 1]).max() > 8.0
 
 
 def test_no_way_is_said(jackal_box, bridge_arm):

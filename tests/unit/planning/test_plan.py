@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from brute_force import link_distances, make_obstacle, self_distances
 
 from elastic_strips.errors import ConfigurationError, ParameterError
+from elastic_strips.native import kernel, twin
 from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
 from elastic_strips.planning.ompl_planner import ValidityChecker
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
@@ -184,16 +186,23 @@ def test_wrong_configurations_are_named(silvermate):
         ompl_path(silvermate, Scene([]), silvermate.home(), bad, seed=0, margin=0.02, timeout=1.0, fineness=0.0)
 
 
+@pytest.mark.parametrize("native", [False, True], ids=["twin", "native"])
 @pytest.mark.parametrize("many", [False, True], ids=["few parts", "many parts"])
-def test_validity_equals_brute_force(silvermate, rng, many):
-    """Both ways of asking: links paired with parts in Pinocchio, and one Coal tree for many parts."""
+def test_validity_equals_brute_force(silvermate, rng, many, native):
+    """Without the native kernel there are two ways of asking: links paired with parts in Pinocchio, and one Coal tree
+    for many parts."""
+    if native and kernel() is None:
+        pytest.skip("the native kernel is not compiled here")
     scene = Scene([make_obstacle(s, rng, (-1, -1, 0), (1, 1, 1.2)) for s in ("box", "cone", "convex", "sphere")])
     if many:
         cells = np.unique(rng.integers(0, 14, (700, 3)), axis=0) * 0.1 - 0.7
         scene = scene.with_obstacle(Voxels(cells * [1, 1, 0.3] + [0, 0, 1.3], 0.04))
     margin = 0.03
-    valid = ValidityChecker(silvermate, scene, margin=margin)
-    assert (valid._manager is not None) is many
+    with nullcontext() if native else twin():
+        valid = ValidityChecker(silvermate, scene, margin=margin)
+    assert native == (valid.native is not None)
+    if not native:
+        assert (valid._manager is not None) is many
     space, results = silvermate.space, []
     for _ in range(25 if many else 150):
         coordinates = space.to_coordinates(silvermate.home_q)

@@ -8,6 +8,7 @@ import pytest
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, UnknownMotion, Voxels, World
+from elastic_strips.scene import scene as scene_module
 
 
 def items():
@@ -130,3 +131,19 @@ BAD = [
 def test_bad_worlds_are_refused(make, message):
     with pytest.raises(SceneError, match=message):
         make()
+
+
+def test_what_is_sensed_of_a_world_shares_its_tables(monkeypatch):
+    """Of a long run one table is made from nothing; the others differ from it in what moves."""
+    made = []
+    build = scene_module._build_table
+    monkeypatch.setattr(scene_module, "_build_table", lambda obstacles: made.append(1) or build(obstacles))
+    walker = Cylinder(0.2, 1.6, at=(0.0, 1.0, 0.8), name="walker", motion=Twist((0.5, 0.0, 0.0)))
+    world = World(Scene([Box((1.0, 1.0, 1.0), at=(3.0, 0.0, 0.5), name="box"), walker]))
+    for k in range(20):
+        scene = world.at(0.05 * k)
+        pose = np.array(scene.obstacle("walker").pose)
+        pose[0, 3] += 0.01
+        sensed = scene.with_observations([scene.obstacle("walker").observed(pose, Twist((0.5, 0.0, 0.0)))])
+        assert sensed.table.translation[1, 0] == pytest.approx(0.5 * 0.05 * k + 0.01)
+    assert len(made) == 1

@@ -7,11 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from brute_force import link_distances
 from shared_data import shared_data
 
-from elastic_strips.errors import ScenarioError
+from elastic_strips.errors import RobotError, ScenarioError
+from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder
-from elastic_strips.sim.datasets import barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
+from elastic_strips.sim.datasets import barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn, load_house
 
 BARN = {
     "cylinder_radius": 0.075, "cylinder_length": 1.0, "cylinder_center_z": 0.0, "goal_tolerance": 1.0, "timeout": 100.0,
@@ -217,3 +219,29 @@ def test_the_true_bridge_loads(bridge_arm):
     configurations = problem.configurations(bridge_arm)
     np.testing.assert_allclose(configurations[0][4:], bridge_arm.home_q[4:], atol=1e-8)
     assert len(configurations) == 3
+
+
+def test_the_true_house_gives_a_pair_for_each_seed(silvermate):
+    """The same pair for the same seed; the robot stands free at both ends, by Pinocchio's own distances."""
+    path = shared_data("house")
+    problem, again, other = (load_house(path, silvermate, seed) for seed in (3, 3, 4))
+    assert len(problem.world.scene) == 571
+    assert (problem.start, problem.goals) == (again.start, again.goals)
+    assert problem.start != other.start
+    start, goal = problem.configurations(silvermate)
+    assert np.hypot(*(goal[:2] - start[:2])) >= 3.0
+    for q in (start, goal):
+        assert link_distances(silvermate, problem.world.scene, q).min() >= 0.05 - 1e-4
+
+
+def test_a_house_needs_a_robot_that_moves(tmp_path):
+    with pytest.raises(RobotError, match="the base of 'silvermate' is fixed"):
+        load_house(tmp_path, load_robot("silvermate", base="fixed"), 0)
+
+
+def test_a_house_without_room_says_so(silvermate, tmp_path):
+    corners = [[x, y, z] for x in (-9.0, 9.0) for y in (-9.0, 9.0) for z in (0.0, 1.0)]
+    block = {"name": "block", "vertices": corners}
+    (tmp_path / "house.json").write_text(json.dumps({"inside": [[-4, -4], [4, 4]], "obstacles": [block]}))
+    with pytest.raises(ScenarioError, match="no free places for 'silvermate'"):
+        load_house(tmp_path, silvermate, 0)

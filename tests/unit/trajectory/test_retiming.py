@@ -368,6 +368,22 @@ def test_a_tighter_margin_saves_a_profile_that_exceeds(silvermate, monkeypatch):
     sound(motion, limits_of(silvermate))
 
 
+def test_who_does_not_insist_tries_the_plain_curve_alone(silvermate, monkeypatch):
+    """Where the robot cannot brake on it, others are tried, but not by who has another way to plan."""
+    tried = {True: 0, False: 0}
+    v = np.zeros(10)
+    v[0] = 0.3
+    for insist in tried:
+
+        def none(*_, insist: bool = insist) -> None:
+            tried[insist] += 1
+
+        monkeypatch.setattr(retiming, "fastest", none)
+        with pytest.raises(RetimingError, match="no profile"):
+            Retimer(silvermate).horizon(straight(silvermate), v, distance=1.0, insist=insist)
+    assert tried[False] == 1 < tried[True]
+
+
 def test_toppra_stays_silent(silvermate, caplog, capfd):
     v = np.zeros(10)
     v[0] = 0.9

@@ -244,15 +244,15 @@ def homotopy_paths(
     cost = cell_cost(clusters.clear, clusters.inner, COMFORT, cells, resolution)
     graph = cell_graph(cost)
     first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
-    come, before = dijkstra(graph, directed=False, indices=[first, last], return_predecessors=True)
+    come, before = dijkstra(graph, indices=[first, last], return_predecessors=True)
     if not np.isfinite(come[0, last]):
         return ()
     heights = _heights(clusters)
     sums = [_summed(tree, heights) for tree in before]
     edges = graph.tocoo()
     one, two, own = (np.asarray(k, dtype=np.intp) for k in (*edges.coords, np.arange(cost.size)))
-    there, onward = np.concatenate((one, two, own)), np.concatenate((two, one, own))
-    step = np.concatenate((edges.data, edges.data, np.zeros(cost.size)))
+    there, onward = np.concatenate((one, own)), np.concatenate((two, own))
+    step = np.concatenate((edges.data, np.zeros(cost.size)))
     reached = sums[0][there] + _crossings(there, onward, heights)
     use = np.isfinite(come[0, there] + come[1, onward]) & ((reached != sums[0][onward]) | (step == 0.0))
     there, onward, step, reached = there[use], onward[use], step[use], reached[use]

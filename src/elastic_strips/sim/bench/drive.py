@@ -14,13 +14,15 @@ import numpy as np
 from elastic_strips.control.controller import Controller
 from elastic_strips.control.interfaces import RunState
 from elastic_strips.control.params import DriveParams
+from elastic_strips.control.record import DriveResult
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.sim.closed_loop import Simulation, simulation
+from elastic_strips.sim.datasets import load_house
 from elastic_strips.sim.faults import FAULTS, Fault
 from elastic_strips.sim.perception import PerceptionParams
-from elastic_strips.sim.scenarios import drive_scenario, get_scenario, make_simulation
+from elastic_strips.sim.scenarios import Scenario, drive_scenario, get_scenario, make_simulation
 from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip.params import DeformParams
@@ -34,6 +36,10 @@ _FAULT_SECONDS = {
     "localization_coarse": 100.0, "lost_odometry": 0.5, "scene_frozen": 2.0,
 }  # fmt: skip
 """Durations of the faults [s]; one second for the others."""
+_RESTS = 0.01
+"""A robot that is slower [m/s, rad/s] does not move."""
+_TICK = 20.0
+"""Time [ms] that a planning tick may take, by default."""
 _SLOW = "late tick"
 """Said of planning on a slow machine, whatever else is wrong."""
 
@@ -47,11 +53,23 @@ class _DriveTask:
     robot: str
     plant: str = "kinematic"
     fault: str = ""
-    evade: bool = False
+    evade: bool = True
     time_limit: float = 90.0
     method: str = STRIP
     sensors: SensorConfig | None = None
     compute: str = "1"
+    alternatives: int = 1
+    root: str = ""  # the house's data, for a pair in it
+
+    def problem(self, robot: RobotModel) -> Scenario:
+        """What is driven."""
+        if not self.root:
+            return get_scenario(self.scenario, seed=self.seed)
+        house = load_house(Path(self.root) / "house", robot, self.seed)
+        return Scenario(
+            house.name, "a furnished house", house.world.at(0.0), house.start, house.goals[0], robot=house.robot,
+            seed=self.seed,
+        )  # fmt: skip
 
 
 def _drive_once(task: _DriveTask) -> Figures:
@@ -61,13 +79,15 @@ def _drive_once(task: _DriveTask) -> Figures:
     if task.fault:
         start = float(np.random.default_rng(task.seed).uniform(1.0, 6.0))
         faults = [Fault(task.fault, start, _FAULT_SECONDS.get(task.fault, 1.0))]
-    scenario = get_scenario(task.scenario, seed=task.seed)
     options: Figures = {"sensors": task.sensors}
     if task.method == STRIP:
-        options |= {"evade": task.evade, "faults": faults, "compute": task.compute}
+        options |= {
+            "evade": task.evade, "faults": faults, "compute": task.compute, "alternatives": task.alternatives,
+        }  # fmt: skip
     if task.fault == "viewer_killed":
         options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
     try:
+        scenario = task.problem(robot)
         outcome = drive_scenario(
             scenario,
             method=task.method,
@@ -114,9 +134,37 @@ def _drive_once(task: _DriveTask) -> Figures:
         "tracking_m": outcome.tracking_error,
         "physical_contacts": list(outcome.physical_contacts),
         "tick_ms": result.statistics.percentiles(),
+        "ticks": _ticks(result),
+        "planned_anew_s": _planned_anew(result),
         "faults": [[e.time, e.reason] for e in result.events if e.kind in ("fault", "localization")],
         "wall_s": result.seconds,
     }
+
+
+def _ticks(result: DriveResult) -> Figures:
+    """Durations [ms] of all planning ticks of a run, and which of them began while the robot moved."""
+    control, ticks = result.record.control, result.record.planning
+    row = np.searchsorted(control.time, ticks.time).clip(max=len(control) - 1)
+    return {
+        "ms": ticks.tick_ms.round(2).tolist(),
+        "moving": (np.abs(control.v[row]).max(axis=1) > _RESTS).astype(int).tolist(),
+    }
+
+
+def _planned_anew(result: DriveResult) -> list[float]:
+    """Simulated times [s] for which the robot stood and waited for each strip that was planned anew."""
+    control = result.record.control
+    stands = np.abs(control.v).max(axis=1) < _RESTS
+    begun: float | None = None
+    took = []
+    for event in result.events:
+        if event.kind == "replanning":
+            begun = event.time
+        elif event.kind == "replanned" and begun is not None:
+            waited = (control.time >= begun) & (control.time <= event.time) & stands
+            took.append(event.time - float(control.time[waited][0]) if waited.any() else 0.0)
+            begun = None
+    return took
 
 
 def bench_drive(
@@ -126,10 +174,13 @@ def bench_drive(
     *,
     scenario: str = "moving-corridor",
     plant: str = "kinematic",
-    evade: bool = False,
+    evade: bool = True,
     method: str = STRIP,
     sensors: SensorConfig | None = None,
     compute: str = "1",
+    alternatives: int = 1,
+    time_limit: float = 90.0,
+    root: str | Path = "",
     processes: int | None = None,
 ) -> Figures:
     """Drive a scenario of many seeds.
@@ -138,16 +189,20 @@ def bench_drive(
         robot: name or URDF file.
         seeds: of the runs.
         step: told of each finished run.
-        scenario, plant, evade, method, sensors, compute: of the drive.
+        scenario, plant, evade, method, sensors, compute, alternatives, time_limit: of the drive.
+        root: folder that holds ``house``: its pairs are driven then.
         processes: runs at once.
 
     Returns:
         Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
     """
     tasks = [
-        _DriveTask(scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors, compute=compute)
+        _DriveTask(
+            scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors, compute=compute,
+            alternatives=alternatives, time_limit=time_limit, root=str(root),
+        )
         for seed in seeds
-    ]
+    ]  # fmt: skip
     runs = []
     for run in parallel_map(_drive_once, tasks, processes):
         runs.append(run)
@@ -163,6 +218,7 @@ def bench_drive(
         "scenario": scenario,
         "plant": plant,
         "evade": evade,
+        "alternatives": alternatives,
         "method": method,
         "compute": compute if method == STRIP else "free",
         "sensors": [] if sensors is None else list(sensors.names),
@@ -245,7 +301,21 @@ def _summary(runs: list[Figures]) -> Figures:
         "tracking_m": percentiles([r["tracking_m"] for r in done if r["tracking_m"] is not None]),
         "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
         "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
+        "ticks": _tick_figures(done),
+        "planned_anew_s": percentiles([s for r in done for s in r["planned_anew_s"]]),
         "errors": [r["error"] for r in runs if "error" in r],
+    }
+
+
+def _tick_figures(runs: list[Figures]) -> Figures:
+    """Of all planning ticks of the runs together, by the wall clock."""
+    ms = np.array([value for run in runs for value in run["ticks"]["ms"]])
+    moving = np.array([value for run in runs for value in run["ticks"]["moving"]], dtype=bool)
+    return {
+        "ms": percentiles(ms),
+        "count": len(ms),
+        "over_20_ms": float((ms > _TICK).mean()) if len(ms) else None,
+        "moving_max_ms": float(ms[moving].max()) if moving.any() else None,
     }
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import BodySet
+from elastic_strips.control.local_planner import PATIENCE
 from elastic_strips.planning import PlanReport, plan_report
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
@@ -96,11 +97,18 @@ _PUSHES = 4
 _MAX_TICKS = 40
 
 
-def bench_replan(robot: RobotModel, seeds: int, step: Note = silent) -> Figures:
+def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: float | None = None) -> Figures:
     """From each certified corridor strip: push the nearest obstacle 5 cm towards it, 4 times; time to certified again.
 
     The time is that of all ticks from the push to the first certified strip, one tick at least. The jump is the largest
     displacement of any control point at the same node (or, where nodes came or went, at the same share of the path).
+
+    Args:
+        robot: the robot.
+        seeds: number of corridors.
+        step: called after each with a note, for a progress bar.
+        into: depth [m] to which the obstacle is pushed into the strip instead. A strip that stays broken for as many
+            ticks as the controller would have patience is planned anew then, from its start; that is in the time.
     """
     runs = []
     for seed, scene, report in _planned_corridors(robot, seeds, step):
@@ -109,31 +117,38 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent) -> Figures:
         deformer = Deformer(robot)
         strip = deformer.settle(report.strip, scene, max_ticks=10).strip
         for push in range(_PUSHES):
-            moved = _push_nearest(deformer, strip, scene)
+            moved = _push_nearest(deformer, strip, scene, into)
             if moved is None:
                 break
             scene = moved
             before = strip
-            seconds, ticks, last = _recover(deformer, strip, scene)
-            strip = last.strip
+            seconds, ticks, last = _recover(deformer, strip, scene, _MAX_TICKS if into is None else PATIENCE)
+            strip, certified, reason, anew = last.strip, last.certified, last.reason, False
+            if into is not None and not certified:
+                plan = plan_report(robot, scene, strip.q[0], strip.q[-1], seed=seed, deformer=Deformer(robot))
+                strip, certified, reason, anew = plan.strip, plan.certified, plan.reason, True
+                seconds += plan.seconds
             runs.append(
                 {
                     "seed": seed,
                     "push": push,
-                    "certified": last.certified,
+                    "certified": certified,
+                    "anew": anew,
                     "ms": 1e3 * seconds,
                     "ticks": ticks,
                     "jump_m": _jump(robot, before, strip),
                     "clearance_m": float(strip_clearance(strip, scene)),
-                    "reason": last.reason,
+                    "reason": reason,
                 }
             )
-            if not last.certified:
+            if not certified:
                 break
     good = [r for r in runs if r["certified"]]
     return {
         **head("replan", robot=robot.name),
         "seeds": seeds,
+        "into_m": into,
+        "anew": sum(r["anew"] for r in runs),
         "pushes": len(runs),
         "certified": len(good) / max(len(runs), 1),
         "time_to_certified_ms": percentiles([r["ms"] for r in good]),
@@ -145,19 +160,19 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent) -> Figures:
     }
 
 
-def _recover(deformer: Deformer, strip: Strip, scene: Scene) -> tuple[float, int, DeformReport]:
+def _recover(deformer: Deformer, strip: Strip, scene: Scene, most: int) -> tuple[float, int, DeformReport]:
     seconds = 0.0
-    for tick in range(1, _MAX_TICKS + 1):
+    for tick in range(1, most + 1):
         report = deformer.step(strip, scene)
         strip = report.strip
         seconds += report.seconds
         if report.certified:
             return seconds, tick, report
-    return seconds, _MAX_TICKS, report
+    return seconds, most, report
 
 
-def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: float = _PUSH) -> Scene | None:
-    """The scene with the obstacle nearest to the strip moved ``distance`` [m] towards it; None where none is near."""
+def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, into: float | None) -> Scene | None:
+    """The scene with the obstacle nearest to a strip moved towards it, or ``into`` it [m]; None where none is near."""
     deformer.assess(strip, scene)
     contacts = deformer.workspace.obstacles.contacts()
     # not those nearest to the ends, which cannot move
@@ -169,7 +184,7 @@ def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, distance: floa
     k = np.flatnonzero(free)[int(np.argmin(contacts.distance[free]))]
     name = deformer.workspace.obstacles.obstacle_name(int(contacts.part[k]))
     pose = scene.obstacle(name).pose.copy()
-    pose[:3, 3] += distance * contacts.direction[k]
+    pose[:3, 3] += (_PUSH if into is None else contacts.distance[k] + into) * contacts.direction[k]
     return scene.moved(name, pose)
 
 

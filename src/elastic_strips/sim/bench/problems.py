@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.control import DriveParams, EvasionParams, ObstacleAssumptions, Tolerance
+from elastic_strips.control import DriveParams, ObstacleAssumptions, Tolerance
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel, load_robot
@@ -59,7 +59,6 @@ def _problem_params(problem: DriveProblem, robot: RobotModel) -> tuple[DrivePara
     params = DriveParams(
         deform=DeformParams(max_nodes=200, influence=0.3 if not moving else 0.6),
         assumptions=ObstacleAssumptions(acceleration=0.5),
-        evasion=EvasionParams() if moving else None,
         time_limit=problem.timeout or 120.0,
         replan_after=0.4,
     )

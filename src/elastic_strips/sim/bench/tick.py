@@ -19,7 +19,7 @@ from .measure import Figures, Note, head, percentiles, silent
 STEP = 0.02
 """How far the obstacle moves in a tick [m]."""
 _EVERY = 10
-_NODES = (32, 64, 128, 256)
+_NODES = (32, 64, 128, 256, 512, 1024)
 _OBSTACLES = (10, 100, 1000, 10_000, 60_000)
 
 

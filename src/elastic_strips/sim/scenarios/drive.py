@@ -106,7 +106,7 @@ def make_simulation(
     robot: RobotModel | None = None,
     seed: int | None = None,
     plant: str = "kinematic",
-    evade: bool = False,
+    evade: bool = True,
     sensors: SensorConfig | None = None,
     alternatives: int = 1,
     params: DriveParams | None = None,
@@ -123,7 +123,8 @@ def make_simulation(
         robot: another robot than the scenario's.
         seed: of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
-        evade: whether to leave the strip to avoid moving obstacles, rather than only to brake and wait.
+        evade: whether to leave the strip to avoid moving obstacles, rather than only to brake and wait; where
+            ``params`` are given, they say so.
         sensors: simulated sensors, from which alone the scene is estimated; a known scene where None.
         alternatives: number of strips on different sides of the obstacles that are deformed in parallel; the robot
             switches to another one where its strip is given up.
@@ -149,7 +150,7 @@ def make_realtime(
     *,
     robot: RobotModel | None = None,
     seed: int | None = None,
-    evade: bool = False,
+    evade: bool = True,
     sensors: SensorConfig | None = None,
     alternatives: int = 1,
     params: DriveParams | None = None,

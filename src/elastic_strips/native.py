@@ -1,0 +1,60 @@
+"""The native kernel: the inner loops compiled, where they are; the NumPy code beside each is its readable twin.
+
+``ELASTIC_STRIPS_NATIVE=0`` turns it off. Without a compiled part, or with one that was made for another Coal, the twin
+runs, and a notice is logged once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import coal
+
+if TYPE_CHECKING:  # its types, for all who have a native half
+    from elastic_strips import _native as _native
+
+_log = logging.getLogger(__name__)
+
+
+def _load() -> ModuleType | None:
+    if os.environ.get("ELASTIC_STRIPS_NATIVE", "1") == "0":
+        return None
+    try:
+        native = importlib.import_module("elastic_strips._native")
+    except ImportError as error:
+        _log.warning("the native kernel is not there (%s): NumPy computes, several times slower", error)
+        return None
+    if native.coal_version != coal.__version__:  # its shapes would be laid out in another way
+        _log.warning(
+            "the native kernel was compiled for Coal %s, and this is %s: NumPy computes, several times slower; "
+            "install elastic-strips anew",
+            native.coal_version,
+            coal.__version__,
+        )
+        return None
+    return native
+
+
+_kernel: ModuleType | None = _load()
+
+
+def kernel() -> ModuleType | None:
+    """The compiled module, or None where the twin computes. Workspaces ask when they are made."""
+    return _kernel
+
+
+@contextmanager
+def twin() -> Iterator[None]:
+    """What is made meanwhile computes in NumPy."""
+    global _kernel
+    before, _kernel = _kernel, None
+    try:
+        yield
+    finally:
+        _kernel = before

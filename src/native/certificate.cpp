@@ -1,0 +1,451 @@
+#include "certificate.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace strips {
+
+namespace {
+
+constexpr double kLoose = 0.15;   // a lower bound may lie below by the capsule's length and about this
+constexpr double kMargin = 1e-4;  // what a lower bound decides by less than this is measured exactly all the same
+
+// Distance of two line segments.
+double segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+  const Vec3 u = b - a, v = d - c, w = a - c;
+  const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), uw = u.dot(w), vw = v.dot(w);
+  constexpr double tiny = 1e-18;
+  const double det = uu * vv - uv * uv;
+  double s = det > tiny ? (uv * vw - vv * uw) / det : 0.0;
+  s = std::clamp(s, 0.0, 1.0);
+  double t = std::clamp((uv * s + vw) / std::max(vv, tiny), 0.0, 1.0);
+  s = std::clamp((uv * t - uw) / std::max(uu, tiny), 0.0, 1.0);
+  t = std::clamp((uv * s + vw) / std::max(vv, tiny), 0.0, 1.0);
+  return (w + s * u - t * v).norm();
+}
+
+}  // namespace
+
+double ObstaclePairs::lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) {
+  ++counts.pairs;
+  const std::size_t body = static_cast<std::size_t>(pair) / poses_.count, part = pair - body * poses_.count;
+  Vec3 one, two, shift;
+  double uncertainty = 0.0;
+  const Vec3* moves = moving_.between(place, part, shift, uncertainty) ? &shift : nullptr;
+  narrow_.bodies->ends_at(frames, node, body, one, two);
+  return capsule_bound(*narrow_.bodies, one, two, body, poses_, part, moves, uncertainty);
+}
+
+double ObstaclePairs::distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) {
+  ++counts.queries;
+  const std::size_t body = static_cast<std::size_t>(pair) / poses_.count, part = pair - body * poses_.count;
+  Vec3 shift;
+  double uncertainty = 0.0;
+  const Vec3* moves = moving_.between(place, part, shift, uncertainty) ? &shift : nullptr;
+  narrow_.begin();
+  return narrow_.query(frames, node, body, part, poses_, moves).distance - kGjkExcess - uncertainty;
+}
+
+double ObstaclePairs::loose(std::int64_t pair) const {
+  const double* e = &narrow_.bodies->ends[(static_cast<std::size_t>(pair) / poses_.count) * 6];
+  return (Vec3(e[3], e[4], e[5]) - Vec3(e[0], e[1], e[2])).norm() + kLoose;
+}
+
+SelfPairs::SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs)
+    : bodies_(std::move(bodies)), pairs_(std::move(pairs)) {
+  for (std::size_t s = 0; s < pairs_.size() / 2; ++s) {
+    functors_.push_back(
+        std::make_unique<ShapePair>(bodies_->solids[pairs_[2 * s]].shape, bodies_->solids[pairs_[2 * s + 1]].shape));
+  }
+}
+
+double SelfPairs::lower_bound(const Frames& frames, std::size_t node, double, std::int64_t pair) {
+  ++counts.pairs;
+  const std::size_t one = pairs_[2 * pair], two = pairs_[2 * pair + 1];
+  Vec3 a, b, c, d;
+  bodies_->ends_at(frames, node, one, a, b);
+  bodies_->ends_at(frames, node, two, c, d);
+  return segment_distance(a, b, c, d) - bodies_->radius[one] - bodies_->radius[two];
+}
+
+double SelfPairs::query(const Frames& frames, std::size_t node, std::int64_t pair) {
+  ++counts.queries;
+  Mat3 R;
+  Vec3 t;
+  bodies_->placement(frames, node, pairs_[2 * pair], R, t);
+  const Transform3s one(R, t);
+  bodies_->placement(frames, node, pairs_[2 * pair + 1], R, t);
+  return solver_.ask(*functors_[pair], one, Transform3s(R, t));
+}
+
+double SelfPairs::distance(const Frames& frames, std::size_t node, double, std::int64_t pair) {
+  return query(frames, node, pair) - kGjkExcess;
+}
+
+double SelfPairs::loose(std::int64_t) const { return kLoose; }
+
+void Worst::note(double at, std::int64_t which, double d, bool sure) {
+  if (there && (certain != sure ? certain : distance <= d)) return;
+  there = true;
+  certain = sure;
+  pair = which;
+  place = at;
+  distance = d;
+}
+
+void StripSearch::found(double place, std::int64_t pair, double d) {
+  if (d > clearance_) return;
+  states_[static_cast<std::size_t>(place)] = 2;
+  worst.note(place, pair, d, true);
+}
+
+void StripSearch::unknown(const std::vector<Interval>& left) {
+  for (const Interval& x : left) {
+    std::int8_t& state = states_[static_cast<std::size_t>(x.low)];
+    state = std::max<std::int8_t>(state, 1);
+    worst.note(x.low, x.pair, std::min(x.d_low, x.d_high), false);
+  }
+}
+
+void MotionSearch::found(double place, std::int64_t pair, double d) {
+  if (d <= clearance_) worst.note(place, pair, d, true);
+}
+
+std::vector<Bisection::Where> Bisection::locate(const std::vector<double>& places) {
+  std::vector<double> between;
+  for (double place : places) {
+    if (place != std::floor(place)) between.push_back(place);
+  }
+  std::sort(between.begin(), between.end());
+  between.erase(std::unique(between.begin(), between.end()), between.end());
+  const std::size_t nv = static_cast<std::size_t>(tree_.nv), n = between.size();
+  if (n > 0) {
+    if (n > between_.capacity) {
+      const std::size_t capacity = std::max<std::size_t>(2 * n, 64);
+      T_.assign(tree_.joints * capacity * 12, 0.0);
+      for (std::size_t k = 0; k < capacity; ++k) T_[12 * k] = T_[12 * k + 5] = T_[12 * k + 10] = 1.0;  // the universe
+      between_ = {T_.data(), nullptr, capacity};
+    }
+    std::vector<double> q(n * nv);
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::size_t s = static_cast<std::size_t>(between[k]);
+      integrate(tree_, coordinates_ + s * nv, v_ + s * nv, between[k] - static_cast<double>(s), &q[k * nv]);
+    }
+    place(tree_, q.data(), n, T_.data(), nullptr, between_.capacity);
+    checks += n;
+  }
+  std::vector<Where> where;
+  where.reserve(places.size());
+  for (double place : places) {
+    if (place == std::floor(place)) {
+      where.push_back({static_cast<std::size_t>(place), false});
+    } else {
+      const auto at = std::lower_bound(between.begin(), between.end(), place);
+      where.push_back({static_cast<std::size_t>(at - between.begin()), true});
+    }
+  }
+  return where;
+}
+
+double Bisection::measure(Pairs& pairs, const Where& where, double place, std::int64_t pair, bool exact) const {
+  const Frames& frames = where.between ? between_ : frames_;
+  return exact ? pairs.distance(frames, where.node, place, pair) : pairs.lower_bound(frames, where.node, place, pair);
+}
+
+// Make distances at one end exact where that can close the interval, or where it is the last chance.
+bool Bisection::settle(Pairs& pairs, std::vector<Interval>& todo, Search& search, bool low) {
+  std::vector<std::size_t> ask;
+  std::vector<double> places;
+  for (std::size_t k = 0; k < todo.size(); ++k) {
+    const Interval& x = todo[k];
+    if (low ? x.exact_low : x.exact_high) continue;
+    const double gap = x.travel + 2.0 * search.clearance() - x.d_low - x.d_high, d = low ? x.d_low : x.d_high;
+    const bool single = x.high - x.low <= 1.0;
+    if (gap >= 0.0 && (single || gap <= pairs.loose(x.pair) || d <= search.clearance())) {
+      ask.push_back(k);
+      places.push_back(low ? x.low : x.high);
+    }
+  }
+  if (ask.empty()) return false;
+  const std::vector<Where> where = locate(places);
+  for (std::size_t k = 0; k < ask.size(); ++k) {
+    Interval& x = todo[ask[k]];
+    const double d = measure(pairs, where[k], places[k], x.pair, true);
+    (low ? x.d_low : x.d_high) = d;
+    (low ? x.exact_low : x.exact_high) = true;
+  }
+  for (std::size_t k = 0; k < ask.size(); ++k) {
+    const Interval& x = todo[ask[k]];
+    search.found(places[k], x.pair, low ? x.d_low : x.d_high);
+  }
+  return search.over();
+}
+
+std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, Search& search, int depth,
+                                     const Approach* approach) {
+  std::vector<Interval> next;
+  std::vector<double> places, d, first, second;
+  std::vector<std::uint8_t> exact;
+  for (int level = 0; level < depth; ++level) {
+    const bool settled =
+        std::all_of(todo.begin(), todo.end(), [](const Interval& x) { return x.exact_low && x.exact_high; });
+    if (!settled) {
+      if (settle(pairs, todo, search, true) || settle(pairs, todo, search, false)) break;
+      const double c = search.clearance();
+      todo.erase(std::remove_if(todo.begin(), todo.end(), [c](const Interval& x) { return !x.open(c); }), todo.end());
+    }
+    const std::size_t count = todo.size();
+    if (count == 0) break;
+    places.resize(count);
+    d.resize(count);
+    first.resize(count);
+    second.resize(count);
+    exact.assign(count, 0);
+    for (std::size_t k = 0; k < count; ++k) {
+      const Interval& x = todo[k];
+      const bool single = x.high - x.low <= 1.0;
+      const double middle = 0.5 * (x.low + x.high);
+      places[k] = single ? middle : std::floor(middle);
+      first[k] = second[k] = 0.5 * x.travel;
+      if (approach != nullptr && !single) {
+        const std::size_t low = static_cast<std::size_t>(x.low), at = static_cast<std::size_t>(places[k]);
+        first[k] = (*approach)(x.pair, low, at);
+        second[k] = (*approach)(x.pair, at, static_cast<std::size_t>(x.high));
+      }
+    }
+    const std::vector<Where> where = locate(places);
+    const double c = search.clearance(), below = search.exact_below();
+    for (std::size_t k = 0; k < count; ++k) {
+      const Interval& x = todo[k];
+      d[k] = measure(pairs, where[k], places[k], x.pair, false);
+      // from here on, a half is proven
+      const double one = first[k] - x.d_low + 2.0 * c, two = second[k] - x.d_high + 2.0 * c;
+      bool need = d[k] < std::max(std::max(one, two), below) + kMargin;
+      if (need && approach != nullptr && x.high - x.low > 1.0) {  // only what can close a half; it is halved anyway
+        need = d[k] + pairs.loose(x.pair) >= std::min(one, two) || d[k] <= c;
+      }
+      exact[k] = need;
+    }
+    bool any = false;
+    for (std::size_t k = 0; k < count; ++k) {
+      if (!exact[k]) continue;
+      any = true;
+      d[k] = measure(pairs, where[k], places[k], todo[k].pair, true);
+    }
+    if (any) {
+      for (std::size_t k = 0; k < count; ++k) {
+        if (exact[k]) search.found(places[k], todo[k].pair, d[k]);
+      }
+      if (search.over()) return {};
+    }
+    next.clear();
+    const double now = search.clearance();
+    for (int half = 0; half < 2; ++half) {
+      for (std::size_t k = 0; k < count; ++k) {
+        const Interval& x = todo[k];
+        const bool done = exact[k] != 0;
+        const Interval part = half == 0
+                                  ? Interval{x.pair, x.low, places[k], x.d_low, d[k], first[k], x.exact_low, done}
+                                  : Interval{x.pair, places[k], x.high, d[k], x.d_high, second[k], done, x.exact_high};
+        if (part.open(now) && !search.decided(x.low)) next.push_back(part);
+      }
+    }
+    std::swap(todo, next);
+  }
+  return todo;
+}
+
+void self_drift(const Tree& tree, const double* coordinates, const double* before, const double* radius,
+                SelfDistances& d) {
+  for (std::size_t n = 0; n < d.nodes; ++n) {
+    double *bound = d.bound + n * d.pairs, *since = d.since + n * d.pairs;
+    for (int k = tree.base_nv(); k < tree.nv; ++k) {
+      const double moved = std::abs(coordinates[n * tree.nv + k] - before[n * tree.nv + k]);
+      if (moved == 0.0) continue;
+      const double* r = radius + k * d.pairs;
+      for (std::size_t s = 0; s < d.pairs; ++s) {
+        double shift = moved * r[s];
+        if (std::isnan(shift)) shift = kFar;  // of a new node nothing is known
+        bound[s] -= shift;
+        since[s] += shift;
+      }
+    }
+  }
+}
+
+namespace {
+
+void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
+                  SelfDistances& d) {
+  const std::size_t k = node * d.pairs + pair;
+  const double cheap = pairs.lower_bound(frames, node, 0.0, static_cast<std::int64_t>(pair));
+  if (cheap >= reach) {
+    d.bound[k] = cheap;
+    d.since[k] = kFar;
+    d.exact[k] = INFINITY;
+    return;
+  }
+  d.exact[k] = pairs.query(frames, node, static_cast<std::int64_t>(pair));
+  d.bound[k] = d.exact[k] - kGjkExcess;
+  d.since[k] = 0.0;
+  // kept in the base's frame: the base carries all links alike, and needs no new measurement
+  const double* T = frames.at(pairs.planar() ? 1 : 0, node);
+  const Vec3 n = -pairs.solver().normal(), t(T[3], T[7], T[11]);
+  const Vec3 a = pairs.solver().first() - t, b = pairs.solver().second() - t;
+  for (int i = 0; i < 3; ++i) {
+    const Vec3 axis(T[i], T[4 + i], T[8 + i]);
+    d.direction[3 * k + i] = axis.dot(n);
+    d.first[3 * k + i] = axis.dot(a);
+    d.second[3 * k + i] = axis.dot(b);
+  }
+}
+
+}  // namespace
+
+void self_refine(SelfPairs& pairs, const Frames& frames, double reach, SelfDistances& d) {
+  for (std::size_t n = 0; n < d.nodes; ++n) {
+    for (std::size_t s = 0; s < d.pairs; ++s) self_refine_at(pairs, frames, n, s, reach, d);
+  }
+}
+
+void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
+                    SelfDistances& d) {
+  const std::size_t k = node * d.pairs + pair;
+  if (d.bound[k] < reach && d.since[k] > d.tolerance) self_measure(pairs, frames, node, pair, reach, d);
+}
+
+std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
+                                const double* v, double clearance, SelfDistances& d) {
+  std::vector<Interval> todo;
+  std::vector<double> travel(d.pairs);
+  for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
+    std::fill(travel.begin(), travel.end(), 0.0);
+    for (int k = tree.base_nv(); k < tree.nv; ++k) {
+      const double speed = std::abs(v[s * tree.nv + k]);
+      for (std::size_t p = 0; p < d.pairs; ++p) travel[p] += speed * radius[k * d.pairs + p];
+    }
+    for (std::size_t p = 0; p < d.pairs; ++p) {
+      if (d.bound[s * d.pairs + p] + d.bound[(s + 1) * d.pairs + p] > travel[p] + 2.0 * clearance) continue;
+      const double low = static_cast<double>(s);
+      todo.push_back({static_cast<std::int64_t>(p), low, low + 1.0, 0.0, 0.0, travel[p], true, true});
+    }
+  }
+  for (std::size_t end = 0; end < 2; ++end) {
+    for (const Interval& x : todo) {
+      const std::size_t s = static_cast<std::size_t>(x.low), p = static_cast<std::size_t>(x.pair);
+      const double other = d.bound[(s + 1 - end) * d.pairs + p];
+      self_refine_at(pairs, frames, s + end, p, x.travel + 2.0 * clearance - other + kMargin, d);
+    }
+  }
+  std::size_t kept = 0;
+  for (Interval x : todo) {
+    const std::size_t s = static_cast<std::size_t>(x.low), p = static_cast<std::size_t>(x.pair);
+    x.d_low = d.bound[s * d.pairs + p];
+    x.d_high = d.bound[(s + 1) * d.pairs + p];
+    if (x.open(clearance)) todo[kept++] = x;
+  }
+  todo.resize(kept);
+  return todo;
+}
+
+void colliding_nodes(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
+                     Distances& d, std::int8_t* states, StripSearch& search, Counts& counts) {
+  const double clearance = search.clearance();
+  std::vector<std::int64_t> node, body, part;
+  for (std::size_t n = 0; n < d.nodes; ++n) {
+    for (std::size_t g = 0; g < d.bodies; ++g) {
+      const double* bound = d.bound + d.index(n, g, 0);
+      for (std::size_t p = 0; p < d.parts; ++p) {
+        if (bound[p] > clearance) continue;
+        node.push_back(static_cast<std::int64_t>(n));
+        body.push_back(static_cast<std::int64_t>(g));
+        part.push_back(static_cast<std::int64_t>(p));
+      }
+    }
+  }
+  const std::vector<double> reach(node.size(), clearance + kMargin);
+  counts =
+      refine_at(narrow, frames, poses, moving, node.data(), body.data(), part.data(), reach.data(), node.size(), d);
+  const std::size_t last = d.nodes - 2;
+  for (std::size_t k = 0; k < node.size(); ++k) {
+    const std::size_t n = static_cast<std::size_t>(node[k]);
+    const double bound = d.bound[d.index(n, body[k], part[k])];
+    if (bound > clearance) continue;
+    states[std::min(n, last)] = 2;
+    states[n == 0 ? 0 : n - 1] = 2;
+    search.worst.note(static_cast<double>(std::min(n, last)), body[k] * d.parts + part[k], bound, true);
+  }
+}
+
+std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, const PartPoses& poses,
+                                     const Moving& moving, const Bounds& bounds, const double* v,
+                                     const double* approach, const std::int8_t* states, double clearance, Distances& d,
+                                     Counts& counts) {
+  const Tree& tree = narrow.bodies->tree;
+  std::vector<Interval> todo;
+  std::vector<std::int64_t> node, body, part;
+  for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
+    if (states[s] != 0) continue;
+    for (std::size_t g = 0; g < d.bodies; ++g) {
+      const double *here = d.bound + d.index(s, g, 0), *there = d.bound + d.index(s + 1, g, 0);
+      const double need = bounds.travel(tree, v + s * tree.nv, g) + 2.0 * clearance;
+      double tight = -1.0;  // a second chance: the travel of this very posture
+      for (std::size_t p = 0; p < d.parts; ++p) {
+        const double nearer = approach == nullptr ? 0.0 : approach[s * d.parts + p];
+        if (here[p] + there[p] - need - nearer > 0.0) continue;
+        if (tight < 0.0) tight = bounds.tight(*narrow.bodies, frames, s, g, v + s * tree.nv);
+        const double travel = tight + nearer;
+        if (here[p] + there[p] > travel + 2.0 * clearance) continue;
+        const double low = static_cast<double>(s);
+        todo.push_back({static_cast<std::int64_t>(g * d.parts + p), low, low + 1.0, 0.0, 0.0, travel, true, true});
+        node.push_back(static_cast<std::int64_t>(s));
+        body.push_back(static_cast<std::int64_t>(g));
+        part.push_back(static_cast<std::int64_t>(p));
+      }
+    }
+  }
+  // what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
+  std::vector<double> reach(todo.size());
+  std::vector<std::int64_t> at(todo.size());
+  for (std::size_t end = 0; end < 2; ++end) {
+    for (std::size_t k = 0; k < todo.size(); ++k) {
+      const double other = d.bound[d.index(node[k] + 1 - end, body[k], part[k])];
+      reach[k] = todo[k].travel + 2.0 * clearance - other + kMargin;
+      at[k] = node[k] + static_cast<std::int64_t>(end);
+    }
+    const Counts more =
+        refine_at(narrow, frames, poses, moving, at.data(), body.data(), part.data(), reach.data(), todo.size(), d);
+    counts.pairs += more.pairs;
+    counts.queries += more.queries;
+  }
+  std::size_t kept = 0;
+  for (std::size_t k = 0; k < todo.size(); ++k) {
+    Interval x = todo[k];
+    x.d_low = d.bound[d.index(node[k], body[k], part[k])];
+    x.d_high = d.bound[d.index(node[k] + 1, body[k], part[k])];
+    if (x.open(clearance)) todo[kept++] = x;
+  }
+  todo.resize(kept);
+  return todo;
+}
+
+Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, const Frames& frames, std::size_t nodes,
+                   double clearance, int depth, const Approach& approach) {
+  const std::size_t last = nodes - 1;
+  std::vector<Interval> todo;
+  for (std::size_t p = 0; p < count; ++p) {
+    const std::int64_t pair = static_cast<std::int64_t>(p);
+    const double end = static_cast<double>(last);
+    const double d_low = pairs.lower_bound(frames, 0, 0.0, pair), d_high = pairs.lower_bound(frames, last, end, pair);
+    const Interval x{pair, 0.0, end, d_low, d_high, approach(pair, 0, last), false, false};
+    if (x.open(clearance)) todo.push_back(x);
+  }
+  MotionSearch search(clearance);
+  const std::vector<Interval> left = bisection.run(pairs, std::move(todo), search, depth, &approach);
+  if (!search.worst.there) {
+    for (const Interval& x : left) search.worst.note(x.low, x.pair, std::min(x.d_low, x.d_high), false);
+  }
+  return search.worst;
+}
+
+}  // namespace strips

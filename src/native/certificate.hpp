@@ -1,0 +1,198 @@
+// The certificate's branch and bound: open intervals of pairs are halved until none is left; see certificate.py.
+#pragma once
+
+#include <functional>
+
+#include "proximity.hpp"
+
+namespace strips {
+
+// Numbered pairs that have to stay apart, and how they are measured at a node of `frames`, a place of the path.
+class Pairs {
+ public:
+  virtual ~Pairs() = default;
+  virtual double lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) = 0;
+  virtual double distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) = 0;
+  virtual double loose(std::int64_t pair) const = 0;  // how far the lower bounds may be off
+  Counts counts;
+};
+
+// Pairs of a body and one of P parts, numbered body * P + part.
+class ObstaclePairs : public Pairs {
+ public:
+  ObstaclePairs(Narrowphase& narrow, const PartPoses& poses, const Moving& moving)
+      : narrow_(narrow), poses_(poses), moving_(moving) {}
+  double lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
+  double distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
+  double loose(std::int64_t pair) const override;
+
+ private:
+  Narrowphase& narrow_;
+  const PartPoses& poses_;
+  const Moving& moving_;
+};
+
+// Pairs of the robot's own bodies; see SelfProximity.
+class SelfPairs : public Pairs {
+ public:
+  SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs);
+  SelfPairs(const SelfPairs&) = delete;
+  SelfPairs& operator=(const SelfPairs&) = delete;
+  double lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
+  double distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
+  double loose(std::int64_t pair) const override;
+
+  // Signed distance as Coal says it; the solver then has normal and witness points.
+  double query(const Frames& frames, std::size_t node, std::int64_t pair);
+  const PairSolver& solver() const { return solver_; }
+  const Bodies& bodies() const { return *bodies_; }
+  bool planar() const { return bodies_->tree.planar; }
+  std::size_t size() const { return functors_.size(); }
+
+ private:
+  std::shared_ptr<const Bodies> bodies_;
+  std::vector<std::int64_t> pairs_;  // (S, 2)
+  std::vector<std::unique_ptr<ShapePair>> functors_;
+  PairSolver solver_;
+};
+
+struct Interval {
+  std::int64_t pair;
+  double low, high, d_low, d_high, travel;
+  bool exact_low, exact_high;
+
+  // What is not a number proves nothing.
+  bool open(double clearance) const { return !(d_low + d_high > travel + 2.0 * clearance); }
+};
+
+// The nearest that was found too near, or could not be decided.
+struct Worst {
+  bool there = false, certain = false;
+  std::int64_t pair = 0;
+  double place = 0.0, distance = 0.0;
+
+  void note(double at, std::int64_t which, double d, bool sure);
+};
+
+// What distances are wanted for.
+class Search {
+ public:
+  virtual ~Search() = default;
+  virtual double clearance() const = 0;    // intervals are open as long as they may hold a distance up to this
+  virtual double exact_below() const = 0;  // what may be below is measured exactly, even if a bound closes the interval
+  virtual bool decided(double) const { return false; }  // nothing more is wanted of this segment
+  virtual void found(double place, std::int64_t pair, double d) = 0;
+  virtual bool over() const { return false; }
+};
+
+// Whole segments: the first distance below the clearance decides one, the others are searched on.
+class StripSearch : public Search {
+ public:
+  StripSearch(double clearance, std::int8_t* states) : states_(states), clearance_(clearance) {}
+  double clearance() const override { return clearance_; }
+  double exact_below() const override { return clearance_; }
+  bool decided(double place) const override { return states_[static_cast<std::size_t>(place)] != 0; }
+  void found(double place, std::int64_t pair, double d) override;
+  void unknown(const std::vector<Interval>& left);
+  Worst worst;
+
+ private:
+  std::int8_t* states_;
+  double clearance_;
+};
+
+// The first distance below the clearance ends the search; of those that are found together, the least.
+class MotionSearch : public Search {
+ public:
+  explicit MotionSearch(double clearance) : clearance_(clearance) {}
+  double clearance() const override { return clearance_; }
+  double exact_below() const override { return clearance_; }
+  void found(double place, std::int64_t pair, double d) override;
+  bool over() const override { return worst.there; }
+  Worst worst;
+
+ private:
+  double clearance_;
+};
+
+// The least distance: nothing is wanted of what cannot be nearer than the nearest so far, by a tolerance.
+class ClearanceSearch : public Search {
+ public:
+  ClearanceSearch(double nearest, double tolerance) : nearest(nearest), tolerance_(tolerance) {}
+  double clearance() const override { return nearest - tolerance_; }
+  double exact_below() const override { return std::max(nearest, 0.0); }
+  void found(double, std::int64_t, double d) override { nearest = std::min(nearest, d); }
+  double nearest;
+
+ private:
+  double tolerance_;
+};
+
+// How far the two of a pair can have come nearer from one node to another.
+using Approach = std::function<double(std::int64_t pair, std::size_t low, std::size_t high)>;
+
+// A path: nodes, and the tangents (N-1, nv) from each to the next. Halves intervals along it, level by level.
+class Bisection {
+ public:
+  Bisection(const Tree& tree, const Frames& frames, const double* coordinates, const double* v)
+      : tree_(tree), frames_(frames), coordinates_(coordinates), v_(v) {}
+
+  // What still is open after `depth` levels; `approach` is null where all intervals lie in one segment.
+  std::vector<Interval> run(Pairs& pairs, std::vector<Interval> todo, Search& search, int depth,
+                            const Approach* approach);
+
+  std::size_t checks = 0;  // configurations measured between nodes
+
+ private:
+  struct Where {
+    std::size_t node;
+    bool between;
+  };
+  std::vector<Where> locate(const std::vector<double>& places);
+  double measure(Pairs& pairs, const Where& where, double place, std::int64_t pair, bool exact) const;
+  bool settle(Pairs& pairs, std::vector<Interval>& todo, Search& search, bool low);
+
+  const Tree& tree_;
+  Frames frames_;
+  const double *coordinates_, *v_;
+  std::vector<double> T_;
+  Frames between_{nullptr, nullptr, 0};
+};
+
+// What is known of each (node, self pair): arrays (N, S), or (N, S, 3) in the base's frame; see SelfProximity.
+struct SelfDistances {
+  double *bound, *since, *exact, *direction, *first, *second;
+  std::size_t nodes, pairs;
+  double tolerance;
+};
+
+// Lower the bounds by how far the joints have moved from `before` to `coordinates` (N, nv); radius (nv, S).
+void self_drift(const Tree& tree, const double* coordinates, const double* before, const double* radius,
+                SelfDistances& distances);
+
+// Make exact what is below `reach` and has moved by more than the tolerance since it was measured.
+void self_refine(SelfPairs& pairs, const Frames& frames, double reach, SelfDistances& distances);
+
+// Make a single pair exact whose bound is below `reach` and may be stale.
+void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
+                    SelfDistances& d);
+
+// Intervals (segment, self pair) that the nodes' distances leave open, once these have been made exact enough.
+std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
+                                const double* v, double clearance, SelfDistances& distances);
+
+// A node that is itself too close decides both its segments.
+void colliding_nodes(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
+                     Distances& distances, std::int8_t* states, StripSearch& search, Counts& counts);
+
+// Intervals (segment, body, part) that the nodes' distances leave open, once these have been made exact enough.
+std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, const PartPoses& poses,
+                                     const Moving& moving, const Bounds& bounds, const double* v,
+                                     const double* approach, const std::int8_t* states, double clearance,
+                                     Distances& distances, Counts& counts);
+
+// Prove all pairs along a motion, from the first sample to the last; what is found too near, or is left open.
+Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, const Frames& frames, std::size_t nodes,
+                   double clearance, int depth, const Approach& approach);
+
+}  // namespace strips

@@ -1,0 +1,144 @@
+#include "geometry.hpp"
+
+#include <coal/broadphase/default_broadphase_callbacks.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace strips {
+
+namespace {
+
+constexpr double kTolerance = 1e-12;
+constexpr double kAgreement = 1e-4;
+constexpr double kFailed = -1e100;  // Coal says -1.8e308 where its solver for penetration does not converge
+
+coal::DistanceRequest request(double gjk, double epa) {
+  coal::DistanceRequest made(true);
+  if (gjk > 0.0) made.gjk_tolerance = gjk;
+  if (epa > 0.0) made.epa_tolerance = epa;
+  return made;
+}
+
+bool is(const coal::ShapeBase& shape, coal::NODE_TYPE type) { return shape.getNodeType() == type; }
+
+std::shared_ptr<coal::ShapeBase> of_kind(const std::string& kind, const std::vector<double>& s) {
+  if (kind == "box" && s.size() == 3) return std::make_shared<coal::Box>(s[0], s[1], s[2]);
+  if (kind == "sphere" && s.size() == 1) return std::make_shared<coal::Sphere>(s[0]);
+  if (kind == "cylinder" && s.size() == 2) return std::make_shared<coal::Cylinder>(s[0], s[1]);
+  if (kind == "capsule" && s.size() == 2) return std::make_shared<coal::Capsule>(s[0], s[1]);
+  if (kind == "cone" && s.size() == 2) return std::make_shared<coal::Cone>(s[0], s[1]);
+  if (kind == "ellipsoid" && s.size() == 3) return std::make_shared<coal::Ellipsoid>(s[0], s[1], s[2]);
+  throw std::invalid_argument("no shape of kind '" + kind + "' with " + std::to_string(s.size()) + " sizes");
+}
+
+Solid finished(std::shared_ptr<coal::ShapeBase> shape, double swept) {
+  shape->setSweptSphereRadius(swept);
+  shape->computeLocalAABB();
+  return {std::move(shape), nullptr};
+}
+
+}  // namespace
+
+Solid primitive(const std::string& kind, const std::vector<double>& size, double swept) {
+  return finished(of_kind(kind, size), swept);
+}
+
+Solid convex(const double* points, std::size_t count, const std::uint32_t* triangles, std::size_t faces, double swept) {
+  auto corners = std::make_shared<std::vector<coal::Vec3s>>();
+  for (std::size_t i = 0; i < count; ++i) corners->emplace_back(points[3 * i], points[3 * i + 1], points[3 * i + 2]);
+  auto polygons = std::make_shared<std::vector<coal::Triangle>>();
+  for (std::size_t i = 0; i < faces; ++i) {
+    polygons->emplace_back(triangles[3 * i], triangles[3 * i + 1], triangles[3 * i + 2]);
+  }
+  return finished(std::make_shared<coal::Convex<coal::Triangle>>(corners, static_cast<unsigned>(count), polygons,
+                                                                 static_cast<unsigned>(faces)),
+                  swept);
+}
+
+Solid block(const double* sides, const double* at, std::size_t count) {
+  auto made = std::make_shared<Block>();
+  for (std::size_t i = 0; i < count; ++i) {
+    auto box = std::make_shared<coal::Box>(sides[3 * i], sides[3 * i + 1], sides[3 * i + 2]);
+    made->members.push_back(std::make_unique<coal::CollisionObject>(
+        box, coal::Matrix3s::Identity(), coal::Vec3s(at[3 * i], at[3 * i + 1], at[3 * i + 2])));
+    made->tree.registerObject(made->members.back().get());
+  }
+  made->tree.setup();
+  return {nullptr, made};
+}
+
+std::shared_ptr<coal::ShapeBase> sphere_as_capsule(const std::shared_ptr<coal::ShapeBase>& shape) {
+  if (!is(*shape, coal::GEOM_SPHERE)) return shape;
+  auto capsule = std::make_shared<coal::Capsule>(static_cast<const coal::Sphere&>(*shape).radius, 0.0);
+  capsule->computeLocalAABB();
+  return capsule;
+}
+
+namespace {
+
+// Coal's closed form for a sphere and a cylinder forgets the cylinder's caps once the sphere's centre is inside.
+std::shared_ptr<coal::ShapeBase> for_penetration(const std::shared_ptr<coal::ShapeBase>& shape,
+                                                 const coal::ShapeBase& other) {
+  return is(*shape, coal::GEOM_SPHERE) && is(other, coal::GEOM_CYLINDER) ? sphere_as_capsule(shape) : shape;
+}
+
+}  // namespace
+
+ShapePair::ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::ShapeBase> b)
+    : one(std::move(a)),
+      two(std::move(b)),
+      deep_one(for_penetration(one, *two)),
+      deep_two(for_penetration(two, *one)),
+      apart(one.get(), two.get()),
+      deep(deep_one.get(), deep_two.get()),
+      fine(deep_one.get(), deep_two.get()) {}
+
+PairSolver::PairSolver()
+    : apart_(request(kTolerance, 0.0)), deep_(request(0.0, 0.0)), fine_(request(kTolerance, kTolerance)) {
+  for (double tolerance : {1e-4, 1e-3, 1e-2, 0.1}) coarse_.push_back(request(0.0, tolerance));
+}
+
+double PairSolver::ask(const ShapePair& pair, const Transform3s& one, const Transform3s& two) {
+  result_.clear();
+  const double d = pair.apart(one, two, apart_, result_);
+  return d > 0.0 ? d : penetration(pair, one, two);
+}
+
+double PairSolver::penetration(const ShapePair& pair, const Transform3s& one, const Transform3s& two) {
+  result_.clear();
+  double deep = pair.deep(one, two, deep_, result_);
+  result_.clear();
+  const double fine = pair.fine(one, two, fine_, result_);
+  if (fine > kFailed && std::abs(fine - deep) < kAgreement) return fine;
+  for (std::size_t k = 0; k <= coarse_.size(); ++k) {  // even Coal's own tolerance is not always reached
+    result_.clear();
+    deep = pair.deep(one, two, k == 0 ? deep_ : coarse_[k - 1], result_);
+    if (deep > kFailed) return deep;
+  }
+  throw std::domain_error("Coal finds no penetration depth of two shapes at any tolerance");
+}
+
+double PairSolver::ask(const Block& block, coal::CollisionObject& probe) {
+  coal::DistanceCallBackDefault callback;
+  callback.data.request.enable_signed_distance = true;
+  block.tree.distance(&probe, &callback);
+  result_ = callback.data.result;
+  if (result_.min_distance > 0.0) return result_.min_distance;
+  // the tree stops at the first box that penetrates; the deepest one is wanted
+  coal::DistanceResult deepest;
+  double least = INFINITY;
+  for (const auto& member : block.members) {
+    result_.clear();
+    coal::distance(member.get(), &probe, deep_, result_);
+    if (result_.min_distance < least) {
+      least = result_.min_distance;
+      deepest = result_;
+    }
+  }
+  result_ = deepest;
+  return least;
+}
+
+}  // namespace strips

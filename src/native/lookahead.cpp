@@ -1,0 +1,107 @@
+#include "lookahead.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace strips {
+
+namespace {
+
+double box_distance(double x, double y, double a, double b) {
+  x = std::abs(x) - a;
+  y = std::abs(y) - b;
+  const double right = std::max(x, 0.0), up = std::max(y, 0.0);
+  return std::sqrt(right * right + up * up) + std::min(std::max(x, y), 0.0);
+}
+
+}  // namespace
+
+void near_discs(const Rollout& rollout, const Discs& discs, const double* size, double lookahead, double far) {
+  for (std::size_t k = 0; k < rollout.count * rollout.steps; ++k) {
+    const double *pose = rollout.pose + 3 * k, t = rollout.time[k % rollout.steps];
+    double least = far;
+    for (std::size_t m = 0; m < discs.count; ++m) {
+      const double *d = discs.disc + 8 * m, vx = d[2], vy = d[3];
+      double dx = d[0] + vx * t - pose[0], dy = d[1] + vy * t - pose[1];
+      const double closing = -(dx * vx + dy * vy) / std::max(vx * vx + vy * vy, 1e-6);
+      const double ahead = std::min(std::max(closing, 0.0), lookahead);
+      dx += vx * ahead;
+      dy += vy * ahead;
+      least = std::min(least, std::sqrt(dx * dx + dy * dy) - size[m]);
+    }
+    rollout.out[k] = least;
+  }
+}
+
+void possible_discs(const Rollout& rollout, const Discs& discs, const Footprint& body, double far) {
+  double reach = 0.0;
+  for (std::size_t b = 0; b < body.count; ++b) {
+    const double *middle = body.middle + 2 * b, *half = body.half + 2 * b;
+    reach = std::max(reach, std::hypot(std::abs(middle[0]) + half[0], std::abs(middle[1]) + half[1]));
+  }
+  for (std::size_t k = 0; k < rollout.count * rollout.steps; ++k) {
+    const double *pose = rollout.pose + 3 * k, t = rollout.time[k % rollout.steps];
+    const double cos = std::cos(pose[2]), sin = std::sin(pose[2]);
+    double least = far;
+    for (std::size_t m = 0; m < discs.count; ++m) {
+      const double *d = discs.disc + 8 * m, *error = discs.error + m;
+      const double size = d[4] + error[0] + (error[discs.count] + error[2 * discs.count] * t) * t;
+      const double dx = d[0] + d[2] * t - pose[0], dy = d[1] + d[3] * t - pose[1], apart = least + reach + size;
+      if (apart > 0.0 && dx * dx + dy * dy > apart * apart) continue;  // even discs about both are
+      const double ahead = cos * dx + sin * dy, aside = cos * dy - sin * dx;
+      for (std::size_t b = 0; b < body.count; ++b) {
+        if (d[5] > body.high[b] || d[6] < body.low[b]) continue;
+        const double *middle = body.middle + 2 * b, *half = body.half + 2 * b;
+        least = std::min(least, box_distance(ahead - middle[0], aside - middle[1], half[0], half[1]) - size);
+      }
+    }
+    rollout.out[k] = least;
+  }
+}
+
+void standing_boxes(const Rollout& rollout, const double* boxes, std::size_t count, const Footprint& body, double least,
+                    double far) {
+  std::vector<double> cos(count), sin(count), round(count);
+  for (std::size_t j = 0; j < count; ++j) {
+    round[j] = std::hypot(boxes[7 * j + 2], boxes[7 * j + 3]);
+    cos[j] = std::cos(boxes[7 * j + 6]);
+    sin[j] = std::sin(boxes[7 * j + 6]);
+  }
+  struct Cover {  // of one box of the robot: discs in rows and columns
+    int rows, columns;
+    double px, py, radius, outer;
+  };
+  std::vector<Cover> covers;
+  for (std::size_t b = 0; b < body.count; ++b) {
+    const double *half = body.half + 2 * b, widest = std::max(std::min(half[0], half[1]), least);
+    const int nx = static_cast<int>(std::ceil(half[0] / widest)), ny = static_cast<int>(std::ceil(half[1] / widest));
+    const double px = half[0] / nx, py = half[1] / ny, radius = std::hypot(px, py);
+    covers.push_back({nx, ny, px, py, radius, std::hypot(half[0], half[1]) + radius});
+  }
+  for (std::size_t k = 0; k < rollout.count * rollout.steps; ++k) {
+    const double *pose = rollout.pose + 3 * k, c = std::cos(pose[2]), s = std::sin(pose[2]);
+    double nearest = far;
+    for (std::size_t b = 0; b < body.count; ++b) {
+      const double *middle = body.middle + 2 * b, *half = body.half + 2 * b;
+      const Cover& cover = covers[b];
+      const double x = pose[0] + c * middle[0] - s * middle[1], y = pose[1] + s * middle[0] + c * middle[1];
+      for (std::size_t j = 0; j < count; ++j) {
+        const double* box = boxes + 7 * j;
+        if (box[4] > body.high[b] || box[5] < body.low[b]) continue;
+        const double apart = nearest + cover.outer + round[j], ox = x - box[0], oy = y - box[1];
+        if (apart > 0.0 && ox * ox + oy * oy > apart * apart) continue;  // even discs about both are
+        for (int i = 0; i < cover.rows * cover.columns; ++i) {
+          const double u = middle[0] - half[0] + cover.px * (2 * (i / cover.columns) + 1);
+          const double w = middle[1] - half[1] + cover.py * (2 * (i % cover.columns) + 1);
+          const double dx = pose[0] + c * u - s * w - box[0], dy = pose[1] + s * u + c * w - box[1];
+          const double d = box_distance(cos[j] * dx + sin[j] * dy, cos[j] * dy - sin[j] * dx, box[2], box[3]);
+          nearest = std::min(nearest, d - cover.radius);
+        }
+      }
+    }
+    rollout.out[k] = nearest;
+  }
+}
+
+}  // namespace strips

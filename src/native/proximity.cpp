@@ -1,0 +1,125 @@
+#include "proximity.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace strips {
+
+std::vector<std::int64_t> follow(const Bodies& bodies, const Frames& frames, const double* coordinates,
+                                 double influence, Nodes& nodes, Distances& d) {
+  const std::size_t G = bodies.size(), nv = static_cast<std::size_t>(bodies.tree.nv);
+  std::vector<std::int64_t> lost;
+  for (std::size_t n = 0; n < d.nodes; ++n) {
+    const double* q = coordinates + n * nv;
+    double* kept = nodes.coordinates + n * nv;
+    if (std::equal(q, q + nv, kept)) continue;
+    std::copy(q, q + nv, kept);
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (std::size_t g = 0; g < G; ++g) {
+      const double *T = frames.at(bodies.joint[g], n), radius = bodies.radius[g];
+      double *e = nodes.ends + (n * G + g) * 6, *r = nodes.rotations + (n * G + g) * 9;
+      Vec3 one, two;
+      bodies.ends_at(frames, n, g, one, two);
+      const double way =
+          std::max((one - Vec3(e[0], e[1], e[2])).squaredNorm(), (two - Vec3(e[3], e[4], e[5])).squaredNorm());
+      double turn = 0.0;
+      for (int i = 0; i < 3; ++i) {
+        for (int k = 0; k < 3; ++k) {
+          const double change = T[4 * i + k] - r[3 * i + k];
+          turn += change * change;
+          r[3 * i + k] = T[4 * i + k];
+        }
+        e[i] = one[i];
+        e[3 + i] = two[i];
+        low[i] = std::min(low[i], std::min(one[i], two[i]) - radius);
+        high[i] = std::max(high[i], std::max(one[i], two[i]) + radius);
+      }
+      double shift = std::sqrt(way) + radius * std::sqrt(0.5 * turn);
+      if (std::isnan(shift)) shift = kFar;
+      double *bound = d.bound + d.index(n, g, 0), *since = d.since + d.index(n, g, 0);
+      for (std::size_t p = 0; p < d.parts; ++p) {
+        bound[p] -= shift;
+        since[p] += shift;
+      }
+    }
+    double depth = nodes.cover[n] < 0 ? -1.0 : INFINITY;
+    for (int i = 0; i < 3 && nodes.cover[n] >= 0; ++i) {
+      const std::size_t c = static_cast<std::size_t>(nodes.cover[n]) * 3 + i;
+      depth = std::min(depth, std::min(low[i] - nodes.cover_low[c], nodes.cover_high[c] - high[i]));
+    }
+    nodes.margin[n] = depth;
+    if (!(depth >= influence)) lost.push_back(static_cast<std::int64_t>(n));
+  }
+  return lost;
+}
+
+namespace {
+
+// Bound one pair by its capsule, and measure it where that is below `reach`.
+void measure(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving, std::size_t node,
+             std::size_t body, std::size_t part, const Vec3& one, const Vec3& two, double reach, Distances& d,
+             Counts& counts) {
+  Vec3 shift;
+  double uncertainty = 0.0;
+  const Vec3* moves = moving.at(node, part, shift, uncertainty) ? &shift : nullptr;
+  const std::size_t k = d.index(node, body, part);
+  ++counts.pairs;
+  const double cheap = capsule_bound(*narrow.bodies, one, two, body, poses, part, moves, uncertainty);
+  if (cheap >= reach) {
+    d.bound[k] = cheap;
+    d.exact[k] = INFINITY;
+    d.since[k] = kFar;
+    return;
+  }
+  ++counts.queries;
+  const Found found = narrow.query(frames, node, body, part, poses, moves);
+  d.exact[k] = found.distance - uncertainty;
+  d.bound[k] = d.exact[k] - kGjkExcess;
+  d.since[k] = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    d.direction[3 * k + i] = found.direction[i];
+    d.witness[3 * k + i] = found.witness[i];
+  }
+}
+
+}  // namespace
+
+Counts refine(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving, double influence,
+              Distances& d) {
+  Counts counts;
+  narrow.begin();
+  for (std::size_t n = 0; n < d.nodes; ++n) {
+    for (std::size_t g = 0; g < d.bodies; ++g) {
+      const double *bound = d.bound + d.index(n, g, 0), *since = d.since + d.index(n, g, 0);
+      bool placed = false;
+      Vec3 one, two;
+      for (std::size_t p = 0; p < d.parts; ++p) {
+        if (!(bound[p] < influence && since[p] > d.limit[p])) continue;
+        if (!placed) {
+          narrow.bodies->ends_at(frames, n, g, one, two);
+          placed = true;
+        }
+        measure(narrow, frames, poses, moving, n, g, p, one, two, influence, d, counts);
+      }
+    }
+  }
+  return counts;
+}
+
+Counts refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
+                 const std::int64_t* node, const std::int64_t* body, const std::int64_t* part, const double* reach,
+                 std::size_t count, Distances& d) {
+  Counts counts;
+  narrow.begin();
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::size_t n = static_cast<std::size_t>(node[k]), g = static_cast<std::size_t>(body[k]);
+    const std::size_t p = static_cast<std::size_t>(part[k]), at = d.index(n, g, p);
+    if (!(d.bound[at] < reach[k] && d.since[at] > 0.0)) continue;
+    Vec3 one, two;
+    narrow.bodies->ends_at(frames, n, g, one, two);
+    measure(narrow, frames, poses, moving, n, g, p, one, two, reach[k], d, counts);
+  }
+  return counts;
+}
+
+}  // namespace strips

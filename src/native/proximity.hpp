@@ -1,0 +1,48 @@
+// Distances that are kept from tick to tick: bounds that fall as bodies move, measured again where they matter.
+#pragma once
+
+#include "narrowphase.hpp"
+
+namespace strips {
+
+constexpr double kFar = 1e9;
+constexpr double kGjkExcess = 1e-5;  // what Coal may say too much [m]
+
+// What is known of each (node, body, part): arrays (N, G, P), or (N, G, P, 3); see ObstacleProximity.
+struct Distances {
+  double *bound, *since, *exact, *direction, *witness;
+  const double* limit;  // (P)
+  std::size_t nodes, bodies, parts;
+
+  std::size_t index(std::size_t n, std::size_t g, std::size_t p) const { return (n * bodies + g) * parts + p; }
+};
+
+struct Counts {
+  std::size_t pairs = 0, queries = 0;
+};
+
+// What was kept of the nodes (N) when they were last looked at: coordinates (N, nv), capsule ends (N, G, 2, 3),
+// rotations (N, G, 3, 3); boxes (C, 3) that hold candidates for what is inside, which of them holds each node, and how
+// deep.
+struct Nodes {
+  double *coordinates, *ends, *rotations;
+  const double *cover_low, *cover_high;
+  std::int64_t* cover;
+  double* margin;
+};
+
+// Lower the bounds of nodes that moved by how far any point of each body can have moved, and keep where they are now;
+// returns those that are less than `influence` deep in their box.
+std::vector<std::int64_t> follow(const Bodies& bodies, const Frames& frames, const double* coordinates,
+                                 double influence, Nodes& nodes, Distances& distances);
+
+// Make exact what is below `influence` and has moved by more than its limit since it was measured.
+Counts refine(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving, double influence,
+              Distances& distances);
+
+// Make single pairs exact whose bound is below their `reach` and may be stale.
+Counts refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
+                 const std::int64_t* node, const std::int64_t* body, const std::int64_t* part, const double* reach,
+                 std::size_t count, Distances& distances);
+
+}  // namespace strips

@@ -1,0 +1,269 @@
+#include "system.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace strips {
+
+namespace {
+
+constexpr double kSmall = 1e-4;
+constexpr double kTolerance = 1e-9;  // largest sideways travel of a segment that counts as none
+constexpr double kYawWeight = 0.1;   // cost of turning against moving
+constexpr double kLargestStep = 0.5;
+
+using Block3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+// Base blocks of the difference's derivatives with respect to the first and the second pose.
+void difference_jacobians(const double* v, Block3& first, Block3& second) {
+  const double theta = v[2], half = 0.5 * theta;
+  const bool small = std::abs(theta) < kSmall;
+  const double alpha = small ? 1.0 - theta * theta / 12.0 : half / std::tan(half);
+  const double beta = small ? theta / 12.0 : (1.0 - alpha) / theta;
+  first << -alpha, -half, -beta * v[0] + 0.5 * v[1], half, -alpha, -beta * v[1] - 0.5 * v[0], 0.0, 0.0, -1.0;
+  second << alpha, -half, beta * v[0] + 0.5 * v[1], half, alpha, beta * v[1] - 0.5 * v[0], 0.0, 0.0, 1.0;
+}
+
+}  // namespace
+
+double add_elastic(System& s, bool planar, const double* v, const double* weight) {
+  const int nv = s.nv, b = planar ? 3 : 0;
+  const std::size_t block = static_cast<std::size_t>(nv) * nv;
+  double energy = 0.0;
+  for (std::size_t j = 0; j + 1 < s.nodes; ++j) {
+    const double* u = v + j * nv;
+    double *here = s.force + j * nv, *there = here + nv;
+    double *D0 = s.diagonal + j * block, *D1 = D0 + block, *U = s.upper + j * block;
+    for (int k = 0; k < nv; ++k) energy += weight[k] * u[k] * u[k];
+    if (b != 0) {
+      Block3 first, second;
+      difference_jacobians(u, first, second);
+      const Vec3 w(weight[0], weight[1], weight[2]), pull = w.cwiseProduct(Vec3(u[0], u[1], u[2]));
+      const Vec3 f0 = first.transpose() * pull, f1 = second.transpose() * pull;
+      const Block3 W0 = w.asDiagonal() * first, W1 = w.asDiagonal() * second;
+      const Block3 A = first.transpose() * W0, B = second.transpose() * W1, C = first.transpose() * W1;
+      for (int r = 0; r < 3; ++r) {
+        here[r] -= f0[r];
+        there[r] -= f1[r];
+        for (int c = 0; c < 3; ++c) {
+          D0[r * nv + c] += A(r, c);
+          D1[r * nv + c] += B(r, c);
+          U[r * nv + c] += C(r, c);
+        }
+      }
+    }
+    for (int k = b; k < nv; ++k) {
+      const double pull = weight[k] * u[k];
+      here[k] += pull;
+      there[k] -= pull;
+      D0[k * nv + k] += weight[k];
+      D1[k * nv + k] += weight[k];
+      U[k * nv + k] -= weight[k];
+    }
+  }
+  return 0.5 * energy;
+}
+
+void add_row(System& s, std::size_t node, const double* row, double force, double stiffness) {
+  const int nv = s.nv;
+  double *f = s.force + node * nv, *D = s.diagonal + node * nv * nv;
+  for (int r = 0; r < nv; ++r) {
+    f[r] += force * row[r];
+    const double scaled = stiffness * row[r];
+    if (scaled == 0.0) continue;
+    for (int c = 0; c < nv; ++c) D[r * nv + c] += scaled * row[c];
+  }
+}
+
+void add_directional(const Tree& tree, const double* J, std::int64_t joint, const double* p, const double* n,
+                     double* row) {
+  const double moment[3] = {p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]};
+  for (int k = 0; k < tree.nv; ++k) {
+    if (!tree.supports(joint, k)) continue;
+    const double* c = J + 6 * k;
+    row[k] += c[0] * n[0] + c[1] * n[1] + c[2] * n[2] + c[3] * moment[0] + c[4] * moment[1] + c[5] * moment[2];
+  }
+}
+
+double add_repulsion(System& s, const Bodies& bodies, const double* J, const Distances& d, double influence, double k_r,
+                     double near, double k_near) {
+  const Tree& tree = bodies.tree;
+  double energy = 0.0;
+  std::vector<double> row(tree.nv);
+  for (std::size_t n = 0; n < d.nodes; ++n) {
+    for (std::size_t g = 0; g < d.bodies; ++g) {
+      for (std::size_t p = 0, k = d.index(n, g, 0); p < d.parts; ++p, ++k) {
+        if (!(d.exact[k] < influence && d.since[k] <= d.limit[p])) continue;
+        const double gap = influence - d.exact[k], deep = k_near > 0.0 ? std::max(near - d.exact[k], 0.0) : 0.0;
+        energy += 0.5 * (k_r * gap * gap + k_near * deep * deep);
+        std::fill(row.begin(), row.end(), 0.0);
+        add_directional(tree, J + n * tree.nv * 6, bodies.joint[g], d.witness + 3 * k, d.direction + 3 * k, row.data());
+        add_row(s, n, row.data(), k_r * gap + k_near * deep, k_r + (deep > 0.0 ? k_near : 0.0));
+      }
+    }
+  }
+  return energy;
+}
+
+double add_limits(System& s, const double* coordinates, const double* lower, const double* upper, double k_l,
+                  double margin) {
+  double energy = 0.0;
+  for (std::size_t n = 0; n < s.nodes; ++n) {
+    for (int k = 0; k < s.nv; ++k) {
+      const double q = coordinates[n * s.nv + k];
+      const double below = std::max(lower[k] + margin - q, 0.0), above = std::max(q - upper[k] + margin, 0.0);
+      if (below == 0.0 && above == 0.0) continue;
+      energy += 0.5 * k_l * (below * below + above * above);
+      s.force[n * s.nv + k] += k_l * (below - above);
+      s.diagonal[(n * s.nv + k) * s.nv + k] += k_l * ((below > 0.0) + (above > 0.0));
+    }
+  }
+  return energy;
+}
+
+double add_posture(System& s, const double* coordinates, const double* target, const double* k_p,
+                   const std::uint8_t* circular, int base_nv) {
+  double energy = 0.0;
+  for (std::size_t n = 0; n < s.nodes; ++n) {
+    for (int k = base_nv; k < s.nv; ++k) {
+      double off = coordinates[n * s.nv + k] - target[n * s.nv + k];
+      if (circular[k - base_nv]) off = std::atan2(std::sin(off), std::cos(off));
+      energy += 0.5 * k_p[k] * off * off;
+      s.force[n * s.nv + k] -= k_p[k] * off;
+      s.diagonal[(n * s.nv + k) * s.nv + k] += k_p[k];
+    }
+  }
+  return energy;
+}
+
+bool solve(const System& s, const double* damping, double* delta) {
+  const int nv = s.nv;
+  const std::size_t n = s.nodes, block = static_cast<std::size_t>(nv) * nv;
+  std::fill(delta, delta + n * nv, 0.0);
+  if (n < 3) return true;
+  const std::size_t inner = n - 2;
+  std::vector<double> L(inner * block), W(inner * block);  // L Lᵀ of each block; W = L⁻¹ U
+  for (std::size_t i = 0; i < inner; ++i) {
+    double *l = &L[i * block], *x = delta + (i + 1) * nv;
+    const double* D = s.diagonal + (i + 1) * block;
+    for (int r = 0; r < nv; ++r) {
+      for (int c = 0; c <= r; ++c) l[r * nv + c] = D[c * nv + r];
+      l[r * nv + r] += damping[r];
+      x[r] = s.force[(i + 1) * nv + r];
+    }
+    if (i > 0) {
+      const double *w = &W[(i - 1) * block], *before = x - nv;
+      for (int k = 0; k < nv; ++k) {
+        const double* row = w + k * nv;
+        for (int r = 0; r < nv; ++r) {
+          const double scaled = row[r];
+          if (scaled == 0.0) continue;
+          for (int c = 0; c <= r; ++c) l[r * nv + c] -= scaled * row[c];
+          x[r] -= scaled * before[k];
+        }
+      }
+    }
+    for (int r = 0; r < nv; ++r) {  // Cholesky, and the forward solve on the way
+      double* row = l + r * nv;
+      for (int c = 0; c < r; ++c) {
+        const double* other = l + c * nv;
+        double sum = row[c];
+        for (int k = 0; k < c; ++k) sum -= row[k] * other[k];
+        row[c] = sum / other[c];
+        x[r] -= row[c] * x[c];
+      }
+      double sum = row[r];
+      for (int k = 0; k < r; ++k) sum -= row[k] * row[k];
+      if (!(sum > 0.0) || !std::isfinite(sum)) return false;
+      row[r] = std::sqrt(sum);
+      x[r] /= row[r];
+    }
+    if (i + 1 < inner) {
+      double* w = &W[i * block];
+      const double* U = s.upper + (i + 1) * block;
+      std::copy(U, U + block, w);
+      for (int r = 0; r < nv; ++r) {
+        for (int k = 0; k < r; ++k) {
+          const double scaled = l[r * nv + k];
+          if (scaled == 0.0) continue;
+          for (int c = 0; c < nv; ++c) w[r * nv + c] -= scaled * w[k * nv + c];
+        }
+        const double inverse = 1.0 / l[r * nv + r];
+        for (int c = 0; c < nv; ++c) w[r * nv + c] *= inverse;
+      }
+    }
+  }
+  for (std::size_t i = inner; i-- > 0;) {
+    double* x = delta + (i + 1) * nv;
+    const double* l = &L[i * block];
+    if (i + 1 < inner) {
+      const double *w = &W[i * block], *after = x + nv;
+      for (int r = 0; r < nv; ++r) {
+        for (int c = 0; c < nv; ++c) x[r] -= w[r * nv + c] * after[c];
+      }
+    }
+    for (int r = nv; r-- > 0;) {
+      x[r] /= l[r * nv + r];
+      for (int k = 0; k < r; ++k) x[k] -= l[r * nv + k] * x[r];
+    }
+  }
+  return std::all_of(delta, delta + n * nv, [](double x) { return std::isfinite(x); });
+}
+
+double project_rolling(double* coordinates, std::size_t n, int nv, int iterations, int& taken) {
+  const Space plane{3, true, {}};
+  const std::size_t m = n - 1;
+  const Vec3 inverse_mass(1.0, 1.0, 1.0 / kYawWeight);
+  std::vector<Vec3> row_a(m), row_b(m), step(n);
+  std::vector<double> v(3 * m), diagonal(m), off(m), multiplier(m);
+  double residual = INFINITY;
+  for (taken = 0; taken <= iterations; ++taken) {
+    residual = 0.0;
+    for (std::size_t j = 0; j < m; ++j) {
+      difference(plane, coordinates + j * nv, coordinates + (j + 1) * nv, &v[3 * j]);
+      const double aside = std::abs(v[3 * j + 1]);
+      if (!(aside <= residual)) residual = aside;  // NaN as well
+    }
+    if (residual <= kTolerance || taken == iterations || n < 3 || !std::isfinite(residual)) break;
+    for (std::size_t j = 0; j < m; ++j) {
+      Block3 first, second;
+      difference_jacobians(&v[3 * j], first, second);
+      row_a[j] = j == 0 ? Vec3(0.0, 0.0, 0.0) : Vec3(first.row(1));  // the end nodes do not move
+      row_b[j] = j + 1 == m ? Vec3(0.0, 0.0, 0.0) : Vec3(second.row(1));
+    }
+    bool sound = true;
+    for (std::size_t j = 0; j < m; ++j) {  // L D Lᵀ of C M⁻¹ Cᵀ, tridiagonal
+      diagonal[j] =
+          row_a[j].dot(inverse_mass.cwiseProduct(row_a[j])) + row_b[j].dot(inverse_mass.cwiseProduct(row_b[j])) + 1e-12;
+      multiplier[j] = -v[3 * j + 1];
+      if (j > 0) {
+        const double coupling = row_b[j - 1].dot(inverse_mass.cwiseProduct(row_a[j]));
+        off[j - 1] = coupling / diagonal[j - 1];
+        diagonal[j] -= off[j - 1] * coupling;
+        multiplier[j] -= off[j - 1] * multiplier[j - 1];
+      }
+      sound = sound && diagonal[j] > 0.0;
+    }
+    if (!sound) break;
+    for (std::size_t j = m; j-- > 0;) {
+      multiplier[j] /= diagonal[j];
+      if (j + 1 < m) multiplier[j] -= off[j] * multiplier[j + 1];
+    }
+    std::fill(step.begin(), step.end(), Vec3(0.0, 0.0, 0.0));
+    double largest = 0.0;
+    for (std::size_t j = 0; j < m; ++j) {
+      step[j] += inverse_mass.cwiseProduct(row_a[j]) * multiplier[j];
+      step[j + 1] += inverse_mass.cwiseProduct(row_b[j]) * multiplier[j];
+    }
+    for (const Vec3& s : step) largest = std::max(largest, s.cwiseAbs().maxCoeff());
+    const double scale = largest > kLargestStep ? kLargestStep / largest : 1.0;
+    for (std::size_t j = 0; j < n; ++j) {
+      double pose[3];
+      integrate(plane, coordinates + j * nv, step[j].data(), scale, pose);
+      std::copy(pose, pose + 3, coordinates + j * nv);
+    }
+  }
+  return residual;
+}
+
+}  // namespace strips

@@ -1,0 +1,113 @@
+"""The native kernel computes what the NumPy code computes: on random robots, in random scenes, in every part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import twins
+from numpy.testing import assert_allclose
+
+from elastic_strips.native import kernel, twin
+from elastic_strips.planning.ompl_planner import ValidityChecker
+from elastic_strips.robot import RobotModel
+from elastic_strips.sim.scenarios import get_scenario
+from elastic_strips.strip.forces import add_elastic, add_joint_limits, add_posture
+from elastic_strips.strip.solver import BandedSolver, System, project_rolling
+
+pytestmark = pytest.mark.skipif(kernel() is None, reason="the native kernel is not compiled here")
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_ticks_and_certificates_are_those_of_the_twin(seed: int) -> None:
+    """Robots of 3 to 16 degrees of freedom and all kinds of bases, one after the other."""
+    figures = twins.run(3 * seed + seed % 3)
+    assert figures.different == []
+    assert figures.ticks > 5
+    assert figures.motions > 1
+
+
+def test_the_comparison_sees_a_kernel_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A twin whose distances are a micrometre too large is found out."""
+    from elastic_strips.collision import narrowphase
+
+    exact = narrowphase.PairSolver.ask
+    monkeypatch.setattr(narrowphase.PairSolver, "ask", lambda self, *given: exact(self, *given) + 1e-6)
+    figures = twins.Figures()
+    for seed in range(6):
+        figures.add(twins.run(seed))
+    assert figures.different
+
+
+def _systems(robot: RobotModel, n: int) -> tuple[System, System]:
+    native = System(n, robot.nv)
+    with twin():
+        return native, System(n, robot.nv)
+
+
+def _same(native: System, plain: System) -> None:
+    for name in ("force", "diagonal", "upper"):
+        assert_allclose(getattr(native, name), getattr(plain, name), atol=1e-12, err_msg=name)
+    assert native.energies.keys() == plain.energies.keys()
+    for name, energy in plain.energies.items():
+        assert native.energies[name] == pytest.approx(energy, abs=1e-12, rel=1e-12), name
+
+
+def test_a_step_is_that_of_the_twin(robot: RobotModel) -> None:
+    """Springs, limits, posture, the solve and the rolling projection."""
+    rng, space, n = np.random.default_rng(5), robot.space, 12
+    rows = np.cumsum(0.1 * rng.normal(size=(n, space.nv)), axis=0)
+    native, plain = _systems(robot, n)
+    weight, gain = rng.uniform(0.5, 2.0, space.nv), rng.uniform(0.0, 1.0, space.nv)
+    gain[: space.base_nv] = 0.0
+    v = space.difference(rows[:-1], rows[1:])
+    with twin():
+        assert_allclose(v, space.difference(rows[:-1], rows[1:]), atol=1e-13)
+        assert_allclose(rows[1:], space.integrate(rows[:-1], v), atol=1e-12)
+    assert_allclose(rows[1:], space.integrate(rows[:-1], v), atol=1e-12)
+    node, row = np.sort(rng.integers(0, n, 40)), rng.normal(size=(40, space.nv))
+    for system in (native, plain):
+        add_elastic(system, space, v, weight)
+        add_joint_limits(system, space, rows, k_l=2.0, margin=0.2)
+        add_posture(system, space, rows, rows[0], k_p=gain)
+        system.add_rows(node, row, np.linspace(0.1, 1.0, 40), np.linspace(0.0, 2.0, 40))
+    _same(native, plain)
+    damping = np.full(space.nv, 0.3)
+    solver = BandedSolver()
+    assert_allclose(solver.solve(native, damping), solver.solve(plain, damping), atol=1e-10)
+    if space.planar:
+        moved, left = project_rolling(space, rows)
+        with twin():
+            other, rest = project_rolling(space, rows)
+        assert_allclose(moved, other, atol=1e-9)
+        assert left == pytest.approx(rest, abs=1e-9)
+
+
+def test_a_matrix_that_is_not_positive_is_refused(silvermate: RobotModel) -> None:
+    for system in _systems(silvermate, 5):
+        system.diagonal[2, 1, 1] = np.nan
+        with pytest.raises(FloatingPointError):
+            BandedSolver().solve(system, np.ones(silvermate.nv))
+
+
+def test_the_planner_accepts_the_same_configurations(silvermate: RobotModel) -> None:
+    scene, space = get_scenario("corridor", seed=0).scene, silvermate.space
+    checker = ValidityChecker(silvermate, scene, margin=0.03)
+    with twin():
+        other = ValidityChecker(silvermate, scene, margin=0.03)
+    rng = np.random.default_rng(3)
+    low, high = np.maximum(space.lower, -2.5).copy(), np.minimum(space.upper, 2.5).copy()
+    low[:2], high[:2] = (-1.0, -2.0), (8.0, 2.0)
+    rows = rng.uniform(low, high, (600, space.nv))
+    rows[::2, 3:] = space.to_coordinates(silvermate.home_q)[3:]
+    accepted = [checker.at(row) for row in rows]
+    assert accepted == [other.at(row) for row in rows]
+    assert 50 < sum(accepted) < 550
+
+
+def test_arrays_that_could_not_be_written_to_are_refused() -> None:
+    """A copy would be written to instead, and lost."""
+    module = kernel()
+    assert module is not None
+    strided = np.zeros((8, 6))[:, ::2]
+    with pytest.raises(TypeError):
+        module.project_rolling(strided, 5)
