@@ -167,8 +167,11 @@ def _overlapping(table: PartTable, rows: Indices, low: Array, high: Array) -> In
     chunk = max(1, 2_000_000 // max(1, len(low)))
     for start in range(0, len(rows), chunk):
         s = slice(start, start + chunk)
-        above, below = part_low[s, None] <= high[None], part_high[s, None] >= low[None]
-        keep[s] = np.any(np.all(above, axis=2) & np.all(below, axis=2), axis=1)
+        overlap = np.ones((len(rows[s]), len(low)), dtype=bool)
+        for k in range(3):
+            overlap &= part_low[s, k, None] <= high[:, k]
+            overlap &= part_high[s, k, None] >= low[:, k]
+        keep[s] = overlap.any(axis=1)
     return rows[keep]
 
 
@@ -271,8 +274,8 @@ class MovingParts:
         self.always = prediction.obstacles
         return False
 
-    def remap(self, source: Indices) -> None:
-        """Carry the last forecast over to nodes (N,) that were nodes ``source`` of it."""
+    def remap(self, source: Indices | slice) -> None:
+        """Carry the last forecast over to nodes that were these of it."""
         a = self.prediction
         if a is not None:
             self.prediction = NodePrediction(a.obstacles, a.shift[source], a.uncertainty[source], a.ignored[source])

@@ -15,7 +15,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.space import nonzero
+from elastic_strips.robot.space import nonzero, rows_from
 from elastic_strips.scene import Scene
 from elastic_strips.work import count_work
 
@@ -92,8 +92,7 @@ class ObstacleProximity:
         """
         if self.candidates is None:
             return
-        take = np.maximum(source, 0)
-        new = source < 0
+        take, new = rows_from(source), source < 0
         self.moving.remap(take)
         self._cover = np.where(new, -1, self._cover[take])
         for name in ("_coordinates", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
@@ -112,33 +111,28 @@ class ObstacleProximity:
             prediction: where some of its obstacles will be when each node is reached; all of them stay where None.
         """
         columns = None if self.candidates is None else self.candidates.follow(scene)
-        if prediction is not None and not self.moving.known(prediction):
+        same = self.candidates is not None and self._coordinates.shape == kin.coordinates[: kin.n].shape
+        inside = same and self._follow(kin)
+        unknown = prediction is not None and not self.moving.known(prediction)
+        if columns is None or not inside or unknown:
+            self._rebuild(kin, scene, columns, carry=same)
             columns = None
-        if columns is not None and not self._follow(kin):
-            columns = None
-        if columns is None:
-            ends = self.bodies.capsule_ends(kin)
-            self._rebuild(ends, scene)
-            self._remember(kin, ends, None)
         self._predict(prediction, columns)
         self.refine(kin)
 
     def _follow(self, kin: Kinematics) -> bool:
         """Lower the bounds of nodes that moved; False where the candidates may not hold all that is near them."""
         coordinates = kin.coordinates[: kin.n]
-        if self._coordinates.shape != coordinates.shape:
-            return False
         candidates, native, arrays = self.candidates, self.narrow.native, self.arrays
         assert candidates is not None
         if native is None or arrays is None:
             moved = np.flatnonzero((coordinates != self._coordinates).any(axis=1))
-            if len(moved):
-                ends = self.bodies.capsule_ends(kin)
-                if not self._keep_margin(ends, moved):
-                    return False
-                self._drift(kin, ends, moved)
-                self._remember(kin, ends, moved)
-            return True
+            if len(moved) == 0:
+                return True
+            ends = self.bodies.capsule_ends(kin)
+            self._drift(kin, ends, moved)
+            self._remember(kin, ends, moved)
+            return self._keep_margin(ends, moved)
         lost = native.follow(
             kin.T, coordinates, self.influence, self._coordinates, self._ends, self._frames, candidates.cover_low,
             candidates.cover_high, self._cover, self.margin, arrays,
@@ -149,8 +143,12 @@ class ObstacleProximity:
         """Lower the bounds by how far parts have moved, or are now expected to have moved when a node is reached."""
         candidates, moving = self.candidates, self.moving
         assert candidates is not None
+        if columns is not None and not len(columns) and prediction is None and moving.prediction is None:
+            return
         if columns is None:
             moving.begin(prediction, candidates)
+            for array, unknown in ((self.bound, -_FAR), (self.exact, np.inf), (self._since, _FAR)):
+                array[:, :, moving.columns] = unknown
         else:
             before, former = moving.prediction, moving.columns
             moved = moving.advance(prediction, candidates, columns)
@@ -226,16 +224,21 @@ class ObstacleProximity:
         new = ~candidates.covered(low, high)
         if not new.any():
             return False
-        ends = self.bodies.capsule_ends(kin)
-        self._rebuild(ends, candidates.scene, low[new], high[new])
-        self._remember(kin, ends, None)
+        self._rebuild(kin, candidates.scene, np.zeros(0, dtype=np.intp), low[new], high[new], carry=True)
         self._predict(self.moving.prediction, None)
         self.refine(kin)
         return True
 
-    def _rebuild(self, ends: Array, scene: Scene, *more: Array) -> None:
-        """Collect the candidates about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high."""
-        n = len(ends)
+    def _rebuild(self, kin: Kinematics, scene: Scene, changed: Indices | None, *more: Array, carry: bool) -> None:
+        """Collect the candidates about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high.
+
+        Args:
+            kin, scene, more: as said.
+            changed: the candidates' columns whose pose has changed already; None where the scene has other obstacles.
+            carry: whether what is known is of these nodes; it stays then for parts that are where they were.
+        """
+        before = self.candidates
+        ends = self._ends if carry else self.bodies.capsule_ends(kin)
         body_low, body_high = self._boxes(ends)
         low, high = body_low - self.influence, body_high + self.influence
         low[:-1], high[:-1] = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])  # and what lies between
@@ -243,9 +246,40 @@ class ObstacleProximity:
             low, high = np.vstack((low, more[0])), np.vstack((high, more[1]))
         self.candidates = CandidateParts.build(scene, low, high, self.slack, always=self.moving.always)
         self.narrow.retain(self.candidates.parts)
+        n = kin.n
         inner = np.minimum(body_low - self.candidates.cover_low[:n], self.candidates.cover_high[:n] - body_high)
         self.margin, self._cover = inner.min(axis=1), np.arange(n)
-        self._allocate(n, len(self.candidates))
+        if carry and before is not None and len(before):
+            self._carry(before, changed)
+        else:
+            self._allocate(n, len(self.candidates))
+            self._remember(kin, ends, None)
+
+    def _carry(self, before: CandidateParts, changed: Indices | None) -> None:
+        """Take over what is known of candidates that are still there, stand where they stood, and are not forecast."""
+        candidates = self.candidates
+        assert candidates is not None
+        stands = ~self.moving.columns
+        if changed is not None:
+            stands[changed] = False
+        at = {id(part): c for c, part in enumerate(before.parts) if stands[c]}
+        source = np.array([at.get(id(part), -1) for part in candidates.parts], dtype=np.intp)
+        known = source >= 0
+        known &= (candidates.translation == before.translation[source]).all(axis=1)
+        known &= (candidates.rotation == before.rotation[source]).all(axis=(1, 2))
+        if len(before) != len(candidates) or (source[known] != np.flatnonzero(known)).any():  # columns have moved
+            self.bound, self._since, self.exact = (
+                a.take(source, axis=2) for a in (self.bound, self._since, self.exact)
+            )
+            node, body, part = nonzero(self.exact < np.inf)
+            direction, witness = self.direction, self.witness
+            self.direction, self.witness = np.zeros((2, *self.exact.shape, 3))
+            self.direction[node, body, part] = direction[node, body, source[part]]
+            self.witness[node, body, part] = witness[node, body, source[part]]
+        new = np.flatnonzero(~known)
+        self.bound[:, :, new], self._since[:, :, new], self.exact[:, :, new] = -_FAR, _FAR, np.inf
+        self._limit = np.full(len(candidates), self.tolerance)
+        self._share()
 
     def _drift(self, kin: Kinematics, ends: Array, moved: Indices) -> None:
         """Lower the bounds of moved nodes by how far any point of each body can have moved."""

@@ -12,7 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.space import nonzero
+from elastic_strips.robot.space import nonzero, rows_from
 from elastic_strips.work import count_work
 
 from .bounds import BodySet, MotionBounds
@@ -134,7 +134,7 @@ class SelfProximity:
         """Carry over to a strip whose node i was node ``source[i]``; −1 marks a new node."""
         if len(self._coordinates) == 0:
             return
-        take, new = np.maximum(source, 0), source < 0
+        take, new = rows_from(source), source < 0
         for name in ("_coordinates", "bound", "exact", "direction", "first", "second", "_since"):
             setattr(self, name, getattr(self, name)[take])
         self.bound[new] = -_FAR

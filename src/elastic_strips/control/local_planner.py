@@ -253,7 +253,7 @@ class LocalPlanner:
             for _ in range(params.recover_iterations):
                 if report.certified or not self.pace.has(self._step_took):
                     break
-                report = self.deformer.step(report.strip, scene, prediction=prediction)
+                report = self.deformer.step(report.strip, scene, prediction=prediction, nodes=prediction is None)
         self.strip, self.report = report.strip, report
         watch.lap("deform")
         return report

@@ -170,7 +170,7 @@ class DriveParams(Checked):
     tracking_error: Positive = 0.02
     margin: Positive = 0.005
     settle_time: NonNegative = 0.15
-    recover_iterations: Whole = 4
+    recover_iterations: Whole = 2
     motion_every: Count = 2
     maintain_every: Count = 3
     horizon: Positive = 3.0

@@ -205,6 +205,8 @@ class StripTimer:
         """
         reason = ""
         attempts = [(0.0, self.easy), (0.0, self.hard)]
+        if self._failures > 1 and start.v.any():  # what failed with all that the motors give fails with less
+            attempts = attempts[1:]
         if not off_strip:
             attempts += [(share, self.hard) for share in _SHARES]
         for share, retimer in attempts:

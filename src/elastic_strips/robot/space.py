@@ -62,6 +62,19 @@ def nonzero(mask: Mask) -> tuple[Indices, ...]:
     return np.unravel_index(np.flatnonzero(mask), mask.shape)
 
 
+def rows_from(source: Indices) -> slice | Indices:
+    """Rows to take over for nodes that were nodes ``source`` (M,); −1: a new node, whose row may hold anything.
+
+    A slice where that is enough (the first nodes were passed, say), which copies nothing.
+    """
+    rows = np.maximum(source, 0)
+    if len(rows) > 1 and source[0] < 0 < source[1]:
+        rows[0] = source[1] - 1
+    if len(rows) and (rows[1:] - rows[:-1] == 1).all():
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows
+
+
 def wrap_angle(angle: Array) -> Array:
     """Wrap angles [rad] into (−π, π]."""
     return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.collision import Certificate, ProtectiveHulls
 from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.errors import ParameterError
@@ -31,6 +31,8 @@ from .solver import BandedSolver, System, project_rolling
 from .strip import Strip
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
+_SPARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
+_NEEDED_FOR = 8  # rounds of maintenance in which no node is removed again, where removing cost the certificate
 _SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
 
 
@@ -83,11 +85,13 @@ class Deformer(BaseDeformer[DeformReport]):
             self._stiffness[1] += params.rolling_stiffness
         self._posture = np.zeros(space.nv)
         self._posture[b:] = params.k_posture * self.spacing_weight[b:]
+        self._line, self._line_ends = np.zeros((0, space.nv)), np.zeros((2, space.nv))
         self._solver = BandedSolver()
         self._system = System(0, space.nv)
         self._proven = False  # the current nodes could be driven
         self._scene: Scene | None = None
         self._trust = 1.0
+        self._needed = 0  # rounds of maintenance that remove no node
         self._detail = False  # whether forces are wanted for the report
 
     def keep_clearance(self, clearance: float) -> None:
@@ -140,7 +144,7 @@ class Deformer(BaseDeformer[DeformReport]):
 
     def reset(self) -> None:
         """Forget all that is known from tick to tick; for after an exception."""
-        self._proven, self._scene, self._trust = False, None, 1.0
+        self._proven, self._scene, self._trust, self._needed = False, None, 1.0, 0
         super().reset()
 
     def carry(self, strip: Strip, coordinates: Array, source: Indices) -> Strip:
@@ -213,8 +217,7 @@ class Deformer(BaseDeformer[DeformReport]):
         if self.constraint is not None:
             self.constraint.push(system, kin)
         if params.k_posture > 0.0:
-            target = space.interpolate(coordinates[:1], coordinates[-1:], np.linspace(0.0, 1.0, n))
-            add_posture(system, space, coordinates, target, k_p=self._posture)
+            add_posture(system, space, coordinates, self._straight(coordinates), k_p=self._posture)
         self.clock.mark("forces")
         delta = self._solver.solve(system, self._damping)
         largest = float(np.abs(delta * self._step_lever).max(initial=0.0))
@@ -230,36 +233,51 @@ class Deformer(BaseDeformer[DeformReport]):
         self.clock.mark("rolling")
         return moved, residual, dict(system.energies), forces
 
+    def _straight(self, coordinates: Array) -> Array:
+        """(N, nv) as many nodes on the straight line between the ends."""
+        ends = coordinates[[0, -1]]
+        if len(self._line) != len(coordinates) or not np.array_equal(self._line_ends, ends):
+            part = np.linspace(0.0, 1.0, len(coordinates))
+            self._line, self._line_ends = self.robot.space.interpolate(ends[:1], ends[1:], part), ends
+        return self._line
+
     def _shortened(self, before: Array, coordinates: Array, scene: Scene, full: TickResult) -> TickResult:
         """A step must not lose the certificate where a shorter one, or none, keeps it; the next ones are shorter too.
 
         The strip does not count as at rest then: ``moved`` stays that of the full step.
         """
         space, work = self.robot.space, self.workspace
-        for scale in (0.5, 0.0):
-            self._trust = max(0.5 * self._trust, 0.05)
-            nodes, slip = before, 0.0
-            if scale > 0.0:
-                nodes = space.integrate(before, scale * space.difference(before, coordinates))
-                if self._rolling:
-                    nodes, slip = project_rolling(space, nodes)
-            work.replace(nodes, scene)
-            certificate = work.certify(scene)
-            if certificate.certified and slip <= SLIP_LIMIT:
-                return replace(full, certificate=certificate, slip=slip)
-        self._trust = 1.0
-        work.replace(coordinates, scene)  # the obstacle came too near: the full step leads away
-        return full
+        self._trust = max(0.5 * self._trust, 0.05)
+        work.replace(before, scene)
+        stays = work.certify(scene)
+        if not stays.certified:
+            self._trust = 1.0
+            work.replace(coordinates, scene)  # the obstacle came too near: the full step leads away
+            return full
+        half, slip = space.integrate(before, 0.5 * space.difference(before, coordinates)), 0.0
+        if self._rolling:
+            half, slip = project_rolling(space, half)
+        work.replace(half, scene)
+        certificate = work.certify(scene)
+        if certificate.certified and slip <= SLIP_LIMIT:
+            return replace(full, certificate=certificate, slip=slip)
+        self._trust = max(0.5 * self._trust, 0.05)
+        work.replace(before, scene)
+        return replace(full, certificate=stays, slip=0.0)
 
     def _resample(self, scene: Scene, result: TickResult) -> TickResult:
         params, space, work = self.params, self.robot.space, self.workspace
+        self._needed = max(self._needed - 1, 0)
+        removes, proven = self._needed == 0 or not _is_proven(result), _is_proven(result)
+        spacing = node_spacing(space, work.coordinates, self.spacing_weight)
         edit = resample(
             space,
             work.coordinates,
-            weight=self.spacing_weight,
+            spacing,
             max_spacing=params.max_spacing,
-            min_spacing=params.min_spacing,
+            min_spacing=params.min_spacing if removes else 0.0,
             split=None if work.prediction else ~result.certificate.segments,  # what moves on will be gone
+            spare=self._spare(spacing) if removes and proven else None,
             max_nodes=params.max_nodes,
         )
         self.clock.mark("maintenance")
@@ -271,10 +289,23 @@ class Deformer(BaseDeformer[DeformReport]):
             coordinates, slip = project_rolling(space, coordinates)
         work.edit(coordinates, source, scene)
         edited = replace(result, certificate=work.certify(scene), slip=slip)
-        if _is_proven(result) and not _is_proven(edited):  # the removed nodes were needed
+        if proven and not _is_proven(edited):  # the removed nodes were needed
+            self._needed = _NEEDED_FOR
             work.replace(before, scene)
             return replace(result, certificate=work.certify(scene))
         return edited
+
+    def _spare(self, spacing: Array) -> Mask | None:
+        """(N,) nodes that a proven strip does not need: it was divided there while something was in its way, and there
+        is more room about them now than their neighbours are apart."""
+        joined = spacing[:-1] + spacing[1:]
+        close = joined < _SPARE * self.params.max_spacing
+        if not close.any():
+            return None
+        free = self.workspace.obstacles.clearance().min(axis=1, initial=np.inf) - self.params.clearance
+        spare = np.zeros(len(free), dtype=bool)
+        spare[1:-1] = close & (np.minimum(np.minimum(free[:-2], free[2:]), free[1:-1]) > joined)
+        return spare
 
     def _hulls(self) -> ProtectiveHulls:
         work, cap = self.workspace, self.params.influence

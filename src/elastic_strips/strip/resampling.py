@@ -17,11 +17,12 @@ def node_spacing(space: ConfigurationSpace, coordinates: Array, weight: Array) -
 def resample(
     space: ConfigurationSpace,
     coordinates: Array,
+    spacing: Array,
     *,
-    weight: Array,
     max_spacing: float,
     min_spacing: float,
     split: Mask | None = None,
+    spare: Mask | None = None,
     max_nodes: int = 512,
 ) -> tuple[Array, Indices] | None:
     """Divide segments that are too long, or marked; drop inner nodes that are too close to their neighbours.
@@ -29,17 +30,17 @@ def resample(
     Args:
         space: configuration space.
         coordinates: (N, nv) nodes.
-        weight: (nv,) metric of the spacing.
+        spacing: (N−1,) lengths of the segments, of :func:`node_spacing`.
         max_spacing: a longer segment is divided.
         min_spacing: a node is dropped where both its segments together are shorter.
         split: (N−1,) segments to halve in any case (those without a certificate).
+        spare: (N,) nodes that are dropped however long their segments are, unless a neighbour was.
         max_nodes: no node is inserted above this number.
 
     Returns:
         The new nodes (M, nv), and the index (M,) of the old node that each was, −1 for a new one; None where nothing
         changes.
     """
-    spacing = node_spacing(space, coordinates, weight)
     pieces = np.clip(np.ceil(spacing / max_spacing).astype(int), 1, 8)
     if split is not None:
         halved = split & (spacing > 0.05 * min_spacing)
@@ -51,13 +52,13 @@ def resample(
         for _ in range(room):
             need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, priority, 0.0), -np.inf)
             pieces[int(np.argmax(need))] += 1
-    if (pieces == 1).all() and not (spacing[:-1] + spacing[1:] < min_spacing).any():
-        return None
     keep = np.ones(len(coordinates), dtype=bool)
-    for j in range(1, len(coordinates) - 1):
-        undivided = pieces[j - 1] == 1 and pieces[j] == 1
-        if undivided and keep[j - 1] and spacing[j - 1] + spacing[j] < min_spacing:
-            keep[j] = False
+    surplus = spacing[:-1] + spacing[1:] < min_spacing
+    if spare is not None:
+        surplus |= spare[1:-1]
+    surplus &= (pieces[:-1] == 1) & (pieces[1:] == 1)
+    for j in np.flatnonzero(surplus) + 1:
+        keep[j] = not keep[j - 1]
     if keep.all() and (pieces == 1).all():
         return None
     rows, source = [], []

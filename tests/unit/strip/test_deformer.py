@@ -453,7 +453,9 @@ def test_taking_out_a_node_does_not_lose_the_certificate(tmp_path):
     assert not deformer.certify(Strip(ball, strip.q[[0, 2]]), post).certified
     report = deformer.step(strip, post)
     assert report.certified, report.reason
-    assert len(deformer.step(strip, Scene([])).strip) == 2, "nothing stood in the way, and the node stayed"
+    for _ in range(10):  # what was needed is not taken out again at once
+        report = deformer.step(report.strip, Scene([]))
+    assert len(report.strip) == 2, "nothing stood in the way, and the node stayed"
 
 
 def test_a_low_ceiling_does_not_press_an_arm_into_itself(bridge_arm):

@@ -22,8 +22,10 @@ def straight(silvermate, *x: float) -> np.ndarray:
 
 
 def edit(silvermate, coordinates: np.ndarray, **options: object):
-    settings = {"weight": np.ones(BASE), "max_spacing": 0.2, "min_spacing": 0.06} | options
-    return resample(silvermate.space, coordinates, **settings)
+    settings = {"max_spacing": 0.2, "min_spacing": 0.06} | options
+    return resample(
+        silvermate.space, coordinates, node_spacing(silvermate.space, coordinates, np.ones(BASE)), **settings
+    )
 
 
 def test_a_good_strip_is_left_alone(silvermate):
@@ -98,10 +100,10 @@ def test_order_ends_and_interpolation_are_kept(silvermate, rover, seed, nodes, s
     for v in steps[1:]:
         coordinates = np.vstack((coordinates, robot.space.integrate(coordinates[-1], v)))
     weight, split = rng.uniform(0.05, 1.0, robot.nv), rng.random(nodes - 1) < broken
-    made = resample(
-        robot.space, coordinates, weight=weight, max_spacing=0.2, min_spacing=0.06, split=split, max_nodes=nodes + room
-    )
     spacing = node_spacing(robot.space, coordinates, weight)
+    made = resample(
+        robot.space, coordinates, spacing, max_spacing=0.2, min_spacing=0.06, split=split, max_nodes=nodes + room
+    )
     if made is None:
         assert spacing.max() <= 0.2 or room < np.ceil(spacing / 0.2).sum()
         return
