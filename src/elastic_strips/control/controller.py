@@ -33,6 +33,7 @@ from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
 from .params import DriveParams
+from .process_priority import keep_memory
 from .replanning import Replanner
 from .strip_timer import PlanOutcome, PlanResult
 from .supervisor import RunLog
@@ -243,7 +244,7 @@ class Controller(ControlLoop[Scene]):
 
     def warm_up(self) -> None:
         """Plan for nothing, while the robot stands: what the first use loads is there when time is 0, and it is known
-        how long a tick takes."""
+        how long a tick takes. Garbage collection looks through what is made later only (:func:`keep_memory`)."""
         try:
             for warm in (False, True):
                 self.pace.begin()
@@ -251,6 +252,7 @@ class Controller(ControlLoop[Scene]):
                 self.pace.finish(full=warm)
         except ElasticStripsError as error:  # the first tick that counts will say so, too
             _log.info("warming up: %s", error)
+        keep_memory()
 
     def step(self, t: float, measurement: Measurement | None, scene: Scene | None, *, trouble: str = "") -> Command:
         """One control period: the command of the motors from now on.

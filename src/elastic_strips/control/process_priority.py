@@ -10,6 +10,16 @@ _PRIORITY = 10  # above the kernel's default of 1, below its own threads
 _NICE = -15
 
 
+def keep_memory() -> None:
+    """Have garbage collection look through what is made from now on only, until it is called again.
+
+    A collection of everything looks through all modules, too: that takes 50 ms and more, in the middle of a tick.
+    """
+    gc.unfreeze()
+    gc.collect()
+    gc.freeze()
+
+
 def raise_priority() -> str:
     """Turn garbage collection off and get the processor first, as far as that is permitted.
 
@@ -21,8 +31,7 @@ def raise_priority() -> str:
     Returns:
         What could be done: ``"SCHED_FIFO 10"``, ``"nice -15"`` or ``"ordinary priority"``.
     """
-    gc.collect()
-    gc.freeze()
+    keep_memory()
     gc.disable()
     tries: tuple[tuple[str, Callable[[], object]], ...] = (
         (f"SCHED_FIFO {_PRIORITY}", _real_time),

@@ -114,10 +114,10 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: fl
     for seed, scene, report in _planned_corridors(robot, seeds, step):
         if not report.certified:
             continue
-        deformer = Deformer(robot)
+        deformer, looker = Deformer(robot), Deformer(robot)
         strip = deformer.settle(report.strip, scene, max_ticks=10).strip
         for push in range(_PUSHES):
-            moved = _push_nearest(deformer, strip, scene, into)
+            moved = _push_nearest(looker, strip, scene, into)
             if moved is None:
                 break
             scene = moved
@@ -171,10 +171,10 @@ def _recover(deformer: Deformer, strip: Strip, scene: Scene, most: int) -> tuple
     return seconds, most, report
 
 
-def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, into: float | None) -> Scene | None:
+def _push_nearest(looker: Deformer, strip: Strip, scene: Scene, into: float | None) -> Scene | None:
     """The scene with the obstacle nearest to a strip moved towards it, or ``into`` it [m]; None where none is near."""
-    deformer.assess(strip, scene)
-    contacts = deformer.workspace.obstacles.contacts()
+    looker.assess(strip, scene)
+    contacts = looker.workspace.obstacles.contacts()
     # not those nearest to the ends, which cannot move
     inner = (contacts.node > 0) & (contacts.node < len(strip) - 1)
     ends = {int(p) for p in contacts.part[~inner]}
@@ -182,7 +182,7 @@ def _push_nearest(deformer: Deformer, strip: Strip, scene: Scene, into: float | 
     if not free.any():
         return None
     k = np.flatnonzero(free)[int(np.argmin(contacts.distance[free]))]
-    name = deformer.workspace.obstacles.obstacle_name(int(contacts.part[k]))
+    name = looker.workspace.obstacles.obstacle_name(int(contacts.part[k]))
     pose = scene.obstacle(name).pose.copy()
     pose[:3, 3] += (_PUSH if into is None else contacts.distance[k] + into) * contacts.direction[k]
     return scene.moved(name, pose)
