@@ -8,6 +8,7 @@ import pytest
 from brute_force import SHAPES, configuration, link_distances, make_scene, random_coordinates, random_pose, scene_pieces
 
 from elastic_strips.collision import BodySet, ObstacleProximity
+from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.collision.narrowphase import GJK_EXCESS
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
@@ -312,3 +313,65 @@ def test_old_scenes_are_not_kept_for_ever(silvermate):
     for turn in range(1500):
         proximity.update(kin, Scene([Voxels(np.zeros((1, 3)), 0.1, at=(0.5 + 1e-5 * turn, 0.0, 0.5))]))
     assert len(proximity.narrow._blocks) < 10
+
+
+def test_what_stands_where_it_stood_is_not_asked_again_when_others_come_and_go(silvermate, rng):
+    bench = start(silvermate, rng, nodes=6, count=16)
+    every = bench.proximity.narrow.queries
+    for turn in range(6):
+        name = bench.scene.names[turn]
+        shape = bench.scene.obstacle(name)
+        bench.scene = bench.scene.without(name)
+        bench.update()
+        bench.check()
+        if turn % 2:
+            bench.scene = bench.scene.with_obstacle(shape)  # the same again, at the end of the table
+            bench.update()
+            bench.check()
+    assert every > 60
+    assert bench.proximity.narrow.queries - every < 0.5 * every, "three came back, of sixteen"
+
+
+@pytest.mark.parametrize("name", ["silvermate", "rover"])
+def test_bounds_hold_while_obstacles_are_exchanged_moved_and_forecast(name, request):
+    """Against a proximity that starts from nothing each time: what it carries over is never above the truth."""
+    robot, rng = request.getfixturevalue(name), np.random.default_rng(5)
+    bench = start(robot, rng, nodes=5, count=12, slack=0.25)
+    kept = bench.proximity
+    contacts = 0
+    for turn in range(60):
+        scene, names = bench.scene, list(bench.scene.names)
+        change = turn % 5
+        if change == 0:
+            scene = scene.without(str(rng.choice(names)))
+        elif change in (1, 2):
+            fresh = make_scene(rng, 1).obstacles[0].named(f"new{turn}")
+            scene = Scene([fresh, *scene]) if change == 1 else scene.with_obstacle(fresh)
+        elif change == 3:  # another solid under the same name
+            other = make_scene(rng, 1).obstacles[0].named(names[0])
+            scene = scene.without(names[0]).with_obstacle(other)
+        if change > 2:
+            pose = scene.obstacle(names[1]).pose.copy()
+            pose[:3, 3] += rng.normal(size=3) * 0.3
+            scene = scene.moved(names[1], pose)
+        bench.scene = scene
+        bench.coordinates = robot.space.integrate(
+            bench.coordinates, rng.normal(size=bench.coordinates.shape) * 10.0 ** rng.uniform(-6, -2)
+        )
+        prediction = None
+        if turn % 3:
+            n, movers = len(bench.coordinates), rng.choice(len(scene), 2, replace=False)
+            shift = np.cumsum(rng.normal(size=(n, 2, 3)) * 0.05, axis=0)
+            prediction = NodePrediction(np.sort(movers), shift, rng.uniform(0.0, 0.05, (n, 2)), rng.random(n) < 0.1)
+        bench.kin.update(bench.coordinates)
+        kept.update(bench.kin, scene, prediction)
+        fresh = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE, slack=0.25)
+        fresh.update(bench.kin, scene, prediction)
+        common, mine, its = np.intersect1d(kept.candidates.rows, fresh.candidates.rows, return_indices=True)
+        near = fresh.exact[:, :, its] < INFLUENCE - 0.01
+        bound, exact = kept.bound[:, :, mine], fresh.exact[:, :, its]
+        assert (bound <= exact + GJK_NOISE)[exact < np.inf].all(), turn
+        assert near.sum() == (fresh.exact < INFLUENCE - 0.01).sum(), "a part that is near is no candidate"
+        np.testing.assert_allclose(kept.exact[:, :, mine][near], exact[near], atol=3e-3)
+        contacts += int(near.sum())
+    assert contacts > 300

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from concurrent.futures import Future
 from dataclasses import replace
 
@@ -248,3 +249,12 @@ def test_wrong_steps_are_refused(silvermate):
         controller.step(1.0, None, [CRATE])
     with pytest.raises(ConfigurationError, match="crate"):
         Controller(silvermate, silvermate.home(), silvermate.home(x=1.6, y=0.45), Scene([CRATE]))
+
+
+def test_what_is_made_before_the_first_step_is_not_looked_through_in_a_tick(silvermate):
+    """The collector's later rounds find only what is made later."""
+    with Controller(silvermate, silvermate.home(), silvermate.home(x=2.5), Scene([])) as controller:
+        gc.unfreeze()
+        controller.warm_up()
+        assert gc.get_freeze_count() > 0.9 * (gc.get_freeze_count() + len(gc.get_objects()))
+        gc.unfreeze()

@@ -15,6 +15,7 @@ from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
 from elastic_strips.strip import Deformer, DeformParams, DeformStatus, Strip
 from elastic_strips.strip.paper import PaperDeformer, PaperParams
+from elastic_strips.strip.resampling import node_spacing
 
 ASIDE = Scene([Box((0.4, 0.4, 1.0), at=(2.0, 0.5, 0.5), name="box"), Sphere(0.3, at=(3.2, -0.55, 0.6), name="ball")])
 
@@ -456,6 +457,23 @@ def test_taking_out_a_node_does_not_lose_the_certificate(tmp_path):
     for _ in range(10):  # what was needed is not taken out again at once
         report = deformer.step(report.strip, Scene([]))
     assert len(report.strip) == 2, "nothing stood in the way, and the node stayed"
+
+
+def test_nodes_that_something_in_the_way_brought_go_again_when_it_has_gone(silvermate):
+    """A strip that was divided finely is as coarse again as it needs to be, and certified all the time."""
+    deformer, strip = Deformer(silvermate), line(silvermate)
+    few = len(deformer.settle(strip, Scene([])).strip)
+    rows = line(silvermate).coordinates
+    fine = silvermate.space.interpolate(rows[:1], rows[-1:], np.linspace(0.0, 1.0, 12 * len(rows)))
+    post = Scene([Cylinder(0.2, 1.5, at=(float(rows[-1, 0]) / 2, 0.9, 0.75), name="post")])
+    strip = Strip.from_coordinates(silvermate, fine)
+    for _ in range(30):
+        report = deformer.step(strip, post)
+        strip = report.strip
+        assert report.certified
+    assert len(strip) <= 2 * few + 2
+    spacing = node_spacing(silvermate.space, strip.coordinates, deformer.spacing_weight)
+    assert spacing.max() <= deformer.params.max_spacing * (1.0 + 1e-6)
 
 
 def test_a_low_ceiling_does_not_press_an_arm_into_itself(bridge_arm):
