@@ -367,7 +367,7 @@ def test_bounds_hold_while_obstacles_are_exchanged_moved_and_forecast(name, requ
         kept.update(bench.kin, scene, prediction)
         fresh = ObstacleProximity(BodySet.links(robot), influence=INFLUENCE, slack=0.25)
         fresh.update(bench.kin, scene, prediction)
-        common, mine, its = np.intersect1d(kept.candidates.rows, fresh.candidates.rows, return_indices=True)
+        _, mine, its = np.intersect1d(kept.candidates.rows, fresh.candidates.rows, return_indices=True)
         near = fresh.exact[:, :, its] < INFLUENCE - 0.01
         bound, exact = kept.bound[:, :, mine], fresh.exact[:, :, its]
         assert (bound <= exact + GJK_NOISE)[exact < np.inf].all(), turn
