@@ -47,7 +47,7 @@ _SOUND = 2e-5  # [m] what Coal's distances scatter by
 _BASES = ("fixed", "omni", "diff_drive")
 _SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "plate", "pole", "mesh", "voxels")
 _OFTEN = np.array([4, 4, 4, 4, 2, 4, 3, 3, 0.5, 0.2])
-KINDS = ("chain", "again", "edge", "self", "self edge", "timed", "timed edge")
+KINDS = ("chain", "again", "others", "edge", "self", "self edge", "timed", "timed edge")
 _SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
 
 
@@ -318,7 +318,8 @@ class Attack:
             self.figures.note(key, "free but refused")
 
     def chains(self, count: int) -> None:
-        """Strips among obstacles, by a workspace that has seen other strips; then a little moved, and again."""
+        """Strips among obstacles, by a workspace that has seen other strips; a little moved, and again; and once more
+        where others have come and gone."""
         scene, strip = self.scene(int(self.rng.integers(3, 8))), self.chain(count)
         self.checker.take(scene, self.params.clearance, self.params.self_clearance)
         certificate = self.deformer.certify(strip, scene)
@@ -337,6 +338,14 @@ class Attack:
         certificate = self.deformer.certify(moved, scene)
         for j, (a, b) in enumerate(pairwise(moved.q)):
             self.note("again", bool(certificate.segments[j]), a, b)
+        stays = [o for o in scene if self.rng.random() < 0.7]
+        others = [o.named(f"other{k}") for k, o in enumerate(self.scene(2))]
+        scene = Scene([*others, *stays] if self.rng.random() < 0.5 else [*stays, *others])
+        back = strip if self.rng.random() < 0.5 else moved
+        self.checker.take(scene, self.params.clearance, self.params.self_clearance)
+        certificate = self.deformer.certify(back, scene)
+        for j, (a, b) in enumerate(pairwise(back.q)):
+            self.note("others", bool(certificate.segments[j]), a, b)
 
     def edges(self, count: int) -> None:
         """An obstacle is moved towards a segment until the proof just holds."""

@@ -33,7 +33,7 @@ def test_the_comparison_sees_a_kernel_that_is_wrong(monkeypatch: pytest.MonkeyPa
     exact = narrowphase.PairSolver.ask
     monkeypatch.setattr(narrowphase.PairSolver, "ask", lambda self, *given: exact(self, *given) + 1e-6)
     figures = twins.Figures()
-    for seed in range(6):
+    for seed in range(12):
         figures.add(twins.run(seed))
     assert figures.different
 

@@ -171,6 +171,9 @@ def compare_ticks(figures: Figures, robot: RobotModel, rng: np.random.Generator,
             pose = scene.obstacle(name).pose.copy()
             pose[:3, 3] += 0.05 * rng.normal(size=3)
             scene = scene.moved(name, pose)
+        if tick % 4 == 3:  # one goes, another comes
+            gone, new = str(rng.choice(scene.names)), random_obstacle(rng, _LOW, _HIGH)
+            scene = scene.without(gone).with_obstacle(new.named(f"new{tick}"))
 
 
 def compare_motions(figures: Figures, robot: RobotModel, rng: np.random.Generator, count: int, where: str) -> None:
