@@ -135,7 +135,7 @@ class SelfProximity:
         if len(self._coordinates) == 0:
             return
         take, new = rows_from(source), source < 0
-        for name in ("_coordinates", "bound", "exact", "direction", "first", "second", "_since"):
+        for name in ("_coordinates", "_base", "bound", "exact", "direction", "first", "second", "_since"):
             setattr(self, name, getattr(self, name)[take])
         self.bound[new] = -_FAR
         self._since[new] = _FAR

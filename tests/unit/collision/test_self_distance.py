@@ -189,3 +189,21 @@ def test_most_pairs_are_decided_by_their_capsules(name, request, rng):
     kin.update(coordinates)
     proximity.update(kin)
     assert 0 < proximity.queries < 0.35 * truth_size(robot, coordinates)
+
+
+def test_contacts_of_nodes_that_were_carried_over_are_where_they_were(silvermate, rng):
+    """Before the new nodes are measured: a strip that lost its first nodes, and one that has more than before."""
+    proximity, kin = make(silvermate), Kinematics(silvermate.tree, 8)
+    coordinates = random_coordinates(silvermate, rng, 40)
+    for source in (np.r_[-1, 11:40], np.r_[[-1] * 8, 3:40, -1], np.arange(39, -1, -1)):
+        proximity.reset()
+        kin.update(coordinates)
+        proximity.update(kin)
+        before = proximity.contacts()
+        proximity.remap(source)
+        after = proximity.contacts()
+        assert len(after) > 5
+        where = {(int(n), int(p)): k for k, (n, p) in enumerate(zip(before.node, before.pair, strict=True))}
+        same = [where[int(source[n]), int(p)] for n, p in zip(after.node, after.pair, strict=True)]
+        for name in ("distance", "direction", "first", "second"):
+            np.testing.assert_array_equal(getattr(after, name), getattr(before, name)[same], err_msg=name)

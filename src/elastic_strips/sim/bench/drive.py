@@ -162,7 +162,7 @@ def _planned_anew(result: DriveResult) -> list[float]:
             begun = event.time
         elif event.kind == "replanned" and begun is not None:
             waited = (control.time >= begun) & (control.time <= event.time) & stands
-            took.append(event.time - float(control.time[waited][0]) if waited.any() else 0.0)
+            took.append(float(waited.sum() * (control.time[1] - control.time[0])))
             begun = None
     return took
 
