@@ -20,8 +20,9 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError, SceneError
 from elastic_strips.io import PoseSpec
 from elastic_strips.io.nodes import Node, load_json
+from elastic_strips.planning.grid_path import grid_path
 from elastic_strips.planning.problem import check_endpoints
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Box, ConvexHull, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH
 from elastic_strips.strip import DeformParams
@@ -42,6 +43,7 @@ _BRIDGE_TOLERANCE = 0.1  # goal tolerance [m]; the source states none
 _HOUSE_TOLERANCE = 0.05  # goal tolerance [m]
 _HOUSE_CLEARANCE = 0.05  # of the whole robot at a start or goal in the house [m]
 _MOST_TRIES = 2000  # pairs in the house that are tried
+_HOUSE_SLACK = 0.07  # [m] that cells of 5 cm take off a passage, at most
 _HOUSE_APART = 3.0  # least distance from start to goal in the house [m]
 
 
@@ -231,7 +233,8 @@ def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
 def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> DriveProblem:
     """The house with one of many pairs of start and goal: the robot at home, anywhere where it keeps 5 cm of clearance.
 
-    Whether a way leads from one to the other is not known.
+    A way leads from one to the other for a disc a little smaller than the base; whether for the robot is not known.
+    Left out is what no robot could do: the corners of the ground lie outside of the walls.
 
     Args:
         path: The file, or the folder that holds ``house.json``.
@@ -260,6 +263,9 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
         with suppress(ConfigurationError):
             q_start, q_goal = (robot.home(p.x, p.y, p.yaw) for p in (start, goal))
             check_endpoints(robot, scene, q_start, q_goal, params)
+            disc = PlanarFootprint.of(robot, q_start).inner - _HOUSE_SLACK
+            if grid_path(robot, scene, q_start, q_goal, box=(low, high), inner=disc).points is None:
+                continue
             return DriveProblem(
                 name=f"house-{seed}", world=World(scene), start=start, goals=(goal,), goal_tolerance=_HOUSE_TOLERANCE,
                 heading_free=False, timeout=None, robot=robot.name,

@@ -234,6 +234,17 @@ def test_the_true_house_gives_a_pair_for_each_seed(silvermate):
         assert link_distances(silvermate, problem.world.scene, q).min() >= 0.05 - 1e-4
 
 
+def test_a_pair_of_the_house_is_not_on_two_sides_of_a_wall(silvermate, tmp_path):
+    """Where a wall without a door goes through the ground, start and goal are on the same side of it."""
+    corners = [[x, y, z] for x in (-0.1, 0.1) for y in (-4.0, 4.0) for z in (0.0, 1.0)]
+    (tmp_path / "house.json").write_text(
+        json.dumps({"inside": [[-4, -4], [4, 4]], "obstacles": [{"name": "wall", "vertices": corners}]})
+    )
+    for seed in range(8):
+        problem = load_house(tmp_path, silvermate, seed)
+        assert problem.start.x * problem.goals[0].x > 0.0
+
+
 def test_a_house_needs_a_robot_that_moves(tmp_path):
     with pytest.raises(RobotError, match="the base of 'silvermate' is fixed"):
         load_house(tmp_path, load_robot("silvermate", base="fixed"), 0)
