@@ -26,7 +26,7 @@ from elastic_strips.control.record import Record, Recorder
 from elastic_strips.errors import InputError
 from elastic_strips.scene import Keyframes, World
 from elastic_strips.sim import datasets
-from elastic_strips.sim.sensors import read_sensors, silvermate_sensors
+from elastic_strips.sim.sensors import read_sensors, sensor_file
 
 PLAN_SECONDS = 0.3
 Use = Callable[[Path], object]
@@ -265,7 +265,7 @@ def seeds() -> tuple[Seed, ...]:
         seed("scenario", "s.yaml", json.dumps({"robot": "jackal-box", "base": "omni", "preset": "default", "seed": 3, "params":
              {"influence": 0.4}, "scene": "s2.yaml", "start": {"x": 0, "yaw": 0.1}, "goal": {"x": 3, "y": 1}}), _scenario, 2.0,
              s2__yaml=json.dumps({"obstacles": _SCENE["obstacles"][:1]})),
-        seed("sensors", "s.yaml", silvermate_sensors().read_bytes(), read_sensors, 5.0),
+        seed("sensors", "s.yaml", sensor_file().read_bytes(), read_sensors, 5.0),
         seed("point cloud", "c.ply", _ply(binary=False), _cloud),
         seed("point cloud", "c.ply", _ply(binary=True), _cloud, 1.5),
         seed("point cloud", "c.pcd", _pcd(binary=False), _cloud),

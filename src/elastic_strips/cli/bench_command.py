@@ -183,7 +183,7 @@ def drive(
     json_file: str | None,
 ) -> None:
     """Drive a scenario of many seeds in the closed loop; each run is evaluated from its true states."""
-    config = options.sensors_of(sensors)
+    config = options.sensors_of(sensors, robot)
     with options.LateProgress("driving", seeds) as bar:
         figures = bench_drive(
             robot,
@@ -331,7 +331,7 @@ def house(
     json_file: str | None,
 ) -> None:
     """Drive from one free place of the house to another, with walls, furniture and their legs as 571 convex pieces."""
-    config = options.sensors_of(sensors)
+    config = options.sensors_of(sensors, robot)
     with options.LateProgress("driving", seeds) as bar:
         figures = bench_drive(
             robot, range(first, first + seeds), bar.step, scenario="house", evade=evade is not False, sensors=config,
@@ -457,7 +457,11 @@ def _failed_rows(figures: Figures) -> None:
     for run in figures["runs"]:
         if not run["reached"] or run["collisions"]:
             last = run.get("error") or (run["stops"][-1][1] if run["stops"] else run["state"])
-            _row(f"seed {run['seed']}", f"{run['collisions']} collisions; {last}")
+            touched = sorted({contact["obstacle"] for contact in run.get("contacts", ())})
+            _row(
+                f"seed {run['seed']}",
+                f"{run['collisions']} collisions{': ' if touched else ''}{', '.join(touched)}; {last}",
+            )
 
 
 def _problem_rows(figures: Figures) -> None:

@@ -117,7 +117,7 @@ def drive(
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, "default", base)
     number = problem.seed if seed is None else seed
-    wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors)
+    wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
     if method != STRIP and (wrong or evade is not None or alternatives > 1 or compute or log):
         raise click.UsageError(
             f"--disturb, --evade, --alternatives, --compute and --log are of the strip; --method {method} has none"

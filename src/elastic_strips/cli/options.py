@@ -83,7 +83,7 @@ evade_option = click.option(
 sensors_option = click.option(
     "--sensors", metavar="NAMES|FILE.yaml",
     help="Drive by what the robot's simulated sensors see, not by the scene: all, or some by name (laser,sonar), of "
-    "the Silvermate's; or those of a file (docs/sensors.md).",
+    "the Silvermate's, or TIAGo's laser; or those of a file (docs/sensors.md).",
 )  # fmt: skip
 
 browser_option = click.option(
@@ -91,19 +91,19 @@ browser_option = click.option(
 )
 
 
-def sensors_of(text: str | None) -> SensorConfig | None:
-    """The sensors that the option names; None where it was not given.
+def sensors_of(text: str | None, robot: str) -> SensorConfig | None:
+    """The sensors that the option names, of a robot that is named; None where it was not given.
 
     Raises:
         ParameterError: no such sensor, or a file that is none of sensors.
     """
     if text is None:
         return None
-    from elastic_strips.sim.sensors import SensorConfig, read_sensors  # for those alone who drive by sensors
+    from elastic_strips.sim.sensors import read_sensors, sensor_file  # for those alone who drive by sensors
 
     if text.endswith((".yaml", ".yml")):
         return read_sensors(text)
-    config = SensorConfig()
+    config = read_sensors(sensor_file(robot))
     return config if text == "all" else config.only(*(name.strip() for name in text.split(",")))
 
 

@@ -15,7 +15,7 @@ from elastic_strips.control.controller import Controller
 from elastic_strips.control.interfaces import RunState
 from elastic_strips.control.params import DriveParams
 from elastic_strips.control.record import DriveResult
-from elastic_strips.errors import ElasticStripsError
+from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.sim.closed_loop import Simulation, simulation
@@ -195,6 +195,9 @@ def bench_drive(
 
     Returns:
         Figures: how many reached, contacts at speed, by class of the movers' speed; the runs themselves.
+
+    Raises:
+        InputError: no run could begin, all for one reason.
     """
     tasks = [
         _DriveTask(
@@ -207,6 +210,9 @@ def bench_drive(
     for run in parallel_map(_drive_once, tasks, processes):
         runs.append(run)
         step(f"seed {run['seed']}: {'reached' if run['reached'] else 'not reached'}")
+    errors = {run.get("error") for run in runs}
+    if len(errors) == 1 and (error := errors.pop()) is not None:
+        raise InputError(f"none of {len(runs)} runs could begin: {error}")
     runs.sort(key=lambda r: r["seed"])
     classes = []
     for low, high in _CLASSES:

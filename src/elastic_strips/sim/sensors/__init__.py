@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .bodies import sensor_frames
 from .devices import SensorSuite
-from .params import InfraredParams, LaserParams, SensorConfig, SonarParams, read_sensors, silvermate_sensors
+from .params import InfraredParams, LaserParams, SensorConfig, SonarParams, read_sensors, sensor_file
 
 __all__ = [
     "InfraredParams",
@@ -14,5 +14,5 @@ __all__ = [
     "SonarParams",
     "read_sensors",
     "sensor_frames",
-    "silvermate_sensors",
+    "sensor_file",
 ]

@@ -212,9 +212,14 @@ _KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams]] = {
 }
 
 
-def silvermate_sensors() -> Path:
-    """The file of the Silvermate's range sensors, which comes with the library: one to copy and to change."""
-    return Path(__file__).with_name("silvermate_sensors.yaml")
+def sensor_file(robot: str = "silvermate") -> Path:
+    """The file of a robot's range sensors that comes with the library: one to copy and to change.
+
+    Args:
+        robot: its name; a robot without a file gets the Silvermate's.
+    """
+    own = Path(__file__).with_name(f"{Path(robot).stem}_sensors.yaml")
+    return own if own.is_file() else own.with_name("silvermate_sensors.yaml")
 
 
 def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
@@ -231,7 +236,7 @@ def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
         ParameterError: the file cannot be read, a key is unknown, a value is of another kind or out of bounds; the
             message names file, line, key, value and bound.
     """
-    root = load_yaml(silvermate_sensors() if path is None else path, error=ParameterError)
+    root = load_yaml(sensor_file() if path is None else path, error=ParameterError)
     entries = root.mapping(("sensors", "self_padding"), needed=("sensors",), what="a sensor file")
     named = entries["sensors"].mapping(what="names to sensors")
     values: dict[str, object] = {"sensors": tuple(_sensor(name, node) for name, node in named.items())}

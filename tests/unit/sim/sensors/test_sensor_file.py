@@ -6,16 +6,20 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from elastic_strips.errors import ParameterError
+from elastic_strips.robot import load_robot
+from elastic_strips.scene import Box, Scene, World
 from elastic_strips.sim.sensors import (
     InfraredParams,
     LaserParams,
     SensorConfig,
+    SensorSuite,
     SonarParams,
     read_sensors,
-    silvermate_sensors,
+    sensor_file,
 )
 
 DOCS = Path(__file__).parents[4] / "docs" / "sensors.md"
@@ -29,14 +33,27 @@ def written(tmp_path, text):
 
 def test_the_silvermates_file_is_the_default():
     assert read_sensors() == SensorConfig()
-    assert read_sensors(silvermate_sensors()) == SensorConfig()
+    assert read_sensors(sensor_file()) == SensorConfig()
 
 
 def test_the_silvermates_file_says_everything():
-    text = silvermate_sensors().read_text(encoding="utf-8")
+    text = sensor_file().read_text(encoding="utf-8")
     for make in (LaserParams, SonarParams, InfraredParams):
         for f in fields(make):
             assert f.name == "name" or re.search(rf"^    {f.name}:", text, re.MULTILINE), f.name
+
+
+def test_the_file_of_a_robot_fits_it():
+    """TIAGo's laser sees a wall ahead from within its base; a robot without a file gets the Silvermate's."""
+    robot = load_robot("tiago")
+    world = World(Scene([Box([0.2, 4.0, 1.0], at=[2.1, 0.0, 0.5])]))
+    suite = SensorSuite(robot, world, read_sensors(sensor_file("tiago")), seed=1)
+    coordinates = robot.space.to_coordinates(robot.home())
+    readings = [reading for step in range(20) for reading in suite.observe(0.01 * step, coordinates)]
+    assert readings
+    for reading in readings:
+        assert abs(np.median(reading.ranges[175:186]) - 2.0) < 0.1
+    assert sensor_file("nobody") == sensor_file("silvermate") != sensor_file("tiago")
 
 
 def test_what_a_file_leaves_out_is_the_default(tmp_path):
