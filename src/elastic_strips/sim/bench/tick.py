@@ -115,21 +115,21 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
         strip = report.strip
         if k < warm:
             continue
-        if not cold:
+        if not cold:  # the caches are those of a tick, not of the baseline
             seconds.append(elapsed)
+            for phase, value in report.timings.items():
+                phases.setdefault(phase, []).append(value)
         cold = every_pair is not None and k % _EVERY == 0
         certified += report.certified
         queries += report.queries
-        for phase, value in report.timings.items():
-            phases.setdefault(phase, []).append(value)
         if every_pair is not None and cold:
             base.append(every_pair.seconds(strip, name, pose))
     out: Figures = {
         "tick_ms": percentiles(seconds, scale=1e3),
         "certified": certified / ticks,
         "queries_per_tick": queries / ticks,
-        "phases_ms": {p: float(np.sum(v) / ticks * 1e3) for p, v in phases.items()},
-        "phases_sum_ms": float(sum(np.sum(v) for v in phases.values()) / ticks * 1e3),
+        "phases_ms": {p: float(np.sum(v) / len(seconds) * 1e3) for p, v in phases.items()},
+        "phases_sum_ms": float(sum(np.sum(v) for v in phases.values()) / len(seconds) * 1e3),
         "tick_mean_ms": float(np.mean(seconds) * 1e3),
         "final_nodes": len(strip),
     }
