@@ -70,9 +70,10 @@ class Pace:
             self._periods = math.ceil(expected / self.params.control_dt)
         return seconds
 
-    def has(self, seconds: float) -> bool:
-        """Whether the tick has so much time left [s]."""
-        return self.meter is None or self.meter() + seconds <= self._end
+    def has(self, seconds: float, *, waits: bool = False) -> bool:
+        """Whether the tick has so much time left [s]; for what can wait for the next one it has half as much."""
+        end = self._began + 0.5 * (self._end - self._began) if waits else self._end
+        return self.meter is None or self.meter() + seconds <= end
 
     def reading(self) -> float:
         """Reading [s] of the meter; 0 without one."""
