@@ -57,7 +57,9 @@ setup_venv() {
 import hashlib, pathlib, sys
 digest = hashlib.sha256(sys.version.encode() + sys.argv[1].encode())
 root = pathlib.Path(sys.argv[1])
-for path in (root / "pyproject.toml", *sorted((root / "src/native").rglob("*.*"))):
+native = root / "src/native"  # a build leaves folders of its own in cmake
+code = [path for kind in ("*.cpp", "*.hpp", "cmake/CMakeLists.txt") for path in sorted(native.glob(kind))]
+for path in (root / "pyproject.toml", *code):
     digest.update(path.read_bytes())
 print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and run again"
     stamp="$VENV/.installed-${extras:-core}"

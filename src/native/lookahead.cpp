@@ -73,20 +73,28 @@ void standing_boxes(const Rollout& rollout, const double* boxes, std::size_t cou
     double px, py, radius, outer;
   };
   std::vector<Cover> covers;
+  std::vector<std::size_t> close;  // boxes that may count at a pose
+  double reach = 0.0;
   for (std::size_t b = 0; b < body.count; ++b) {
     const double *half = body.half + 2 * b, widest = std::max(std::min(half[0], half[1]), least);
     const int nx = static_cast<int>(std::ceil(half[0] / widest)), ny = static_cast<int>(std::ceil(half[1] / widest));
     const double px = half[0] / nx, py = half[1] / ny, radius = std::hypot(px, py);
     covers.push_back({nx, ny, px, py, radius, std::hypot(half[0], half[1]) + radius});
+    reach = std::max(reach, far + std::hypot(body.middle[2 * b], body.middle[2 * b + 1]) + covers.back().outer);
   }
   for (std::size_t k = 0; k < rollout.count * rollout.steps; ++k) {
     const double *pose = rollout.pose + 3 * k, c = std::cos(pose[2]), s = std::sin(pose[2]);
     double nearest = far;
+    close.clear();
+    for (std::size_t j = 0; j < count; ++j) {
+      const double ox = pose[0] - boxes[7 * j], oy = pose[1] - boxes[7 * j + 1], apart = reach + round[j];
+      if (ox * ox + oy * oy <= apart * apart) close.push_back(j);
+    }
     for (std::size_t b = 0; b < body.count; ++b) {
       const double *middle = body.middle + 2 * b, *half = body.half + 2 * b;
       const Cover& cover = covers[b];
       const double x = pose[0] + c * middle[0] - s * middle[1], y = pose[1] + s * middle[0] + c * middle[1];
-      for (std::size_t j = 0; j < count; ++j) {
+      for (std::size_t j : close) {
         const double* box = boxes + 7 * j;
         if (box[4] > body.high[b] || box[5] < body.low[b]) continue;
         const double apart = nearest + cover.outer + round[j], ox = x - box[0], oy = y - box[1];
