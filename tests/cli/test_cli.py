@@ -271,6 +271,16 @@ def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
     assert all(run["certified"] or run["reason"] for run in figures["runs"])
 
 
+def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """The robot has no link for the laser: wrong input, and no table of failures."""
+    assert (
+        call("bench", "drive", "--robot", "jackal-box", "--sensors", "laser", "--seeds", "2", "--processes", "1") == 2
+    )
+    captured = capsys.readouterr()
+    assert captured.err.count("no link 'laser_frame'") == 1
+    assert "reached" not in captured.out
+
+
 def test_bench_tick(tmp_path: Path) -> None:
     """Phases add up to the tick within a tenth; without --scaling nothing else is measured."""
     figures = _bench(tmp_path, "tick", "--ticks", "20", "--no-scaling")

@@ -263,7 +263,7 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
         with suppress(ConfigurationError):
             q_start, q_goal = (robot.home(p.x, p.y, p.yaw) for p in (start, goal))
             check_endpoints(robot, scene, q_start, q_goal, params)
-            disc = PlanarFootprint.of(robot, q_start).inner - _HOUSE_SLACK
+            disc = max(PlanarFootprint.of(robot, q_start).inner - _HOUSE_SLACK, 0.01)  # what is taken stays closed
             if grid_path(robot, scene, q_start, q_goal, box=(low, high), inner=disc).points is None:
                 continue
             return DriveProblem(
