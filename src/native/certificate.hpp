@@ -47,6 +47,7 @@ class SelfPairs : public Pairs {
   const PairSolver& solver() const { return solver_; }
   const Bodies& bodies() const { return *bodies_; }
   bool planar() const { return bodies_->tree.planar; }
+  std::int64_t joint(std::size_t pair, int which) const { return bodies_->joint[pairs_[2 * pair + which]]; }
   std::size_t size() const { return functors_.size(); }
 
  private:

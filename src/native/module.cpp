@@ -362,22 +362,17 @@ void bind_system(nb::module_& m) {
     System view = self.view();
     return add_elastic(view, planar, v.data(), weight.data());
   });
-  unlocked(system, "add_rows", [](const SystemArrays& self, Numbers node, Reals rows, Reals force, Reals stiffness) {
-    System view = self.view();
-    for (std::size_t k = 0; k < node.size(); ++k) {
-      add_row(view, node.data()[k], rows.data() + k * view.nv, force.data()[k], stiffness.data()[k]);
-    }
-  });
   unlocked(system, "add_repulsion",
            [](const SystemArrays& self, const Narrowphase& narrow, Reals J, const DistanceArrays& distances,
               double influence, double k_r, double near, double k_near) {
              System view = self.view();
              return add_repulsion(view, *narrow.bodies, J.data(), distances.view(), influence, k_r, near, k_near);
            });
-  unlocked(system, "add_limits",
-           [](const SystemArrays& self, Reals coordinates, Reals lower, Reals upper, double k_l, double margin) {
+  unlocked(system, "add_self_repulsion",
+           [](const SystemArrays& self, const SelfPairs& pairs, Reals T, Reals J, const SelfArrays& distances,
+              Reals repulsion, double k_s) {
              System view = self.view();
-             return add_limits(view, coordinates.data(), lower.data(), upper.data(), k_l, margin);
+             return add_self_repulsion(view, pairs, frames_of(T, J), distances.view(), repulsion.data(), k_s);
            });
   unlocked(system, "add_posture",
            [](const SystemArrays& self, Reals coordinates, Reals target, Reals k_p, In<bool> circular) {

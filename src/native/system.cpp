@@ -105,17 +105,23 @@ double add_repulsion(System& s, const Bodies& bodies, const double* J, const Dis
   return energy;
 }
 
-double add_limits(System& s, const double* coordinates, const double* lower, const double* upper, double k_l,
-                  double margin) {
+double add_self_repulsion(System& s, const SelfPairs& pairs, const Frames& frames, const SelfDistances& d,
+                          const double* repulsion, double k_s) {
+  const Tree& tree = pairs.bodies().tree;
   double energy = 0.0;
-  for (std::size_t n = 0; n < s.nodes; ++n) {
-    for (int k = 0; k < s.nv; ++k) {
-      const double q = coordinates[n * s.nv + k];
-      const double below = std::max(lower[k] + margin - q, 0.0), above = std::max(q - upper[k] + margin, 0.0);
-      if (below == 0.0 && above == 0.0) continue;
-      energy += 0.5 * k_l * (below * below + above * above);
-      s.force[n * s.nv + k] += k_l * (below - above);
-      s.diagonal[(n * s.nv + k) * s.nv + k] += k_l * ((below > 0.0) + (above > 0.0));
+  std::vector<double> row(tree.nv);
+  for (std::size_t n = 0; n < d.nodes; ++n) {
+    const double *T = frames.at(pairs.planar() ? 1 : 0, n), *J = frames.J + n * tree.nv * 6;
+    for (std::size_t p = 0, k = n * d.pairs; p < d.pairs; ++p, ++k) {
+      if (!(d.exact[k] < repulsion[p] && d.since[k] <= d.tolerance)) continue;
+      const double gap = repulsion[p] - d.exact[k];
+      const Vec3 one = moved(T, d.first + 3 * k), two = moved(T, d.second + 3 * k);
+      const Vec3 along = moved(T, d.direction + 3 * k) - Vec3(T[3], T[7], T[11]), back = -along;
+      energy += 0.5 * k_s * gap * gap;
+      std::fill(row.begin(), row.end(), 0.0);
+      add_directional(tree, J, pairs.joint(p, 0), one.data(), along.data(), row.data());
+      add_directional(tree, J, pairs.joint(p, 1), two.data(), back.data(), row.data());
+      add_row(s, n, row.data(), k_s * gap, k_s);
     }
   }
   return energy;

@@ -1,7 +1,7 @@
 // The step of a tick: forces and matrix of springs and contacts, the block tridiagonal solve, and rolling.
 #pragma once
 
-#include "proximity.hpp"
+#include "certificate.hpp"
 
 namespace strips {
 
@@ -27,10 +27,11 @@ void add_directional(const Tree& tree, const double* J, std::int64_t joint, cons
 double add_repulsion(System& system, const Bodies& bodies, const double* J, const Distances& distances,
                      double influence, double k_r, double near, double k_near);
 
-// Joints that come within `margin` of a limit are pushed back, and pulled to where `target` (N, nv) has them by k_p
-// (nv), continuous ones the shorter way; both return their potential.
-double add_limits(System& system, const double* coordinates, const double* lower, const double* upper, double k_l,
-                  double margin);
+// The same between own links that are nearer to each other than `repulsion` (S); frames with Jacobian columns.
+double add_self_repulsion(System& system, const SelfPairs& pairs, const Frames& frames, const SelfDistances& distances,
+                          const double* repulsion, double k_s);
+
+// Joints are pulled to where `target` (N, nv) has them by k_p (nv), continuous ones the shorter way; their potential.
 double add_posture(System& system, const double* coordinates, const double* target, const double* k_p,
                    const std::uint8_t* circular, int base_nv);
 

@@ -7,11 +7,12 @@ import pytest
 import twins
 from numpy.testing import assert_allclose
 
+from elastic_strips.collision import BodySet, MotionBounds, SelfProximity
 from elastic_strips.native import kernel, twin
 from elastic_strips.planning.ompl_planner import ValidityChecker
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.sim.scenarios import get_scenario
-from elastic_strips.strip.forces import add_elastic, add_joint_limits, add_posture
+from elastic_strips.strip.forces import add_elastic, add_posture, add_self_repulsion
 from elastic_strips.strip.solver import BandedSolver, System, project_rolling
 
 pytestmark = pytest.mark.skipif(kernel() is None, reason="the native kernel is not compiled here")
@@ -53,7 +54,7 @@ def _same(native: System, plain: System) -> None:
 
 
 def test_a_step_is_that_of_the_twin(robot: RobotModel) -> None:
-    """Springs, limits, posture, the solve and the rolling projection."""
+    """Springs, posture, the solve and the rolling projection."""
     rng, space, n = np.random.default_rng(5), robot.space, 12
     rows = np.cumsum(0.1 * rng.normal(size=(n, space.nv)), axis=0)
     native, plain = _systems(robot, n)
@@ -67,7 +68,6 @@ def test_a_step_is_that_of_the_twin(robot: RobotModel) -> None:
     node, row = np.sort(rng.integers(0, n, 40)), rng.normal(size=(40, space.nv))
     for system in (native, plain):
         add_elastic(system, space, v, weight)
-        add_joint_limits(system, space, rows, k_l=2.0, margin=0.2)
         add_posture(system, space, rows, rows[0], k_p=gain)
         system.add_rows(node, row, np.linspace(0.1, 1.0, 40), np.linspace(0.0, 2.0, 40))
     _same(native, plain)
@@ -80,6 +80,22 @@ def test_a_step_is_that_of_the_twin(robot: RobotModel) -> None:
             other, rest = project_rolling(space, rows)
         assert_allclose(moved, other, atol=1e-9)
         assert left == pytest.approx(rest, abs=1e-9)
+
+
+def test_own_links_push_each_other_as_in_the_twin(robot: RobotModel) -> None:
+    rng, n = np.random.default_rng(8), 40
+    bodies, reach = BodySet.links(robot), 0.2
+    repulsion = rng.uniform(0.3 * reach, reach, len(robot.self_pairs))
+    low, high = np.maximum(robot.space.lower, -2.0), np.minimum(robot.space.upper, 2.0)
+    kin = Kinematics(robot.tree, n + 3)
+    kin.update(rng.uniform(low, high, (n, robot.nv)))
+    proximity = SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=reach, repulsion=repulsion)
+    proximity.update(kin)
+    native, plain = _systems(robot, n)
+    for system in (native, plain):
+        add_self_repulsion(system, kin, proximity, k_s=5.0)
+    _same(native, plain)
+    assert native.energies["self_collision"] > 0.01 or not len(robot.self_pairs)
 
 
 def test_a_matrix_that_is_not_positive_is_refused(silvermate: RobotModel) -> None:

@@ -42,7 +42,6 @@ class CandidateParts:
         parts: the P parts.
         rotation: (P, 3, 3), translation: (P, 3) world poses.
         box_center: (P, 3) centre of each part's box in the part's frame; box_half: (P, 3) its half sizes.
-        transforms: Coal transforms of the poses.
         obstacle: (P,) obstacle index in the scene.
     """
 
@@ -55,9 +54,9 @@ class CandidateParts:
     translation: Array
     box_center: Array
     box_half: Array
-    transforms: list[coal.Transform3s]
     obstacle: Indices
     _poses: _native.Poses | None = None
+    _transforms: list[coal.Transform3s] | None = None
 
     @staticmethod
     def build(scene: Scene, low: Array, high: Array, slack: float, *, always: Indices | None = None) -> CandidateParts:
@@ -73,12 +72,9 @@ class CandidateParts:
         if always is not None and len(always):
             rows = np.union1d(rows, np.flatnonzero(np.isin(table.obstacle_index, always)))
         parts = [table.parts[r] for r in rows]
-        rotation, translation = table.rotation[rows].copy(), table.translation[rows].copy()
-        box_center = np.reshape([p.center - p.T_obstacle_part[:3, 3] for p in parts], (-1, 3))
-        box_half = np.reshape([p.half_extents for p in parts], (-1, 3))
-        transforms = [coal.Transform3s(r, t) for r, t in zip(rotation, translation, strict=True)]
         return CandidateParts(
-            scene, rows, low, high, parts, rotation, translation, box_center, box_half, transforms,
+            scene, rows, low, high, parts, table.rotation[rows], table.translation[rows],
+            table.local_center[rows] - table.local_translation[rows], table.local_half[rows],
             table.obstacle_index[rows],
         )  # fmt: skip
 
@@ -93,6 +89,13 @@ class CandidateParts:
             self._poses = module.Poses(self.rotation, self.translation, self.box_center, self.box_half)
         assert self._poses is not None
         return self._poses
+
+    @property
+    def transforms(self) -> list[coal.Transform3s]:
+        """The poses as Coal takes them."""
+        if self._transforms is None:
+            self._transforms = [coal.Transform3s(r, t) for r, t in zip(self.rotation, self.translation, strict=True)]
+        return self._transforms
 
     def obstacle_name(self, part: int) -> str:
         """Name of the obstacle that a part belongs to."""
@@ -130,8 +133,9 @@ class CandidateParts:
         columns = position[known]
         self.rotation[columns] = new.rotation[changed[known]]
         self.translation[columns] = new.translation[changed[known]]
-        for c in columns:
-            self.transforms[c].setTransform(self.rotation[c], self.translation[c])
+        if self._transforms is not None:
+            for c in columns:
+                self._transforms[c].setTransform(self.rotation[c], self.translation[c])
         self.scene = scene
         return columns
 
@@ -269,7 +273,7 @@ class MovingParts:
 
     def known(self, prediction: NodePrediction) -> bool:
         """Whether the candidates hold all the forecast's obstacles; if not, the next ones will."""
-        if np.isin(prediction.obstacles, self.always).all():
+        if set(prediction.obstacles.tolist()) <= set(self.always.tolist()):
             return True
         self.always = prediction.obstacles
         return False
@@ -313,22 +317,30 @@ class MovingParts:
         """
         before, former, mover = self.prediction, self.columns, self._mover
         rotation, translation = self._rotation, self._translation
-        self.begin(prediction, candidates)
-        moved = former | self.columns
-        moved[changed] = True
-        columns = np.flatnonzero(moved)
+        if before is None and (prediction is None or not len(prediction.obstacles)):
+            columns, shift, risen = changed, np.zeros((1, 1, 3)), np.zeros((1, 1))
+            rotation, translation = rotation[columns], translation[columns]
+            self._rotation[columns], self._translation[columns] = (
+                candidates.rotation[columns], candidates.translation[columns],
+            )  # fmt: skip
+        else:
+            self.begin(prediction, candidates)
+            moved = former | self.columns
+            moved[changed] = True
+            columns = np.flatnonzero(moved)
+            shift, uncertainty = _of_columns(self.prediction, self._mover[columns])
+            shift_before, uncertainty_before = _of_columns(before, mover[columns])
+            shift, risen = shift - shift_before, uncertainty - uncertainty_before
+            rotation, translation = rotation[columns], translation[columns]
         if len(columns) == 0:
             return None
-        shift, uncertainty = _of_columns(self.prediction, self._mover[columns])
-        shift_before, uncertainty_before = _of_columns(before, mover[columns])
-        step = shift - shift_before
-        step += candidates.translation[columns] - translation[columns]
-        turn = candidates.rotation[columns] - rotation[columns]
+        step = shift + (candidates.translation[columns] - translation)
+        turn = candidates.rotation[columns] - rotation
         center, half = candidates.box_center[columns], candidates.box_half[columns]
-        reach = np.linalg.norm(center, axis=1) + np.linalg.norm(half, axis=1)
+        reach = np.sqrt(np.einsum("ci,ci->c", center, center)) + np.sqrt(np.einsum("ci,ci->c", half, half))
         travel = np.sqrt(np.einsum("nci,nci->nc", step, step))
         travel += reach * np.sqrt(0.5 * np.einsum("cij,cij->c", turn, turn))
-        return columns, travel, uncertainty - uncertainty_before
+        return columns, travel, risen
 
     def travel(self) -> Array | None:
         """(N−1, P) bound [m] on how far parts come towards the robot from node to node; None where nothing moves."""

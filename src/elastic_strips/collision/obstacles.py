@@ -158,10 +158,9 @@ class ObstacleProximity:
                 self._since[:, :, at] += (travel + np.abs(uncertainty))[:, None, :]
             if before is not None and before.ignored.any():  # nothing is known of these
                 self._mark(before.ignored, former, -_FAR, _FAR)
-        self._limit = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
+        self._limit[:] = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
         if moving.prediction is not None and moving.prediction.ignored.any():
             self._mark(moving.prediction.ignored, moving.columns, _FAR, 0.0)
-        self._share()
 
     def _share(self) -> None:
         """Show the native kernel the arrays."""
@@ -367,6 +366,10 @@ class ObstacleProximity:
         if self.bound.shape[2] == 0:
             return np.full(self.bound.shape[:2], self.influence)
         return np.minimum(self.bound.min(axis=2), self.influence)
+
+    def least_clearance(self) -> float:
+        """The smallest of :meth:`clearance` [m]."""
+        return float(self.bound.min(initial=self.influence))
 
     def nearer_than(self, distance: float) -> bool:
         """Whether some body is surely nearer to an obstacle than this [m], below the influence distance."""

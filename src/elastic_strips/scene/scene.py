@@ -40,6 +40,8 @@ class PartTable:
         half_extents: Half sizes of the world bounding boxes (P, 3) [m].
         radius: Radii of the bounding spheres (P,) [m].
         local_half: Half sizes of the bounding boxes (P, 3) [m] in the obstacles' frames.
+        local_center: Their centres (P, 3) [m] in the obstacles' frames.
+        local_translation: Origins of the parts (P, 3) [m] in the obstacles' frames.
     """
 
     parts: tuple[Part, ...]
@@ -51,8 +53,8 @@ class PartTable:
     half_extents: Array
     radius: Array
     local_half: Array
-    _local_translation: Array  # (P, 3), in the obstacles' frames
-    _local_center: Array
+    local_center: Array
+    local_translation: Array
 
     def __len__(self) -> int:
         return len(self.parts)
@@ -74,7 +76,7 @@ def _build_table(obstacles: Sequence[Obstacle]) -> PartTable:
     translation = np.einsum("pij,pj->pi", rotation, local_translation) + origin
     center = np.einsum("pij,pj->pi", rotation, local_center) + origin
     half = np.minimum(np.einsum("pij,pj->pi", np.abs(rotation), local_half), radius[:, None])
-    arrays = (index, offsets, rotation, translation, center, half, radius, local_half, local_translation, local_center)
+    arrays = (index, offsets, rotation, translation, center, half, radius, local_half, local_center, local_translation)
     for array in arrays:
         array.flags.writeable = False
     return PartTable(tuple(chain.from_iterable(s.parts for s in solids)), *arrays)
@@ -90,8 +92,8 @@ def _update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequ
         turn, origin = pose[:3, :3], pose[:3, 3]
         rows = slice(int(table.offsets[k]), int(table.offsets[k + 1]))
         rotation[rows] = turn
-        translation[rows] = table._local_translation[rows] @ turn.T + origin
-        center[rows] = table._local_center[rows] @ turn.T + origin
+        translation[rows] = table.local_translation[rows] @ turn.T + origin
+        center[rows] = table.local_center[rows] @ turn.T + origin
         half[rows] = np.minimum(table.local_half[rows] @ np.abs(turn).T, table.radius[rows, None])
     else:
         poses = np.array([obstacles[k].pose for k in changed])
@@ -102,8 +104,8 @@ def _update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequ
         pose = poses[which[rows]]
         turn, origin = pose[:, :3, :3], pose[:, :3, 3]
         rotation[rows] = turn
-        translation[rows] = np.einsum("pij,pj->pi", turn, table._local_translation[rows]) + origin
-        center[rows] = np.einsum("pij,pj->pi", turn, table._local_center[rows]) + origin
+        translation[rows] = np.einsum("pij,pj->pi", turn, table.local_translation[rows]) + origin
+        center[rows] = np.einsum("pij,pj->pi", turn, table.local_center[rows]) + origin
         spread = np.einsum("pij,pj->pi", np.abs(turn), table.local_half[rows])
         half[rows] = np.minimum(spread, table.radius[rows, None])
     for array in (rotation, translation, center, half):
@@ -243,9 +245,10 @@ class Scene:
         old, new = earlier.table, self.table
         if new.parts is not old.parts and new.parts != old.parts:
             return None
-        moved = np.flatnonzero((new.translation != old.translation).ravel()) // 3
-        turned = np.flatnonzero((new.rotation != old.rotation).ravel()) // 9
-        return np.union1d(moved, turned).astype(np.intp)
+        changed = np.zeros(len(new), dtype=bool)
+        changed[np.flatnonzero((new.translation != old.translation).ravel()) // 3] = True
+        changed[np.flatnonzero((new.rotation != old.rotation).ravel()) // 9] = True
+        return np.flatnonzero(changed)
 
     def _place(self, name: str) -> int:
         try:

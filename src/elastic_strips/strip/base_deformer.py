@@ -372,8 +372,7 @@ class BaseDeformer(ABC, Generic[R]):
         status: DeformStatus, reason: str, hulls: ProtectiveHulls | None,
     ) -> R:  # fmt: skip
         """A report with what those of all presets have."""
-        obstacles = self.workspace.obstacles
-        clearance = float(obstacles.clearance().min(initial=obstacles.influence))
+        clearance = self.workspace.obstacles.least_clearance()
         strip = self.workspace.strip()
         self.clock.mark("report")
         return kind(

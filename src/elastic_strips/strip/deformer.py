@@ -210,7 +210,7 @@ class Deformer(BaseDeformer[DeformReport]):
             contacts = obstacles.contacts()
             push = repulsive_magnitude(contacts.distance, params.k_r, params.influence)
             forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
-        add_self_repulsion(system, kin, self_pairs, self_pairs.contacts(), k_s=params.k_self)
+        add_self_repulsion(system, kin, self_pairs, k_s=params.k_self)
         add_joint_limits(
             system, space, coordinates, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin
         )

@@ -7,7 +7,6 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.collision import ObstacleProximity, SelfProximity
 from elastic_strips.collision.narrowphase import Contacts
-from elastic_strips.collision.self_distance import SelfContacts
 from elastic_strips.robot import ConfigurationSpace, Kinematics
 
 from .solver import System
@@ -112,12 +111,15 @@ def add_obstacle_repulsion(
     )
 
 
-def add_self_repulsion(
-    system: System, kin: Kinematics, proximity: SelfProximity, contacts: SelfContacts, *, k_s: float
-) -> None:
+def add_self_repulsion(system: System, kin: Kinematics, proximity: SelfProximity, *, k_s: float) -> None:
     """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊², d_s the pair's repulsion distance."""
-    influence = proximity.repulsion[contacts.pair]
-    gap = np.maximum(influence - contacts.distance, 0.0)
+    if system.native is not None and proximity.native is not None and proximity.arrays is not None:
+        system.energies["self_collision"] = system.native.add_self_repulsion(
+            proximity.native, kin.T, kin.J, proximity.arrays, proximity.repulsion, k_s
+        )
+        return
+    contacts = proximity.contacts()
+    gap = np.maximum(proximity.repulsion[contacts.pair] - contacts.distance, 0.0)
     energy = 0.5 * k_s * float((gap**2).sum())
     if len(contacts):
         joint = proximity.bodies.joint
@@ -132,17 +134,16 @@ def add_joint_limits(
     system: System, space: ConfigurationSpace, coordinates: Array, *, k_l: float, margin: float
 ) -> None:
     """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
-    if system.native is not None:
-        system.energies["joint_limits"] = system.native.add_limits(coordinates, space.lower, space.upper, k_l, margin)
+    below, above = space.lower + margin - coordinates, coordinates - (space.upper - margin)
+    system.energies["joint_limits"] = 0.0
+    if max(below.max(initial=0.0), above.max(initial=0.0)) <= 0.0:
         return
-    below = np.maximum(space.lower + margin - coordinates, 0.0)
-    above = np.maximum(coordinates - space.upper + margin, 0.0)
-    energy = 0.5 * k_l * float((below**2).sum() + (above**2).sum())
-    if energy > 0.0:
-        system.force += k_l * (below - above)
-        index = np.arange(space.nv)
-        system.diagonal[:, index, index] += k_l * ((below > 0).astype(float) + (above > 0))
-    system.energies["joint_limits"] = energy
+    np.maximum(below, 0.0, out=below)
+    np.maximum(above, 0.0, out=above)
+    system.force += k_l * (below - above)
+    index = np.arange(space.nv)
+    system.diagonal[:, index, index] += k_l * ((below > 0).astype(float) + (above > 0))
+    system.energies["joint_limits"] = 0.5 * k_l * float((below**2).sum() + (above**2).sum())
 
 
 def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, target: Array, *, k_p: Array) -> None:

@@ -41,6 +41,11 @@ def resample(
         The new nodes (M, nv), and the index (M,) of the old node that each was, −1 for a new one; None where nothing
         changes.
     """
+    surplus = spacing[:-1] + spacing[1:] < min_spacing
+    if spare is not None:
+        surplus |= spare[1:-1]
+    if not surplus.any() and spacing.max(initial=0.0) <= max_spacing and (split is None or not split.any()):
+        return None
     pieces = np.clip(np.ceil(spacing / max_spacing).astype(int), 1, 8)
     if split is not None:
         halved = split & (spacing > 0.05 * min_spacing)
@@ -53,9 +58,6 @@ def resample(
             need = np.where(pieces < wanted, spacing / pieces + np.where(pieces == 1, priority, 0.0), -np.inf)
             pieces[int(np.argmax(need))] += 1
     keep = np.ones(len(coordinates), dtype=bool)
-    surplus = spacing[:-1] + spacing[1:] < min_spacing
-    if spare is not None:
-        surplus |= spare[1:-1]
     surplus &= (pieces[:-1] == 1) & (pieces[1:] == 1)
     for j in np.flatnonzero(surplus) + 1:
         keep[j] = not keep[j - 1]

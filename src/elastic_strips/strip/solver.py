@@ -66,9 +66,6 @@ class System:
         """
         if len(node) == 0:
             return
-        if self.native is not None:
-            self.native.add_rows(node, rows, force, stiffness)
-            return
         starts = np.flatnonzero(np.r_[True, node[1:] != node[:-1]])
         touched = node[starts]
         self.force[touched] += np.add.reduceat(force[:, None] * rows, starts, axis=0)

@@ -165,7 +165,7 @@ def test_self_repulsion_is_minus_its_gradient(name, request):
         kin.update(row[None])
         proximity.update(kin)
         system = System(1, robot.nv)
-        add_self_repulsion(system, kin, proximity, proximity.contacts(), k_s=k_s)
+        add_self_repulsion(system, kin, proximity, k_s=k_s)
         assert system.energies["self_collision"] == pytest.approx(potential(row), rel=1e-4)
         slope, smooth = numeric(robot, row, potential)
         if not smooth:
