@@ -63,13 +63,12 @@ def resample(
         keep[j] = not keep[j - 1]
     if keep.all() and (pieces == 1).all():
         return None
-    rows, source = [], []
-    for j in range(len(coordinates)):
-        if keep[j]:
-            rows.append(coordinates[j])
-            source.append(j)
-        if j < len(coordinates) - 1 and pieces[j] > 1:
-            s = np.arange(1, pieces[j]) / pieces[j]
-            rows.extend(space.interpolate(coordinates[j][None], coordinates[j + 1][None], s))
-            source.extend([-1] * (pieces[j] - 1))
-    return np.array(rows), np.asarray(source, dtype=np.intp)
+    inserted = np.append(pieces - 1, 0)
+    first = np.cumsum(keep + inserted) - inserted  # where what a node is followed by begins
+    source = np.full(int(first[-1]), -1, dtype=np.intp)
+    source[first[keep] - 1] = np.flatnonzero(keep)
+    segment = np.repeat(np.arange(len(coordinates)), inserted)
+    part = (np.arange(len(segment)) - np.repeat(np.cumsum(inserted) - inserted, inserted) + 1) / pieces[segment]
+    rows = coordinates[source]
+    rows[source < 0] = space.interpolate(coordinates[segment], coordinates[segment + 1], part)
+    return rows, source
