@@ -251,7 +251,7 @@ class LocalPlanner:
             self._broken = 0 if report.certified else self._broken + 1
         if before is not None and before.certified and not self._off_strip:
             for _ in range(params.recover_iterations):
-                if report.certified or not self.pace.has(self._step_took):
+                if report.certified or not self.pace.has(self._step_took, waits=True):
                     break
                 report = self.deformer.step(report.strip, scene, prediction=prediction, nodes=prediction is None)
         self.strip, self.report = report.strip, report

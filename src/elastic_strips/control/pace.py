@@ -15,9 +15,6 @@ _KEPT = 20
 _QUANTILE, _RESERVE = 0.9, 1.1
 """Most ticks are to be in time; those that are not cost one motion, and the held one goes on meanwhile."""
 
-_OPTIONAL = 0.5
-"""Part of the least latency by which what a tick can do without has to end."""
-
 
 class Pace:
     """Workspace: durations of the last planning ticks, and the budget of the present one.
@@ -60,7 +57,7 @@ class Pace:
         """A tick begins, and has until its motion begins; ``spent`` [s] were spent on its scene already."""
         if self.meter is not None:
             self._began = self.meter() - spent
-            self._end = self._began + _OPTIONAL * self.params.latency * self.params.control_dt
+            self._end = self._began + self.latency
 
     def finish(self, *, full: bool) -> float:
         """A tick has ended; ``full`` where it planned a motion. Returns what it took [s]."""
@@ -73,9 +70,10 @@ class Pace:
             self._periods = math.ceil(expected / self.params.control_dt)
         return seconds
 
-    def has(self, seconds: float) -> bool:
-        """Whether the tick has so much time [s] for what it can do without: that has to end by half of its budget."""
-        return self.meter is None or self.meter() + seconds <= self._end
+    def has(self, seconds: float, *, waits: bool = False) -> bool:
+        """Whether the tick has so much time left [s]; for what can wait for the next one it has half as much."""
+        end = self._began + 0.5 * (self._end - self._began) if waits else self._end
+        return self.meter is None or self.meter() + seconds <= end
 
     def reading(self) -> float:
         """Reading [s] of the meter; 0 without one."""

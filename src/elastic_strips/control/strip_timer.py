@@ -172,7 +172,7 @@ class StripTimer:
             distance = self._distance(speed_now, speed)
             if distance >= last:
                 break  # it would not be slower: the robot has not yet gathered speed
-            if last < np.inf and not self.pace.has(self._attempt_took):
+            if last < np.inf and not self.pace.has(self._attempt_took, waits=True):
                 break  # the next tick tries the slowest first
             last, began = distance, self.pace.reading()
             motion, reason = self._timed(coordinates, start, active, distance, speed, off_strip)
@@ -221,7 +221,7 @@ class StripTimer:
                 return motion, ""
             except RetimingError as error:
                 reason = reason or f"no motion along the strip: {error}"
-            if not start.v.any() or not self.pace.has(self.pace.reading() - began):
+            if not start.v.any() or not self.pace.has(self.pace.reading() - began, waits=True):
                 break
         return None, reason
 

@@ -69,18 +69,24 @@ def test_what_planned_nothing_tells_nothing():
     assert pace.periods == PARAMS.latency
 
 
-def test_what_a_tick_can_do_without_has_half_of_the_least_latency():
-    """However slow the ticks are: what there is time for would make them slower still."""
+def test_a_tick_has_until_its_motion_begins():
     pace = after(*[0.1] * 5)
     assert isinstance(pace.meter, Watch)
-    assert pace.slow
-    pace.begin(spent=0.004)
-    left = 0.5 * PARAMS.latency * PARAMS.control_dt - 0.004
+    pace.begin(spent=0.04)
+    left = pace.latency - 0.04
     assert pace.has(0.99 * left)
     assert not pace.has(1.01 * left)
     pace.meter.now += 0.5 * left
     assert not pace.has(0.6 * left)
     assert pace.has(0.4 * left)
+    assert not pace.has(0.0, waits=True)  # more than half of the latency is over: what can wait, waits
+
+
+def test_what_can_wait_has_half_of_the_time():
+    pace = after(*[0.1] * 5)
+    pace.begin()
+    assert pace.has(0.49 * pace.latency, waits=True)
+    assert not pace.has(0.51 * pace.latency, waits=True)
 
 
 CRATE = Box((0.4, 0.4, 1.0), at=(1.6, 0.35, 0.5), name="crate")
