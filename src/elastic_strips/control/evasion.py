@@ -102,21 +102,22 @@ def _roll_out(
     """
     change = part * limits.drive_acceleration * dt
     steps = np.arange(round(horizon / dt) + 1)
-    speed = _approach(limits.to_drive(start.v[:3]), targets.first, change, steps)
+    speed = _approach(limits.to_drive(start.v[:3])[:, None], targets.first.T, change, steps)
     for when in np.unique(targets.change[np.isfinite(targets.change)]).tolist():
         at = np.flatnonzero(targets.change == when)
         done = min(int(np.ceil(when / dt - 0.5)), len(steps) - 1)  # steps towards the first target
-        speed[done:, at] = _approach(speed[done, at], targets.second[at], change, steps[: len(steps) - done])
+        speed[:, done:, at] = _approach(speed[:, done, at], targets.second[at].T, change, steps[: len(steps) - done])
     return _poses(limits, start, speed, dt)
 
 
 def _approach(speed: Array, goal: Array, change: Array, steps: Indices) -> Array:
-    """Speeds (S, N, k) after numbers of steps (S,), from speeds (k,) or (N, k) towards goals (N, k).
+    """Speeds (k, S, N) after numbers of steps (S,), from speeds (k, 1) or (k, N) towards goals (k, N).
 
-    Each step changes them by ``change`` (k,) at most.
+    Each step changes them by ``change`` (k,) at most. The long axis is the last: NumPy's loops run along it.
     """
-    most = steps[:, None, None] * change
-    return np.asarray(speed + np.minimum(np.maximum(goal - speed, -most), most), dtype=float)
+    most = (change[:, None] * steps)[..., None]
+    off = (goal - speed)[:, None]
+    return np.asarray(speed[:, None] + np.minimum(np.maximum(off, -most), most), dtype=float)
 
 
 def roll_to_rest(
@@ -139,28 +140,29 @@ def roll_to_rest(
     longest = float(hold.max()) + float((limits.drive_speed / change).max()) + dt
     time = dt * np.arange(1.0, round(longest / dt) + 1.0)
     steps = np.arange(len(time) + 1)
-    speed = _approach(limits.to_drive(start.v[:3]), target, change * dt, steps)
+    speed = _approach(limits.to_drive(start.v[:3])[:, None], target.T, change * dt, steps)
     rest = np.zeros(len(target))
     for when in np.unique(hold).tolist():
         at = np.flatnonzero(hold == when)
         done = int(np.floor(when / dt + 0.5))  # steps before it brakes
-        now = speed[done, at]
-        duration = np.maximum((np.abs(now) / change).max(axis=1), 1e-9)
+        now = speed[:, done, at]
+        duration = np.maximum((np.abs(now) / change[:, None]).max(axis=0), 1e-9)
         left = np.maximum(1.0 - steps[: len(steps) - done, None] * (dt / duration), 0.0)
-        speed[done:, at] = left[..., None] * now
+        speed[:, done:, at] = left * now[:, None]
         rest[at] = done * dt + duration
     return time, _poses(limits, start, speed, dt), rest
 
 
 def _poses(limits: MotionLimits, start: ReferenceState, speed: Array, dt: float) -> Array:
-    """Poses (N, T, 3) for speeds (T + 1, N, k) of the drive coordinates."""
-    twist = limits.to_twist(0.5 * (speed[1:] + speed[:-1])) * dt
-    yaw = start.coordinates[2] + np.cumsum(twist[..., 2], axis=0)
-    middle = yaw - 0.5 * twist[..., 2]
+    """Poses (N, T, 3) for speeds (k, T + 1, N) of the drive coordinates."""
+    to_twist = limits.to_twist(np.eye(len(speed)))  # (k, 3)
+    x, y, turn = np.tensordot(to_twist.T * dt, 0.5 * (speed[:, 1:] + speed[:, :-1]), axes=1)
+    yaw = start.coordinates[2] + np.cumsum(turn, axis=0)
+    middle = yaw - 0.5 * turn
     cos, sin = np.cos(middle), np.sin(middle)
-    pose = np.empty((speed.shape[1], len(speed) - 1, 3))
-    pose[..., 0] = (start.coordinates[0] + np.cumsum(cos * twist[..., 0] - sin * twist[..., 1], axis=0)).T
-    pose[..., 1] = (start.coordinates[1] + np.cumsum(sin * twist[..., 0] + cos * twist[..., 1], axis=0)).T
+    pose = np.empty((speed.shape[2], speed.shape[1] - 1, 3))
+    pose[..., 0] = (start.coordinates[0] + np.cumsum(cos * x - sin * y, axis=0)).T
+    pose[..., 1] = (start.coordinates[1] + np.cumsum(sin * x + cos * y, axis=0)).T
     pose[..., 2] = yaw.T
     return pose
 
