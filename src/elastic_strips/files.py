@@ -6,10 +6,13 @@ process or fill its memory. A file that is written is there whole or not at all.
 
 from __future__ import annotations
 
+import gzip
+import io
 import json
 import os
 import stat
 import tempfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -85,13 +88,27 @@ def read_input(path: str | os.PathLike[str], what: str, limit: int, error: type[
     return data
 
 
+def _unpacked(data: bytes, path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> bytes:
+    """What a gzip file holds, as far as the limit."""
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+            out = stream.read(limit + 1)
+    except (OSError, EOFError, zlib.error) as problem:
+        raise error(f"{_name(path)}: the {what} is no gzip file: {_said(problem)}") from None
+    if len(out) > limit:
+        raise error(f"{_name(path)}: the {what} has more than {limit} bytes unpacked, which is the most that is read")
+    return out
+
+
 def read_input_text(path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> str:
-    """What a UTF-8 text file holds, without a byte order mark.
+    """What a UTF-8 text file, or one packed by gzip (``*.gz``), holds, without a byte order mark.
 
     Raises:
         InputError: as of `open_input`, or what it holds is not UTF-8; the message names line and byte.
     """
     data = read_input(path, what, limit, error)
+    if os.fspath(path).endswith(".gz"):
+        data = _unpacked(data, path, what, limit, error)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:

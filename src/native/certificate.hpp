@@ -48,7 +48,9 @@ class SelfPairs : public Pairs {
   const Bodies& bodies() const { return *bodies_; }
   bool planar() const { return bodies_->tree.planar; }
   std::int64_t joint(std::size_t pair, int which) const { return bodies_->joint[pairs_[2 * pair + which]]; }
+  std::size_t body(std::size_t pair, int which) const { return static_cast<std::size_t>(pairs_[2 * pair + which]); }
   std::size_t size() const { return functors_.size(); }
+  void shallow() { solver_.shallow = true; }
 
  private:
   std::shared_ptr<const Bodies> bodies_;

@@ -2,6 +2,7 @@
 
 #include <coal/broadphase/default_broadphase_callbacks.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -96,13 +97,18 @@ ShapePair::ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::S
       fine(deep_one.get(), deep_two.get()) {}
 
 PairSolver::PairSolver()
-    : apart_(request(kTolerance, 0.0)), deep_(request(0.0, 0.0)), fine_(request(kTolerance, kTolerance)) {
+    : apart_(request(kTolerance, 0.0)),
+      touch_(request(0.0, 0.0)),
+      deep_(request(0.0, 0.0)),
+      fine_(request(kTolerance, kTolerance)) {
+  touch_.enable_signed_distance = false;
   for (double tolerance : {1e-4, 1e-3, 1e-2, 0.1}) coarse_.push_back(request(0.0, tolerance));
 }
 
 double PairSolver::ask(const ShapePair& pair, const Transform3s& one, const Transform3s& two) {
   result_.clear();
-  const double d = pair.apart(one, two, apart_, result_);
+  const double d = pair.apart(one, two, shallow ? touch_ : apart_, result_);
+  if (shallow) return std::max(d, 0.0);
   return d > 0.0 ? d : penetration(pair, one, two);
 }
 

@@ -55,6 +55,8 @@ class PairSolver {
  public:
   PairSolver();
 
+  bool shallow = false;  // where shapes touch, the distance is 0, no depth
+
   // Signed distance [m]; `normal`, `first` and `second` then hold what Coal found.
   double ask(const ShapePair& pair, const Transform3s& one, const Transform3s& two);
 
@@ -70,7 +72,7 @@ class PairSolver {
   double penetration(const ShapePair& pair, const Transform3s& one, const Transform3s& two);
 
   coal::DistanceResult result_;
-  coal::DistanceRequest apart_, deep_, fine_;
+  coal::DistanceRequest apart_, touch_, deep_, fine_;
   std::vector<coal::DistanceRequest> coarse_;
 };
 

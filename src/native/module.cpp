@@ -341,18 +341,42 @@ void bind_self(nb::module_& m) {
 // A Validity and the arrays that it reads.
 struct Checker {
   PoseArrays poses;
+  Reals radius;
   Validity validity;
+  std::vector<double> one, two, per_unit;  // a planner's chart: the last coordinates, each in units of its own
+
+  void chart(Reals row, Reals unit) {
+    one = two = reals(row);
+    per_unit = reals(unit);
+  }
+  const double* from_chart(std::vector<double>& row, const std::vector<double>& state) const {
+    if (state.size() != per_unit.size()) throw std::invalid_argument("a state of another size than the chart");
+    const std::size_t first = row.size() - per_unit.size();
+    for (std::size_t k = 0; k < per_unit.size(); ++k) row[first + k] = state[k] * per_unit[k];
+    return row.data();
+  }
 
   Checker(std::shared_ptr<Bodies> bodies, const std::vector<std::shared_ptr<Solid>>& parts, Numbers self_pairs,
-          const PoseArrays& poses, double margin)
-      : poses(poses), validity(bodies, parts, numbers(self_pairs), poses.view(), margin) {}
+          const PoseArrays& poses, Reals radius, double margin)
+      : poses(poses),
+        radius(radius),
+        validity(bodies, parts, numbers(self_pairs), poses.view(), radius.data(), margin) {}
 };
 
 void bind_validity(nb::module_& m) {
   nb::class_<Checker> validity(m, "Validity");
   validity.def(nb::init<std::shared_ptr<Bodies>, const std::vector<std::shared_ptr<Solid>>&, Numbers, const PoseArrays&,
-                        double>());
+                        Reals, double>());
   validity.def("valid", [](Checker& self, Reals coordinates) { return self.validity.valid(coordinates.data()); });
+  validity.def("motion", [](Checker& self, Reals a, Reals b, double step) {
+    return self.validity.motion(a.data(), b.data(), step);
+  });
+  validity.def("chart", &Checker::chart);
+  validity.def("motion_in_chart",
+               [](Checker& self, const std::vector<double>& a, const std::vector<double>& b, double step) {
+                 return self.validity.motion(self.from_chart(self.one, a), self.from_chart(self.two, b), step);
+               });
+  validity.def_prop_ro("checks", [](const Checker& self) { return self.validity.checks; });
 }
 
 void bind_system(nb::module_& m) {

@@ -52,6 +52,10 @@ class Narrowphase {
   Found query(const Frames& frames, std::size_t node, std::size_t body, std::size_t part, const PartPoses& poses,
               const Vec3* shift);
 
+  // Distances are 0 where shapes touch, from here on; the shape of a part is null where it is a block.
+  void shallow() { solver_.shallow = true; }
+  const coal::ShapeBase* shape(std::size_t part) const { return parts_[part]->shape.get(); }
+
   std::shared_ptr<const Bodies> bodies;
   std::size_t queries = 0, prepared = 0;
 

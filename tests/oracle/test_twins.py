@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import twins
@@ -9,8 +11,9 @@ from numpy.testing import assert_allclose
 
 from elastic_strips.collision import BodySet, MotionBounds, SelfProximity
 from elastic_strips.native import kernel, twin
-from elastic_strips.planning.ompl_planner import ValidityChecker
-from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.planning.validity import ValidityChecker
+from elastic_strips.robot import Kinematics, RobotModel, load_robot
+from elastic_strips.scene import Box, Scene, Sphere, Voxels
 from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.strip.forces import add_elastic, add_posture, add_self_repulsion
 from elastic_strips.strip.solver import BandedSolver, System, project_rolling
@@ -118,6 +121,35 @@ def test_the_planner_accepts_the_same_configurations(silvermate: RobotModel) -> 
     accepted = [checker.at(row) for row in rows]
     assert accepted == [other.at(row) for row in rows]
     assert 50 < sum(accepted) < 550
+
+
+def test_the_planner_accepts_the_same_motions() -> None:
+    """What separated two shapes last, and what hit last, must not change an answer; nor must the planner's chart."""
+    robot = load_robot("panda")
+    rng = np.random.default_rng(5)
+    low, high = robot.space.lower, robot.space.upper
+    accepted = 0
+    for _ in range(4):
+        scene = Scene(
+            [Box(rng.uniform(0.1, 0.4, 3), at=rng.uniform((-0.6, -0.7, 0.0), (0.7, 0.7, 0.9))) for _ in range(4)]
+            + [Sphere(0.1, at=rng.uniform((-0.6, -0.7, 0.0), (0.7, 0.7, 0.9))), Voxels([[0.5, 0.5, 0.5]], 0.1)]
+        )
+        native = ValidityChecker(robot, scene, margin=0.01)
+        with twin():
+            plain = ValidityChecker(robot, scene, margin=0.01)
+        home = robot.space.to_coordinates(robot.home_q)
+        rows = np.clip(home + 0.5 * rng.normal(size=(120, robot.nv)), low, high)
+        said = [native.motion(a, b, 0.1) for a, b in pairwise(rows)]
+        assert said == [plain.motion(a, b, 0.1) for a, b in pairwise(rows)]
+        unit = rng.uniform(0.5, 2.0, robot.nv)
+        charts = native.in_chart(home, unit), plain.in_chart(home, unit)
+        for a, b in pairwise((rows[:40] / unit).tolist()):
+            assert charts[0](a, b, 0.1) == charts[1](a, b, 0.1)
+        assert native.checks == plain.checks
+        accepted += sum(said)
+        with pytest.raises(ValueError, match="another size"):
+            charts[0]([0.0], [0.0], 0.1)
+    assert 20 < accepted < 460
 
 
 def test_arrays_that_could_not_be_written_to_are_refused() -> None:

@@ -15,10 +15,12 @@ from elastic_strips.sim.bench import bench_plan, bench_replan, bench_tick
 from elastic_strips.sim.bench.drive import bench_disturb, bench_drive, bench_reaction, bench_soak
 from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
+from elastic_strips.sim.bench.reach import bench_mbm
 from elastic_strips.sim.bench.realtime import bench_realtime
 from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
 from elastic_strips.sim.bench.trials import KINDS, bench_trials
 from elastic_strips.sim.computing import Computing
+from elastic_strips.sim.reach_problems import MBM_ROBOTS
 from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP
 
 from . import options
@@ -28,7 +30,7 @@ _json = options.json_option("Write all figures.")
 _json_runs = options.json_option("Write all figures and runs.")
 _root = click.option(
     "--root", required=True, metavar="DIR", type=click.Path(exists=True, file_okay=False),
-    help="Folder with the data: DIR/barn, DIR/dynabarn, DIR/bridge, DIR/house.",
+    help="Folder with the data: DIR/barn, DIR/dynabarn, DIR/bridge, DIR/house, DIR/mbm.",
 )  # fmt: skip
 
 
@@ -340,6 +342,35 @@ def house(
     click.echo(f"{robot}, house, {seeds} pairs, computing: {figures['compute']}")
     _drive_rows(figures)
     _failed_rows(figures)
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Reach into shelves, boxes and cages.")
+@_root
+@click.option("--robot", type=click.Choice(MBM_ROBOTS), default="fetch", show_default=True, help="The arm.")
+@click.option("--stride", type=click.IntRange(1, 1000), default=1, show_default=True, help="Every so many problems.")
+@click.option("--timeout", type=options.Finite(0.01, 600), default=2.0, show_default=True, help="For each [s].")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
+@_json_runs
+def mbm(root: str, robot: str, stride: int, timeout: float, seed: int, json_file: str | None) -> None:
+    """Plan MotionBenchMaker's problems of the Fetch or the Panda: how many are certified, how fast, how clear."""
+    with options.LateProgress("planning", 350 // stride) as bar:
+        figures = bench_mbm(root, robot, bar.step, stride=stride, timeout=timeout, seed=seed)
+    valid, total = figures["valid"], figures["total"]
+    click.echo(f"{robot}, {total} problems, {total - valid} with a start or goal in collision")
+    share = 100.0 * figures["certified"] / max(valid, 1)
+    _row("certified", f"{figures['certified']} of {valid} ({share:.1f} %) within {timeout:g} s")
+    ms = figures["ms"]
+    if figures["certified"]:
+        low, middle, high = ms["quartiles"]
+        _row("time", f"p25 {low:.1f}, p50 {middle:.1f}, p75 {high:.1f}, p95 {ms['p95']:.1f}, mean {ms['mean']:.1f} ms")
+        _row("by the line", f"{figures['by_the_line']}")
+        _row("length", f"p50 {figures['length_rad']['p50']:.2f} rad")
+        _row("clearance", f"p50 {1e3 * figures['clearance_m']['p50']:.1f} mm")
+    for kind, some in figures["kinds"].items():
+        _row(kind, f"{some['certified']} of {some['valid']}")
+    for failure in figures["failures"]:
+        _row(f"{failure['name']} failed", failure["reason"])
     _write(json_file, figures)
 
 

@@ -216,6 +216,8 @@ def _turn(row: Array, yaw: float) -> Array:
 
 _LINE_TICKS = 6  # most that a straight line gets
 _LINE_DEPTH = (-0.28, -0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 0, 1, 2 … is given up
+_LINE_LINKS, _LINE_SHARE = 4, 0.5  # an arm's line that touches with more links, or for longer, is given up
+_LINE_STRIDE, _LINE_FEWEST = 8, 3  # every eighth node is looked at before the line is, where there are so many
 _TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it
 STUCK_TICKS = 6
 """Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
@@ -313,6 +315,30 @@ class PathSearch:
         began = perf_counter()
         yield
         self.timings[phase] += perf_counter() - began
+
+    def hopeless(self, line: Strip) -> str:
+        """Why relaxing the straight line would not help; empty where it may.
+
+        Nodes of a base that are deep in an obstacle come out on both sides of it. A line of an arm relaxes where some
+        links touch something for some of the way.
+        """
+        deformer, scene, few = self.problem.deformer, self.problem.scene, line
+        planar = self.problem.robot.space.planar
+        if planar:
+            nodes = line.coordinates[::_LINE_STRIDE]
+            if len(nodes) < _LINE_FEWEST:
+                return ""
+            few = Strip.from_coordinates(line.robot, nodes)
+        with self.timed("line"):
+            report = deformer.assess(few, scene)
+        if planar:
+            depth = -report.node_clearance
+            return f"{depth:.2f} m deep in an obstacle" if depth > -_LINE_DEPTH[0] else ""
+        touching = deformer.workspace.obstacles.clearance() < 0.0
+        links, share = int(touching.any(axis=0).sum()), float(touching.any(axis=1).mean())
+        if links > _LINE_LINKS or share > _LINE_SHARE:
+            return f"{links} links touch something, for {100 * share:.0f} % of the way"
+        return ""
 
     def relax_line(self, strip: Strip, relax: bool) -> DeformReport:
         """A few ticks of the straight line, or none; it is given up where nodes stay deep inside an obstacle."""

@@ -5,18 +5,13 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import coal
 import numpy as np
-import pinocchio as pin
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import BodySet, Certificate
-from elastic_strips.collision.candidates import CandidateParts
-from elastic_strips.collision.narrowphase import native_part
+from elastic_strips.collision import Certificate
 from elastic_strips.errors import ParameterError
-from elastic_strips.native import kernel
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
@@ -25,118 +20,10 @@ from elastic_strips.strip.solver import project_rolling
 from elastic_strips.work import count_work
 
 from .problem import Deadline
-
-if TYPE_CHECKING:
-    from elastic_strips.native import _native
-
-_MAX_PAIRED = 400
-_REACH = 2.0  # [m] that a robot extends from its base, at most
-
-
-class ValidityChecker:
-    """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
-
-    Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
-    parts (voxels) stand in one Coal tree that each link asks.
-
-    Args:
-        robot: the robot.
-        scene: the obstacles.
-        margin: distance to keep to obstacles [m].
-        low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
-            are left out. None takes all.
-    """
-
-    def __init__(
-        self, robot: RobotModel, scene: Scene, *, margin: float, low: Array | None = None, high: Array | None = None
-    ) -> None:
-        self.robot: RobotModel = robot
-        self.checks: int = 0
-        self.native: _native.Validity | None = None
-        module, bodies = kernel(), BodySet.links(robot).native()
-        if module is not None and bodies is not None:
-            least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
-            if low is not None and high is not None:
-                least[0, :2], most[0, :2] = low - _REACH, high + _REACH
-            candidates = CandidateParts.build(scene, least, most, 0.0)
-            solids = [native_part(part) for part in candidates.parts]
-            self.native = module.Validity(bodies, solids, robot.self_pairs, candidates.native(), margin)
-            return
-        table = scene.table
-        rows = np.arange(len(table.parts))
-        if low is not None and high is not None and len(rows):
-            c, h = table.center[:, :2], table.half_extents[:, :2]
-            near = ((c - h <= high + _REACH) & (c + h >= low - _REACH)).all(axis=1)
-            rows = rows[near]
-        shapes = []
-        for r in rows:
-            part, R, t = table.parts[r], table.rotation[r], table.translation[r]
-            if part.geometry is None:
-                shapes += [(box, R, t + R @ np.asarray(at)) for box, at in part.boxes]
-            else:
-                shapes.append((part.geometry, R, t))
-        self._data = robot.model.createData()
-        self._model = robot.collision_model.clone()
-        self._links = len(robot.geometries)
-        self._manager = None
-        if len(shapes) <= _MAX_PAIRED:
-            for k, (geometry, R, t) in enumerate(shapes):
-                pose = pin.SE3(np.asarray(R), np.asarray(t))
-                index = self._model.addGeometryObject(
-                    pin.GeometryObject(f"obstacle-part-{k}", 0, 0, pose, _grown(geometry, margin))
-                )
-                for link in range(self._links):
-                    self._model.addCollisionPair(pin.CollisionPair(link, index))
-        else:
-            self._keep = [coal.CollisionObject(g, np.asarray(R), np.asarray(t)) for g, R, t in shapes]
-            self._manager = coal.DynamicAABBTreeCollisionManager()
-            for item in self._keep:
-                self._manager.registerObject(item)
-            self._manager.setup()
-            self._queries = [coal.CollisionObject(_grown(piece.geometry, margin)) for piece in robot.geometries]
-        self._geometry = self._model.createData()
-        self._broadphase = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(
-            robot.model, self._model, self._geometry
-        )
-
-    def __call__(self, q: Array) -> bool:
-        """Whether the configuration (nq,) is valid."""
-        if self.native is not None:
-            return self.at(self.robot.space.to_coordinates(q))
-        self.checks += 1
-        if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
-            return False
-        return self._manager is None or not self._hits_tree()
-
-    def at(self, coordinates: Array) -> bool:
-        """Whether the configuration with these coordinates (nv,) is valid."""
-        if self.native is None:
-            return self(self.robot.space.from_coordinates(coordinates))
-        self.checks += 1
-        return self.native.valid(coordinates)
-
-    def _hits_tree(self) -> bool:
-        assert self._manager is not None
-        for link, query in enumerate(self._queries):
-            pose = self._geometry.oMg[link]
-            query.setTransform(coal.Transform3s(pose.rotation, pose.translation))
-            query.computeAABB()
-            callback = coal.CollisionCallBackDefault()
-            self._manager.collide(query, callback)
-            if callback.data.result.isCollision():
-                return True
-        return False
-
-
-def _grown(geometry: coal.CollisionGeometry, margin: float) -> coal.CollisionGeometry:
-    grown = geometry.clone()
-    grown.setSweptSphereRadius(grown.getSweptSphereRadius() + margin)
-    grown.computeLocalAABB()
-    return grown
-
+from .validity import ValidityChecker
 
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
-_OMPL = threading.Lock()
+OMPL_LOCK = threading.Lock()
 """OMPL draws all its seeds from one generator of the process: one search at a time, or seeds mean nothing."""
 _WIDEN = 2.0  # [m] the base may go so far beyond start and goal
 _TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
@@ -211,7 +98,7 @@ def ompl_path(
         if not valid(q):
             return PathResult(None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, False)
     wait = threading.TIMEOUT_MAX if deadline is None else min(max(deadline.left, 0.0), threading.TIMEOUT_MAX)
-    if not _OMPL.acquire(timeout=wait):
+    if not OMPL_LOCK.acquire(timeout=wait):
         return PathResult(None, "another thread's search with OMPL took all the time", valid.checks, False)
     try:
         left = timeout if deadline is None else min(timeout, deadline.left)
@@ -219,11 +106,19 @@ def ompl_path(
         if left > 0.0:
             rows = _search(robot, valid, endpoints, low, high, seed, left, spacing, fineness, most, deadline)
     finally:
-        _OMPL.release()
+        OMPL_LOCK.release()
         count_work(checks=valid.checks)
     if rows is None:
         return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks)
     return PathResult(rows, "", valid.checks)
+
+
+def seed_ompl(seed: int) -> None:
+    """Quiet OMPL, and let it draw its numbers from this seed; with ``OMPL_LOCK`` held."""
+    from ompl import util as ou
+
+    ou.setLogLevel(ou.LOG_NONE)
+    ou.RNG.setSeed(seed % 2**31 + 1)
 
 
 def _search(
@@ -233,10 +128,8 @@ def _search(
     """Rows of a path, or None; for one thread at a time."""
     from ompl import base as ob
     from ompl import geometric as og
-    from ompl import util as ou
 
-    ou.setLogLevel(ou.LOG_NONE)
-    ou.RNG.setSeed(seed % 2**31 + 1)
+    seed_ompl(seed)
     planar = robot.space.planar
     states = _state_space(robot, ob, low, high)
     setup = og.SimpleSetup(states)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.robot import PlanarFootprint, RobotModel
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.summary import Summary
@@ -25,8 +25,10 @@ from .grid_path import MOST_CELLS, grid_path
 from .homotopy.alternatives import Alternative, AlternativesSearch
 from .homotopy.classes import ObstacleCluster
 from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, rows_along
+from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
 from .problem import Deadline, PlanningProblem
+from .validity import ValidityChecker
 
 _log = logging.getLogger(__name__)
 _FINEST = 4.0  # times as many samples on an edge as usual, at most
@@ -36,6 +38,10 @@ _DETOUR, _ASIDE = 3.0, 5.0  # a grid's path of more than 3 times the direct one 
 _SHORTER_SHARE, _SHORTER = 0.25, 2.0  # of the time, and most [s], is OMPL's then
 _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
+_STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
+_SPACING = 0.3  # [m or rad] of the nodes along a path of the joints
+_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
+_FIRST_SEARCH, _LONGER = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
 _WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
 
 
@@ -112,7 +118,8 @@ def plan_report(
         start, goal: configurations (nq,).
         count: so many strips at most; with more than one they are the report's ``alternatives``.
         seed: of the planner's random numbers.
-        params: of the relaxation, with the clearances to prove; the default preset where None.
+        params: of the relaxation, with the clearances to prove. Where None, the default preset, which asks for no more
+            clearance than half of what start and goal have (the reason says so), and looks less far about an arm.
         timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave. Where None, the base is looked for
             about start and goal, ever wider as attempts fail.
@@ -145,6 +152,8 @@ def plan_report(
             report = search.with_ompl(min(_SHORTER_SHARE * problem.deadline.left, _SHORTER)) or search.over_the_grid(
                 np.inf
             )
+    if report is None and problem.region is None:
+        report = search.of_the_joints()
     return report or search.with_ompl() or search.failed()
 
 
@@ -190,6 +199,10 @@ class _Search(PathSearch):
         """The straight line, which gets a few ticks, or is looked at as it is."""
         initial = line_strip(self.problem)
         self.initial = initial  # shown where nothing is certified
+        hopeless = self.hopeless(initial)
+        if hopeless:
+            self.reasons.append(f"straight line: {hopeless}")
+            return None
         report = self.relax_line(initial, relax)
         self.ticks += report.ticks if relax else 0
         return self._judged(initial, report, "line", "straight line")
@@ -201,8 +214,8 @@ class _Search(PathSearch):
         """
         problem = self.problem
         over = Deadline(_GRID_SHARE * self.deadline.left).over
-        folded = min(PlanarFootprint.of(self.robot, q).outer for q in (problem.start, self.robot.home_q))
-        for inner in (None, folded + self.params.clearance):
+        assert problem.region is not None
+        for inner in (None, problem.region.folded + self.params.clearance):
             if inner not in self.paths:
                 self.paths[inner] = self._grid_path(inner, over)
             path = self.paths[inner]
@@ -239,6 +252,34 @@ class _Search(PathSearch):
                 return found.points
             none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
         self.reasons.append(none)
+        return None
+
+    def of_the_joints(self) -> PlanReport | None:
+        """Paths of the joints alone, the base as it stands; ever longer searches, and looked at ever more closely."""
+        problem, params = self.problem, self.params
+        bounds = self.deformer.workspace.bounds
+        futile, step, seconds = 0, _STEP, _FIRST_SEARCH
+        margin = max(min(_MARGIN, 0.5 * problem.room), params.clearance)
+        valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=bounds)
+        ends = self.robot.space.to_coordinates(problem.endpoints)
+        while not self.deadline.over():
+            attempt = self.attempts
+            self.attempts += 1
+            with self.timed("planner"):
+                corners = search_joints(
+                    valid, ends, seed=problem.seed + 7919 * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
+                    step=step, timeout=seconds, deadline=self.deadline,
+                )  # fmt: skip
+            if corners is None:
+                futile += 1
+                seconds *= _LONGER
+                continue
+            report = self.relaxed(divided(corners, _SPACING), "ompl", f"path {self.attempts} of the joints", 3)
+            if report is not None:
+                return report
+            step *= 0.5
+        if futile:
+            self.reasons.append(f"OMPL found no path of the joints in {futile} searches")
         return None
 
     def with_ompl(self, seconds: float = np.inf) -> PlanReport | None:
@@ -279,6 +320,9 @@ class _Search(PathSearch):
 
     def failed(self) -> PlanReport:
         """The report where nothing was certified: what is in the way, what was tried, and what to try."""
+        if self.best is None:
+            assert self.initial is not None
+            self._judged(self.initial, self.relax_line(self.initial, False), "line", "straight line")
         assert self.best is not None
         where = ""
         if self.box is not None:
@@ -308,7 +352,8 @@ class _Search(PathSearch):
         failure = self.problem.failure(report)
         if not failure:
             self.initial = initial
-            return self._done(report, method, f"the {what} relaxed to a certified strip in {report.ticks} ticks")
+            eased = f"; {self.problem.eased}" if self.problem.eased else ""
+            return self._done(report, method, f"the {what} relaxed to a certified strip in {report.ticks} ticks{eased}")
         if report.usable:
             report = replace(report, reason=failure)
         broken = report.certificate.broken

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
 
@@ -29,6 +30,9 @@ _FAR = 200.0  # [m] a warning is logged for a goal farther away
 _HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
 _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
+_ARM = DeformParams(influence=0.1, near=0.04)
+"""Of an arm's relaxation, by default: in a shelf everything is within 0.3 m, and not all of it need be measured."""
+_LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself
 _SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
 _Box = tuple[Array, Array]
@@ -68,7 +72,8 @@ class PlanningProblem:
         robot: the robot.
         scene: the obstacles, as they stand.
         start, goal: configurations (nq,).
-        params: of the relaxation; the default preset where None.
+        params: of the relaxation; where None, and there is no deformer, the default preset with no more clearance than
+            half of what start and goal have, if that is more than 0.5 mm.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave, or None.
         seed: of random numbers.
@@ -79,12 +84,14 @@ class PlanningProblem:
         region: where the base is looked for; None for a fixed base.
         deadline: when the time is over.
         spacing: between the nodes of a first strip [m].
+        room: distance [m] of the robot from obstacles at the start or the goal; a lower bound where it is large.
+        eased: where less than the default clearance is asked for, how much and why; else empty.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
             pair, or the distance.
-        ParameterError: a seed, timeout or bounds outside its range, or something that is no deformer.
+        ParameterError: a seed, timeout or bounds outside its range, or something that is no deformer of this robot.
     """
 
     start: Array
@@ -103,11 +110,22 @@ class PlanningProblem:
         _check_kinds(robot, scene)
         if deformer is not None and not isinstance(deformer, Deformer):
             raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
+        if deformer is not None and not robot.same_as(deformer.robot):
+            raise ParameterError(f"deformer is of robot {deformer.robot.name!r}; it must be of {robot.name!r}")
         self.robot: RobotModel = robot
         self.scene: Scene = scene
-        self.deformer: Deformer = deformer or Deformer(robot, DeformParams() if params is None else params)
+        own = DeformParams() if robot.space.planar else _ARM
+        self.deformer: Deformer = deformer or Deformer(robot, own if params is None else params)
         self.params: DeformParams = self.deformer.params
-        self.start, self.goal = check_endpoints(robot, scene, start, goal, self.params)
+        self.start, self.goal = _checked_ends(robot, start, goal, self.params)
+        nearest = _nearest(robot, scene, (self.start, self.goal), self.params, self.deformer.workspace.bounds)
+        self.eased: str = ""
+        if params is None and deformer is None:
+            self.eased = _ease(self.deformer, nearest)
+            self.params = self.deformer.params
+        for near in nearest:
+            near.check(self.params)
+        self.room: float = min((near.distance for near in nearest if near.bound == "clearance"), default=np.inf)
         self.endpoints: Array = np.stack((self.start, self.goal))
         self.region: Region | None = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
         if self.region is None and bounds is not None:
@@ -151,33 +169,90 @@ def check_endpoints(
             goal is away.
     """
     _check_kinds(robot, scene)
-    endpoints = []
+    ends = _checked_ends(robot, start, goal, params)
+    for near in _nearest(robot, scene, ends, params, MotionBounds(BodySet.links(robot))):
+        near.check(params)
+    return ends
+
+
+def _checked_ends(
+    robot: RobotModel, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams
+) -> tuple[Array, Array]:
+    ends = []
     for what, given in (("start", start), ("goal", goal)):
         q = robot.check_q(given, what=what)
         if q.ndim != 1:
             raise ConfigurationError(f"{what} has shape {q.shape}; it must be one configuration ({robot.nq},)")
-        endpoints.append(q)
+        ends.append(q)
     if robot.space.planar:
-        _check_distance(float(np.hypot(*(endpoints[1] - endpoints[0])[:2])), params)
+        _check_distance(float(np.hypot(*(ends[1] - ends[0])[:2])), params)
+    return ends[0], ends[1]
+
+
+@dataclass(frozen=True, slots=True)
+class _Near:
+    """What is nearest at the start or goal: a link and an obstacle, or two links (``bound`` is ``self_clearance``)."""
+
+    what: str
+    bound: str
+    distance: float
+    one: str
+    two: str
+
+    def check(self, params: DeformParams) -> None:
+        """Refuse what touches, or is nearer than the parameters have it."""
+        clearance = float(getattr(params, self.bound))
+        if self.distance < 0:
+            raise ConfigurationError(
+                f"{self.what} is in collision: {self.one!r} is {-self.distance * 1000:.1f} mm deep in {self.two!r}"
+            )
+        if self.distance <= clearance:
+            raise ConfigurationError(
+                f"{self.what} is too close: {self.one!r} is {self.distance * 1000:.1f} mm from {self.two!r}; more than "
+                f"{clearance * 1000:.1f} mm ({self.bound}) are needed; "
+                f"params=DeformParams({self.bound}=…) asks for less, down to 0"
+            )
+
+
+def _nearest(
+    robot: RobotModel, scene: Scene, ends: tuple[Array, Array], params: DeformParams, bounds: MotionBounds
+) -> list[_Near]:
+    """The nearest obstacle and the nearest two links at start and goal."""
     _warn_of_size(scene)
-    bodies = BodySet.links(robot)
+    bodies, found = bounds.bodies, []
     kin = Kinematics(robot.tree, 2)
-    kin.update(robot.space.to_coordinates(np.stack(endpoints)))
+    kin.update(robot.space.to_coordinates(np.stack(ends)))
     obstacles = ObstacleProximity(bodies, influence=2.0 * params.clearance + 0.01)
     obstacles.update(kin, scene)
     reach = 2.0 * params.self_clearance + 0.01
-    own = SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=reach)
+    own = SelfProximity(bodies, robot.self_pairs, bounds, influence=reach)
     own.update(kin)
     for node, what in enumerate(("start", "goal")):
         if obstacles.bound[node].size:
             body, part = np.unravel_index(int(np.argmin(obstacles.bound[node])), obstacles.bound.shape[1:])
             other = obstacles.obstacle_name(int(part))
-            _refuse(what, obstacles.bound[node, body, part], params, "clearance", bodies.names[body], other)
+            distance = float(obstacles.bound[node, body, part])
+            found.append(_Near(what, "clearance", distance, bodies.names[body], other))
         if own.bound[node].size:
             pair = int(np.argmin(own.bound[node]))
             one, two = (bodies.names[k] for k in own.pairs[pair])
-            _refuse(what, own.bound[node, pair], params, "self_clearance", one, two)
-    return endpoints[0], endpoints[1]
+            found.append(_Near(what, "self_clearance", float(own.bound[node, pair]), one, two))
+    return found
+
+
+def _ease(deformer: Deformer, nearest: list[_Near]) -> str:
+    """Ask for no more clearance than half of what start and goal have; says so, for people, where that is less."""
+    least, said = {"clearance": deformer.params.clearance, "self_clearance": deformer.params.self_clearance}, []
+    for near in sorted(nearest, key=lambda near: near.distance):
+        if _LEAST_ROOM < near.distance <= least[near.bound]:
+            least[near.bound] = 0.5 * near.distance
+            said.append(
+                f"proven with {1e3 * least[near.bound]:.2g} mm, for at the {near.what} {near.one!r} is "
+                f"{1e3 * near.distance:.2g} mm from {near.two!r}"
+            )
+    if said:
+        deformer.keep_clearance(**least)
+    return "; ".join(said)
 
 
 def _check_distance(distance: float, params: DeformParams) -> None:
@@ -210,18 +285,6 @@ def _warn_once(message: str) -> None:
     _log.warning("%s", message)
 
 
-def _refuse(what: str, distance: float, params: DeformParams, bound: str, one: str, two: str) -> None:
-    if distance < 0:
-        raise ConfigurationError(f"{what} is in collision: {one!r} is {-distance * 1000:.1f} mm deep in {two!r}")
-    clearance = float(getattr(params, bound))
-    if distance <= clearance:
-        raise ConfigurationError(
-            f"{what} is too close: {one!r} is {distance * 1000:.1f} mm from {two!r}; more than "
-            f"{clearance * 1000:.1f} mm ({bound}) are needed; "
-            f"params=DeformParams({bound}=…) asks for less, down to 0"
-        )
-
-
 class Region:
     """Boxes of the plane in which the base is looked for.
 
@@ -236,6 +299,8 @@ class Region:
     Attributes:
         given: the caller's bounds, or None.
         cover: the box beyond which there is nothing to be passed; the bounds where they are given.
+        folded: radius [m] of the disc about the base that holds the robot in the smaller of the postures at the start
+            and at home.
 
     Raises:
         ParameterError: bounds of another shape, not finite, or empty.
@@ -247,11 +312,16 @@ class Region:
     ) -> None:
         self.endpoints: Array = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
         self.given: _Box | None = None if bounds is None else _checked_bounds(bounds, self.endpoints)
-        self.cover: _Box = self._cover(robot, scene, start, goal) if self.given is None else self.given
+        cover = self._cover(robot, scene, start, goal)
+        self.cover: _Box = cover if self.given is None else self.given
 
     def _cover(self, robot: RobotModel, scene: Scene, start: Array, goal: Array) -> _Box:
-        footprints = [PlanarFootprint.of(robot, q) for q in (start, goal, robot.home_q)]
-        outer, height = max(f.outer for f in footprints), max(f.height for f in footprints)
+        footprint, postures = PlanarFootprint(robot), []
+        for row in robot.space.to_coordinates(np.stack((start, goal, robot.home_q))):
+            footprint.update(row)
+            postures.append((footprint.outer, footprint.height))
+        self.folded: float = min(postures[0][0], postures[2][0])
+        outer, height = np.max(postures, axis=0)
         table = scene.table
         low, high = table.center - table.half_extents, table.center + table.half_extents
         counts = (low[:, 2] < height) & (high[:, 2] > FLOOR)

@@ -94,13 +94,14 @@ class Deformer(BaseDeformer[DeformReport]):
         self._needed = 0  # rounds of maintenance that remove no node
         self._detail = False  # whether forces are wanted for the report
 
-    def keep_clearance(self, clearance: float) -> None:
-        """Keep another clearance [m] from now on.
+    def keep_clearance(self, clearance: float, self_clearance: float | None = None) -> None:
+        """Keep another clearance [m] to obstacles from now on, and another one of the robot's own links if given.
 
         Raises:
             ParameterError: it is negative, or not below the influence distance.
         """
-        self.params = self.workspace.params = self.params.replaced(clearance=clearance)
+        own = self.params.self_clearance if self_clearance is None else self_clearance
+        self.params = self.workspace.params = self.params.replaced(clearance=clearance, self_clearance=own)
 
     def step(
         self,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.planning import ompl_path, straight_line
-from elastic_strips.planning.ompl_planner import ValidityChecker, certify_path
+from elastic_strips.planning.ompl_planner import certify_path
+from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.scene import Box, Cylinder, Scene
 from elastic_strips.strip import Deformer
 

@@ -12,7 +12,7 @@ from brute_force import link_distances, make_obstacle, self_distances
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.native import kernel, twin
 from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
-from elastic_strips.planning.ompl_planner import ValidityChecker
+from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 from elastic_strips.strip import Deformer, DeformParams
 
@@ -36,6 +36,25 @@ def test_an_empty_scene_needs_no_planner(name, request):
     assert report.strip.length == pytest.approx(np.hypot(3.0, 1.0), rel=1e-3)
     strip = plan(robot, Scene([]), start, goal)
     np.testing.assert_array_equal(strip.q, report.strip.q)
+
+
+def test_a_line_deep_in_an_obstacle_is_given_up_at_a_few_nodes_and_whole_where_nothing_else_is_found(silvermate):
+    """The report of a search without a result has the line as it is, however little of it was looked at before."""
+    scene = Scene([Box((2.0, 60.0, 2.0), at=(4.0, 0.0, 1.0), name="wall")])
+    start, goal = silvermate.home(), silvermate.home(x=8.0)
+    bounds = ((-2.0, -2.0), (10.0, 2.0))
+    report = plan_report(silvermate, scene, start, goal, timeout=0.3, bounds=bounds)
+    assert (report.certified, report.ticks) == (False, 0)
+    assert "straight line: 1." in report.reason
+    assert "m deep in an obstacle" in report.reason
+    gaps = np.diff(silvermate.space.to_coordinates(report.strip.q)[:, 0])
+    assert gaps.max() <= 0.14  # not the few
+    assert report.report.certificate.broken is not None
+
+
+def test_a_deformer_of_another_robot_is_refused(silvermate, tiago):
+    with pytest.raises(ParameterError, match=r"deformer is of robot 'tiago'.*must be of 'silvermate'"):
+        plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), deformer=Deformer(tiago))
 
 
 def test_a_fixed_arm_plans(gantry):
@@ -112,7 +131,7 @@ def test_ends_that_are_too_close_say_how_close(silvermate):
     base = silvermate.geometries[0].geometry.radius
     scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 + 0.003, 0.0, 0.1), name="kerb")])
     with pytest.raises(ConfigurationError, match=r"start is too close: 'base_link_0' is 3.0 mm from 'kerb'.*5.0 mm"):
-        plan(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0))
+        plan(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params=DeformParams())
     params = DeformParams(clearance=0.001)
     check_endpoints(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params)
 

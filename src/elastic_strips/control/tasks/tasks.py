@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
-from elastic_strips.planning.ompl_planner import ValidityChecker
+from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Scene

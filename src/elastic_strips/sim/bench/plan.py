@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastic_strips.arrays import Array
-from elastic_strips.collision import BodySet
 from elastic_strips.control.local_planner import PATIENCE
 from elastic_strips.planning import PlanReport, plan_report
-from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.sim.scenarios import get_scenario
-from elastic_strips.strip import Deformer, DeformReport, Strip, strip_clearance
+from elastic_strips.strip import Deformer, DeformReport, Strip, displacement, strip_clearance
 
 from .measure import Figures, Note, head, percentiles, silent
 
@@ -136,7 +134,7 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: fl
                     "anew": anew,
                     "ms": 1e3 * seconds,
                     "ticks": ticks,
-                    "jump_m": _jump(robot, before, strip),
+                    "jump_m": displacement(before, strip),
                     "clearance_m": float(strip_clearance(strip, scene)),
                     "reason": reason,
                 }
@@ -186,26 +184,3 @@ def _push_nearest(looker: Deformer, strip: Strip, scene: Scene, into: float | No
     pose = scene.obstacle(name).pose.copy()
     pose[:3, 3] += (_PUSH if into is None else contacts.distance[k] + into) * contacts.direction[k]
     return scene.moved(name, pose)
-
-
-def _jump(robot: RobotModel, before: Strip, after: Strip) -> float:
-    """Largest displacement [m] of any control point between two strips."""
-    one, two = _points(robot, before.coordinates), _points(robot, after.coordinates)
-    if len(one) != len(two):
-        count = max(len(one), len(two))
-        one, two = _resampled(one, count), _resampled(two, count)
-    return float(np.linalg.norm(one - two, axis=2).max())
-
-
-def _points(robot: RobotModel, coordinates: Array) -> Array:
-    kin = Kinematics(robot.tree, len(coordinates))
-    kin.update(coordinates, jacobians=False)
-    return BodySet.control_points(robot).capsule_ends(kin)[:, :, 0]
-
-
-def _resampled(points: Array, count: int) -> Array:
-    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points[:, 0], axis=0), axis=1))]
-    along = along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(points))
-    at = np.linspace(0, 1, count)
-    flat = points.reshape(len(points), -1)
-    return np.column_stack([np.interp(at, along, c) for c in flat.T]).reshape(count, *points.shape[1:])

@@ -1,0 +1,157 @@
+"""Joint search: paths of the joints alone by OMPL, for arms among shelves and cages; the base stays where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.robot import Kinematics
+
+from .ompl_planner import OMPL_LOCK, seed_ompl
+from .problem import Deadline
+from .validity import ValidityChecker
+
+PLANNERS = ("LBKPIECE1", "LBKPIECE1", "LBKPIECE1", "RRTConnect")
+"""What searches, in turns: the first is the better one in tight places, the last where there is room."""
+_RANGE = 0.6  # longest motion of a tree, in scaled units: the square root of a motion radius [m] times an angle
+_CELLS = 10.0  # of the trees' grid, from one end of the hand's reach to the other
+_SHORTCUTS = 60  # most tries to shorten a path
+
+
+def search_joints(
+    valid: ValidityChecker, endpoints: Array, *, seed: int, planner: str, step: float, timeout: float,
+    deadline: Deadline,
+) -> Array | None:  # fmt: skip
+    """Corners (K, nv) of a path between two configurations (2, nv) with the same base, or None.
+
+    Each joint counts by the square root of how far it can move a point of the robot: a shoulder's turn is longer than
+    a wrist's. A tree that has to choose where to grow looks at where the hand is, as its motion at the goal has it.
+
+    Args:
+        valid: says what is valid.
+        endpoints: valid configurations (2, nv).
+        seed: of OMPL's random numbers.
+        planner: one of ``PLANNERS``.
+        step: motions are looked at wherever a point may have moved by this [m].
+        timeout: longest search [s].
+        deadline: when all is over.
+    """
+    wait = max(min(timeout, deadline.left), 0.0)
+    if not OMPL_LOCK.acquire(timeout=wait):
+        return None
+    try:
+        return _search(valid, endpoints, seed, planner, step, min(timeout, deadline.left), deadline.over)
+    finally:
+        OMPL_LOCK.release()
+
+
+def _search(
+    valid: ValidityChecker, endpoints: Array, seed: int, planner: str, step: float, timeout: float,
+    over: Callable[[], bool],
+) -> Array | None:  # fmt: skip
+    from ompl import base as ob
+    from ompl import geometric as og
+
+    if timeout <= 0.0:
+        return None
+    seed_ompl(seed)
+    robot = valid.robot
+    b = robot.space.base_nv
+    count = robot.space.nv - b
+    scale = np.sqrt(np.maximum(valid.bounds.radius[b:].max(axis=1, initial=0.0), 0.01))
+    low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
+    low, high = np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
+    space = ob.RealVectorStateSpace(count)
+    bounds = ob.RealVectorBounds(count)
+    for k in range(count):
+        bounds.setLow(k, float(low[k] * scale[k]))
+        bounds.setHigh(k, float(high[k] * scale[k]))
+    space.setBounds(bounds)
+
+    motion = valid.in_chart(endpoints[0], 1.0 / scale)
+
+    def row(state: Any) -> Array:
+        return np.concatenate((endpoints[0, :b], state[0:count] / scale))
+
+    class Motions(ob.MotionValidator):
+        def checkMotion(self, one: Any, two: Any) -> bool:
+            return motion(one[0:count], two[0:count], step)
+
+    projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
+    cells = np.abs(projection) @ ((high - low) * scale) / _CELLS
+    if (cells > 0.0).all():
+        space.registerDefaultProjection(
+            ob.RealVectorLinearProjectionEvaluator(space, cells.tolist(), np.asfortranarray(projection))
+        )
+    setup = og.SimpleSetup(space)
+    info = setup.getSpaceInformation()
+    setup.setStateValidityChecker(lambda state: valid.at(row(state)))
+    motions = Motions(info)
+    info.setMotionValidator(motions)
+    first, last = space.allocState(), space.allocState()
+    for state, end in ((first, endpoints[0]), (last, endpoints[1])):
+        for k in range(count):
+            state[k] = float(end[b + k] * scale[k])  # type: ignore[index]
+    setup.setStartAndGoalStates(first, last, 1e-9)
+    chosen = getattr(og, planner)(info)
+    chosen.setRange(_RANGE)
+    setup.setPlanner(chosen)
+    if not setup.solve(timeout) or not setup.haveExactSolutionPath():
+        return None
+    corners = np.array([row(state) for state in setup.getSolutionPath().getStates()])
+    corners[0], corners[-1] = endpoints
+    return shortened(valid, corners, scale, step, seed, over)
+
+
+def _hand_motion(valid: ValidityChecker, coordinates: Array) -> Array:
+    """(3, nv) how the body that the joints can move farthest moves with each coordinate [m] about a configuration."""
+    bounds = valid.bounds
+    kin = Kinematics(bounds.bodies.tree, 1)
+    kin.update(coordinates[None])
+    hand = np.array([int(np.argmax(bounds.radius.sum(axis=0)))])
+    at = bounds.bodies.ends_at(kin, np.zeros(1, dtype=np.intp), hand)[0].mean(axis=0)
+    return (kin.J[0, :, :3] + np.cross(kin.J[0, :, 3:], at)).T
+
+
+def shortened(
+    valid: ValidityChecker, corners: Array, scale: Array, step: float, seed: int, over: Callable[[], bool]
+) -> Array:
+    """A path (K, nv) without detours: between two places on it, straight, wherever that is valid and shorter."""
+    rng = np.random.default_rng(seed)
+    b = corners.shape[1] - len(scale)
+    corners = corners[np.r_[True, (np.diff(corners, axis=0) != 0.0).any(axis=1)]]
+    for attempt in range(_SHORTCUTS):
+        if len(corners) < 3 or over():
+            break
+        lengths = np.linalg.norm(np.diff(corners[:, b:], axis=0) * scale, axis=1)
+        along = np.r_[0.0, np.cumsum(lengths)]
+        if attempt == 0:
+            places = np.array([0.0, along[-1]])
+        else:
+            places = np.sort(rng.uniform(0.0, along[-1], 2))
+        i, j = (min(int(np.searchsorted(along, p, side="right")) - 1, len(lengths) - 1) for p in places)
+        if i == j:
+            continue
+        one, two = (
+            corners[k] + (p - along[k]) / max(lengths[k], 1e-12) * (corners[k + 1] - corners[k])
+            for k, p in ((i, places[0]), (j, places[1]))
+        )
+        if np.linalg.norm((two - one)[b:] * scale) > 0.98 * (places[1] - places[0]):
+            continue
+        if valid.motion(one, two, step):
+            corners = np.vstack((corners[: i + 1], one, two, corners[j + 1 :]))
+            corners = corners[np.r_[True, np.abs(np.diff(corners, axis=0)).max(axis=1) > 1e-12]]
+    return corners
+
+
+def divided(corners: Array, spacing: float) -> Array:
+    """Rows (N, nv) along a path's corners (K, nv), no further apart than ``spacing`` [m or rad]."""
+    rows = [corners[:1]]
+    for one, two in pairwise(corners):
+        count = max(1, int(np.ceil(np.linalg.norm(two - one) / spacing)))
+        rows.append(one + np.arange(1, count + 1)[:, None] / count * (two - one))
+    return np.concatenate(rows)

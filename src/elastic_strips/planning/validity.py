@@ -1,0 +1,175 @@
+"""Validity: whether configurations, and the motions between them, are clear of the scene and of the robot itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import BodySet, MotionBounds
+from elastic_strips.collision.candidates import CandidateParts
+from elastic_strips.collision.narrowphase import native_part
+from elastic_strips.native import kernel
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
+
+_MAX_PAIRED = 400
+_REACH = 2.0  # [m] that a robot extends from its base, at most
+
+
+class ValidityChecker:
+    """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
+
+    Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
+    parts (voxels) stand in one Coal tree that each link asks.
+
+    Args:
+        robot: the robot.
+        scene: the obstacles.
+        margin: distance to keep to obstacles [m].
+        low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
+            are left out. None takes all.
+        bounds: of the robot's links, where there are some already.
+    """
+
+    def __init__(
+        self, robot: RobotModel, scene: Scene, *, margin: float, low: Array | None = None, high: Array | None = None,
+        bounds: MotionBounds | None = None,
+    ) -> None:  # fmt: skip
+        self.robot: RobotModel = robot
+        self.bounds: MotionBounds = bounds or MotionBounds(BodySet.links(robot))
+        self._checks = 0
+        self.native: _native.Validity | None = None
+        module, bodies = kernel(), self.bounds.bodies.native()
+        if module is not None and bodies is not None:
+            least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
+            if low is not None and high is not None:
+                least[0, :2], most[0, :2] = low - _REACH, high + _REACH
+            candidates = CandidateParts.build(scene, least, most, 0.0)
+            solids = [native_part(part) for part in candidates.parts]
+            self.native = module.Validity(
+                bodies, solids, robot.self_pairs, candidates.native(), self.bounds.radius, margin
+            )
+            return
+        table = scene.table
+        rows = np.arange(len(table.parts))
+        if low is not None and high is not None and len(rows):
+            c, h = table.center[:, :2], table.half_extents[:, :2]
+            near = ((c - h <= high + _REACH) & (c + h >= low - _REACH)).all(axis=1)
+            rows = rows[near]
+        shapes = []
+        for r in rows:
+            part, R, t = table.parts[r], table.rotation[r], table.translation[r]
+            if part.geometry is None:
+                shapes += [(box, R, t + R @ np.asarray(at)) for box, at in part.boxes]
+            else:
+                shapes.append((part.geometry, R, t))
+        self._data = robot.model.createData()
+        self._model = robot.collision_model.clone()
+        self._links = len(robot.geometries)
+        self._manager = None
+        if len(shapes) <= _MAX_PAIRED:
+            for k, (geometry, R, t) in enumerate(shapes):
+                pose = pin.SE3(np.asarray(R), np.asarray(t))
+                index = self._model.addGeometryObject(
+                    pin.GeometryObject(f"obstacle-part-{k}", 0, 0, pose, _grown(geometry, margin))
+                )
+                for link in range(self._links):
+                    self._model.addCollisionPair(pin.CollisionPair(link, index))
+        else:
+            self._keep = [coal.CollisionObject(g, np.asarray(R), np.asarray(t)) for g, R, t in shapes]
+            self._manager = coal.DynamicAABBTreeCollisionManager()
+            for item in self._keep:
+                self._manager.registerObject(item)
+            self._manager.setup()
+            self._queries = [coal.CollisionObject(_grown(piece.geometry, margin)) for piece in robot.geometries]
+        self._geometry = self._model.createData()
+        self._broadphase = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(
+            robot.model, self._model, self._geometry
+        )
+
+    @property
+    def checks(self) -> int:
+        """Configurations checked so far."""
+        return self._checks if self.native is None else self.native.checks
+
+    def __call__(self, q: Array) -> bool:
+        """Whether the configuration (nq,) is valid."""
+        if self.native is not None:
+            return self.at(self.robot.space.to_coordinates(q))
+        self._checks += 1
+        if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
+            return False
+        return self._manager is None or not self._hits_tree()
+
+    def at(self, coordinates: Array) -> bool:
+        """Whether the configuration with these coordinates (nv,) is valid."""
+        if self.native is None:
+            return self(self.robot.space.from_coordinates(coordinates))
+        return self.native.valid(coordinates)
+
+    def motion(self, a: Array, b: Array, step: float) -> bool:
+        """Whether the motion between coordinates (nv,) is valid, but for its start: its end and places between.
+
+        It goes straight, along the tangent, and is looked at wherever some point of the robot may have moved by
+        ``step`` [m], the middle first. It is no proof: the certificate is.
+        """
+        if self.native is not None:
+            return self.native.motion(a, b, step)
+        space = self.robot.space
+        v = space.difference(a, b)
+        count = max(1, math.ceil(float(self.bounds.travel(v[None]).max(initial=0.0)) / step))
+        if not self.at(b):
+            return False
+        stride = 1 << (count - 1).bit_length()
+        while stride > 1:
+            for k in range(stride // 2, count, stride):
+                if not self.at(space.integrate(a, k / count * v)):
+                    return False
+            stride //= 2
+        return True
+
+    def in_chart(self, row: Array, unit: Array) -> Callable[[Sequence[float], Sequence[float], float], bool]:
+        """:meth:`motion` for a planner, whose states are the last coordinates.
+
+        Args:
+            row: (nv,) the other coordinates.
+            unit: (K,) how much of the last K coordinates one unit of a state is.
+        """
+        if self.native is not None:
+            self.native.chart(row, unit)
+            return self.native.motion_in_chart
+        one, two = row.copy(), row.copy()
+
+        def motion(a: Sequence[float], b: Sequence[float], step: float) -> bool:
+            one[-len(unit) :], two[-len(unit) :] = np.multiply(a, unit), np.multiply(b, unit)
+            return self.motion(one, two, step)
+
+        return motion
+
+    def _hits_tree(self) -> bool:
+        assert self._manager is not None
+        for link, query in enumerate(self._queries):
+            pose = self._geometry.oMg[link]
+            query.setTransform(coal.Transform3s(pose.rotation, pose.translation))
+            query.computeAABB()
+            callback = coal.CollisionCallBackDefault()
+            self._manager.collide(query, callback)
+            if callback.data.result.isCollision():
+                return True
+        return False
+
+
+def _grown(geometry: coal.CollisionGeometry, margin: float) -> coal.CollisionGeometry:
+    grown = geometry.clone()
+    grown.setSweptSphereRadius(grown.getSweptSphereRadius() + margin)
+    grown.computeLocalAABB()
+    return grown
