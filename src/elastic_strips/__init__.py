@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         trajectory,
         viewer,
     )
-    from elastic_strips.collision import Certificate
+    from elastic_strips.collision import Certificate, certify
     from elastic_strips.control import Command, Controller, Measurement
     from elastic_strips.io import read_scene, write_scene
     from elastic_strips.planning import PlanReport, plan, plan_report
@@ -72,6 +72,7 @@ __all__ = [
     "DeformParams",
     "DeformReport",
     "Certificate",
+    "certify",
     "strip_clearance",
     "Controller",
     "Measurement",
@@ -83,7 +84,7 @@ __all__ = [
 ]
 
 _ROOMS = {
-    "collision": ("Certificate",),
+    "collision": ("Certificate", "certify"),
     "control": ("Command", "Controller", "Measurement"),
     "errors": (),
     "io": ("read_scene", "write_scene"),

@@ -93,7 +93,7 @@ def test_the_rule_about_configurations_bites(tmp_path, line, wrong):
 
 def test_the_library_never_prints():
     for path in SOURCES:
-        if room(path) in ("cli", "cli.py"):
+        if room(path) in ("cli", "cli.py", "proof_checker.py"):  # programs
             continue
         for node in walk(path):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):

@@ -26,13 +26,15 @@ Start with:
   elastic-strips drive moving-corridor    drive among moving obstacles
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
+  elastic-strips certify path.csv --robot panda --scene scene.yaml
 
-Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken or not reached, 130 interrupted.
+Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken, refuted or not reached, 130 interrupted.
 """
 
 
 _COMMANDS = {
     "bench": ("bench_command", "bench", "Measure planning, replanning, the tick and the closed loop."),
+    "certify": ("certify_command", "certify", "Prove that anybody's path is free of collisions, or show where not."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("group", "list_command", "Show the scenarios, robots and presets that have names."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),

@@ -6,6 +6,8 @@ from .candidates import Forecast
 from .certificate import BrokenSegment, Certificate, SegmentState
 from .motion_certificate import MotionCertifier
 from .obstacles import ObstacleProximity
+from .path_certificate import PathCertificate, Verdict, certify
+from .proof import PathProof, prove
 from .self_distance import SelfProximity
 from .strip_certificate import ProtectiveHulls
 
@@ -17,7 +19,12 @@ __all__ = [
     "MotionBounds",
     "MotionCertifier",
     "ObstacleProximity",
+    "PathCertificate",
+    "PathProof",
     "ProtectiveHulls",
     "SegmentState",
     "SelfProximity",
+    "Verdict",
+    "certify",
+    "prove",
 ]

@@ -7,19 +7,21 @@ from elastic_strips._late import late_names
 if TYPE_CHECKING:
     from .laser_log import LaserLogError, read_laser_log
     from .nav2_map import load_nav2_map
+    from .path_file import PathFile, load_path, write_path
     from .point_cloud import PointCloud, cloud_scene, read_point_cloud
     from .record_file import read_record, record_columns, record_frame, record_robot, write_record
     from .scene_file import PoseSpec, read_scenario, read_scene, read_world, write_scene, write_world
 
 __all__ = [
-    "LaserLogError", "PointCloud", "PoseSpec", "cloud_scene", "load_nav2_map", "read_laser_log", "read_point_cloud",
-    "read_record", "read_scenario", "read_scene", "read_world", "record_columns", "record_frame", "record_robot",
-    "write_record", "write_scene", "write_world",
+    "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_nav2_map", "load_path",
+    "read_laser_log", "read_point_cloud", "read_record", "read_scenario", "read_scene", "read_world", "record_columns",
+    "record_frame", "record_robot", "write_path", "write_record", "write_scene", "write_world",
 ]  # fmt: skip
 
 _MODULES = {  # a scene file needs nothing of what records need
     "laser_log": ("LaserLogError", "read_laser_log"),
     "nav2_map": ("load_nav2_map",),
+    "path_file": ("PathFile", "load_path", "write_path"),
     "point_cloud": ("PointCloud", "cloud_scene", "read_point_cloud"),
     "record_file": ("read_record", "record_columns", "record_frame", "record_robot", "write_record"),
     "scene_file": ("PoseSpec", "read_scenario", "read_scene", "read_world", "write_scene", "write_world"),

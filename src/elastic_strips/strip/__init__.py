@@ -3,6 +3,7 @@
 from .constraint import OrientationConstraint
 from .deformer import Deformer
 from .params import DeformParams
+from .repair import RepairReport, displacement, repair
 from .report import DeformReport, DeformStatus
 from .strip import Strip, strip_clearance
 
@@ -12,6 +13,9 @@ __all__ = [
     "DeformStatus",
     "Deformer",
     "OrientationConstraint",
+    "RepairReport",
     "Strip",
+    "displacement",
+    "repair",
     "strip_clearance",
 ]

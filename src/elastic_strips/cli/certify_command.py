@@ -1,0 +1,115 @@
+"""``elastic-strips certify``: prove that a path from anywhere is free of collisions, or show where it is not."""
+
+from __future__ import annotations
+
+import math
+
+import click
+
+from elastic_strips.collision import PathCertificate, prove
+from elastic_strips.collision import certify as certify_path
+from elastic_strips.collision.path_certificate import INTERPOLATIONS, as_arcs
+from elastic_strips.files import write_json
+from elastic_strips.io import load_path, read_world, write_path
+from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.strip import DeformParams, repair
+
+from . import options
+
+
+@click.command()
+@click.argument("path", metavar="PATH")
+@click.option("--robot", required=True, metavar="NAME|FILE.urdf", help="Whose path it is.")
+@click.option("--scene", "scene_file", required=True, metavar="FILE.yaml", help="The obstacles (docs/scene-files.md).")
+@options.base_option()
+@click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, of a robot from a file.")
+@click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; all that can be by default.")
+@click.option(
+    "--clearance", type=options.Finite(0.0, 10.0), default=0.0, show_default=True, help="To prove to obstacles [m]."
+)
+@click.option(
+    "--self-clearance", type=options.Finite(0.0, 1.0), default=0.0, show_default=True,
+    help="To prove of the robot's own links [m].",
+)  # fmt: skip
+@click.option(
+    "--interpolation", type=click.Choice(INTERPOLATIONS), default="line", show_default=True,
+    help="How a base goes between two configurations: x, y and yaw linearly, or on an arc as wheels do. Joints go "
+    "linearly.",
+)  # fmt: skip
+@click.option("--repair", "repaired", metavar="FILE", type=options.OutputFile(), help="Push it free; write that path.")
+@click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
+@options.json_option("Write the answer.")
+def certify(
+    path: str, robot: str, scene_file: str, base: str | None, srdf: str | None, joints: str | None, clearance: float,
+    self_clearance: float, interpolation: str, repaired: str | None, proof: str | None, json_file: str | None,
+) -> int:  # fmt: skip
+    """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
+
+    PATH is a JointTrajectory (JSON or YAML, also what MoveIt prints), CSV, NPZ, or what OMPL prints. A path with times
+    is certified against the obstacles that move, where the scene has some.
+
+    Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
+    """
+    options.check_outputs(path, repaired, proof, json_file)
+    names = None if joints is None else [name.strip() for name in joints.split(",")]
+    model = load_robot(robot, base=base, srdf=srdf, joints=names)
+    world = read_world(scene_file)
+    scene = world.at(world.scene.time)
+    given = load_path(path, model)
+    timed = given.times is not None and bool(world.names_moving)
+    if timed and (repaired or proof):
+        raise click.UsageError(
+            "--repair and --proof are of obstacles that stand still; these move with the path's times"
+        )
+    found = certify_path(
+        model, world if timed else scene, given.q, clearance=clearance, self_clearance=self_clearance,
+        interpolation=interpolation, times=given.times if timed else None,
+    )  # fmt: skip
+    for note in given.notes:
+        click.echo(f"note: {note}")
+    if world.names_moving and not timed:
+        click.echo(f"note: no times in the path: what moves counts as it stands at {scene.time:g} s")
+    click.echo(f"{path}: {found.verdict.value}: {found.reason}")
+    document = _document(model, found, given.notes)
+    done, q = found.certified, given.q
+    if repaired is not None:
+        if not done:
+            params = DeformParams(clearance=clearance, self_clearance=self_clearance)
+            mended = repair(model, scene, q, params=params)
+            done, q, interpolation = mended.certified, mended.strip.q, "arc"
+            said = "certified" if done else f"not certified: {mended.reason}"
+            click.echo(f"repaired: {said}; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations")
+            document["repair"] = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
+        click.echo(f"path    {write_path(repaired, model, q)}")
+    if proof is not None:
+        made = None
+        if done:
+            rows, _, _ = as_arcs(model, model.space.to_coordinates(q), interpolation)
+            made = prove(model, scene, rows, clearance=clearance, self_clearance=self_clearance)
+        if made is None:
+            click.echo("no proof: the path is not certified" + (", or too narrowly" if done else ""))
+            done = False
+        else:
+            click.echo(f"proof   {made.save(proof)}, {len(made.span)} intervals")
+            document["proof"] = {"intervals": len(made.span), **made.digests}
+            for what, name in made.digests.items():
+                click.echo(f"  {what:6} {name}")
+    if json_file is not None:
+        click.echo(f"answer  {write_json(json_file, document)}")
+    return options.EXIT_DONE if done else options.EXIT_NOT_DONE
+
+
+def _document(robot: RobotModel, found: PathCertificate, notes: tuple[str, ...]) -> dict[str, object]:
+    """The answer as JSON has it."""
+    broken = found.broken
+    least = found.least if found.least is None or math.isfinite(found.least) else None
+    return {
+        "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name, "notes": list(notes),
+        "clearance_m": found.clearance, "self_clearance_m": found.self_clearance, "least_clearance_m": least,
+        "segments": list(found.segments), "seconds": found.seconds,
+        "broken": None if broken is None else {
+            "segment": broken.segment, "place": found.place, "time_s": found.time, "link": broken.link,
+            "obstacle": broken.obstacle, "kind": broken.kind, "distance_m": found.distance,
+            "q": None if found.q is None else found.q.tolist(),
+        },
+    }  # fmt: skip

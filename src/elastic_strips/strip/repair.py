@@ -1,0 +1,111 @@
+"""Repair: a path from anywhere as a strip, which gives way to the obstacles until it is certified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision import BodySet
+from elastic_strips.robot import BaseKind, Kinematics, RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_count
+
+from .deformer import Deformer
+from .params import DeformParams
+from .report import DeformReport
+from .solver import project_rolling
+from .strip import Strip
+
+_SHARES = 200  # of the path, where two are compared
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RepairReport(Summary):
+    """What came of :func:`repair`.
+
+    Attributes:
+        strip: the repaired path, or the best that was reached; its ends are those of the path.
+        certified: whether it is certified.
+        moved: largest displacement [m] of any control point, at the same share of the path.
+        report: of the last tick.
+        reason: why it is not certified, or empty.
+    """
+
+    strip: Strip
+    certified: bool
+    moved: float
+    report: DeformReport
+    reason: str
+
+    def _summary(self) -> dict[str, object]:
+        return {"certified": self.certified, "moved": f"{self.moved:.3f} m", "reason": self.reason}
+
+
+def repair(
+    robot: RobotModel,
+    scene: Scene,
+    path: Strip | npt.ArrayLike,
+    *,
+    params: DeformParams | None = None,
+    max_ticks: int = 60,
+) -> RepairReport:
+    """Push a path free of the obstacles.
+
+    Args:
+        robot: the robot.
+        scene: the obstacles, standing still.
+        path: a strip, or configurations (N, nq); a differential drive's are first moved, as little as possible, until
+            wheels can follow them.
+        params: of the deformation; the default preset where None.
+        max_ticks: most ticks.
+
+    Raises:
+        ConfigurationError: the path does not fit the robot.
+        ParameterError: ``max_ticks`` below 1.
+    """
+    before = path if isinstance(path, Strip) else Strip(robot, path)
+    start = before
+    if robot.base_kind is BaseKind.DIFF_DRIVE and float(before.lateral_slip.max(initial=0.0)) > 0.0:
+        rows, _ = project_rolling(robot.space, before.coordinates)
+        start = Strip.from_coordinates(robot, rows, ends=before.q[[0, -1]])
+    check_count("max_ticks", max_ticks, low=1)
+    deformer = Deformer(robot, DeformParams() if params is None else params)
+    report = deformer.assess(start, scene)
+    if not report.usable:
+        report = deformer.settle(start, scene, max_ticks=max_ticks, until="certified")
+    certified = report.usable
+    return RepairReport(
+        report.strip, certified, displacement(before, report.strip), report, "" if certified else report.reason
+    )
+
+
+def displacement(one: Strip, two: Strip) -> float:
+    """Largest displacement [m] of any control point between two strips of a robot.
+
+    At the same node; or, where there are more or fewer, at the same share of the way.
+    """
+    a, b = _points(one), _points(two)
+    if len(a) != len(b):
+        count = max(len(a), len(b), _SHARES)
+        a, b = _resampled(a, count), _resampled(b, count)
+    return float(np.linalg.norm(a - b, axis=2).max())
+
+
+def _points(strip: Strip) -> Array:
+    kin = Kinematics(strip.robot.tree, len(strip))
+    kin.update(strip.coordinates, jacobians=False)
+    return BodySet.control_points(strip.robot).capsule_ends(kin)[:, :, 0]
+
+
+def _resampled(points: Array, count: int) -> Array:
+    """Control points (count, C, 3) at even shares of the way of the farthest of them."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1)
+    along = np.r_[0.0, np.cumsum(steps)]
+    along = along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(points))
+    at = np.linspace(0, 1, count)
+    flat = points.reshape(len(points), -1)
+    return np.column_stack([np.interp(at, along, c) for c in flat.T]).reshape(count, *points.shape[1:])

@@ -1,0 +1,124 @@
+"""``elastic-strips certify``: exit codes, what is printed and written, and errors that end with a message."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_strips import proof_checker
+from elastic_strips.cli import main
+from elastic_strips.collision import certify
+from elastic_strips.io import load_path, read_scene, write_path
+from elastic_strips.robot import RobotModel
+
+SCENE = "obstacles:\n  - {name: post, shape: box, size: [0.3, 0.3, 1.0], at: [2.0, 0.35, 0.5]}\n"
+MOVES = """obstacles:
+  - {name: ball, shape: sphere, radius: 0.3, at: [2, -2, 0.5], motion: {twist: {linear: [0, 1, 0]}}}
+"""
+
+
+def call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["certify", *map(str, arguments)])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+@pytest.fixture
+def folder(tmp_path: Path, silvermate: RobotModel) -> Path:
+    """Scenes, a path through the post, and one beside it."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    (tmp_path / "moves.yaml").write_text(MOVES)
+    for name, y in (("through.csv", 0.0), ("beside.csv", -1.0)):
+        write_path(tmp_path / name, silvermate, [silvermate.home(x=x, y=y) for x in np.linspace(0.0, 4.0, 17)])
+    q = [silvermate.home(), silvermate.home(x=4.0)]
+    write_path(tmp_path / "soon.json", silvermate, q, [0.0, 4.0])
+    write_path(tmp_path / "late.json", silvermate, q, [6.0, 10.0])
+    return tmp_path
+
+
+def _robot(folder: Path, scene: str = "scene.yaml") -> list[object]:
+    return ["--robot", "silvermate", "--scene", folder / scene]
+
+
+def test_a_free_path_is_certified(folder, capsys):
+    assert call(folder / "beside.csv", *_robot(folder), "--clearance", 0.1, "--json", folder / "a.json") == 0
+    assert "certified: all 16 segments are proven" in capsys.readouterr().out
+    answer = json.loads((folder / "a.json").read_text())
+    assert answer["verdict"] == "certified"
+    assert answer["least_clearance_m"] > 0.1
+    assert answer["broken"] is None
+
+
+def test_a_path_through_something_is_refuted(folder, capsys, silvermate):
+    assert call(folder / "through.csv", *_robot(folder), "--json", folder / "a.json") == 3
+    out = capsys.readouterr().out
+    assert "refuted: segment" in out
+    assert "deep in post" in out
+    broken = json.loads((folder / "a.json").read_text())["broken"]
+    assert broken["obstacle"] == "post"
+    assert broken["distance_m"] < 0.0
+    assert len(broken["q"]) == silvermate.nq
+
+
+def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
+    repaired, proof = folder / "free.csv", folder / "p.npz"
+    arguments = [folder / "through.csv", *_robot(folder), "--clearance", 0.01]
+    assert call(*arguments, "--repair", repaired, "--proof", proof, "--json", folder / "a.json") == 0
+    assert "repaired: certified; moved by at most 0." in capsys.readouterr().out
+    q = load_path(repaired, silvermate).q
+    assert certify(silvermate, read_scene(folder / "scene.yaml"), q, clearance=0.01).certified
+    answer = json.loads((folder / "a.json").read_text())
+    assert answer["repair"]["certified"]
+    assert proof_checker.main([str(proof), "--path", answer["proof"]["path"]]) == 0
+    assert "PROVEN: clear by 0.01 m of obstacles" in capsys.readouterr().out
+    assert proof_checker.main([str(proof), "--scene", "0" * 32]) == 3
+
+
+def test_a_path_that_is_not_certified_has_no_proof(folder, capsys):
+    assert call(folder / "through.csv", *_robot(folder), "--proof", folder / "p.npz") == 3
+    assert "no proof" in capsys.readouterr().out
+    assert not (folder / "p.npz").exists()
+
+
+def test_times_count_where_something_moves(folder, capsys):
+    assert call(folder / "soon.json", *_robot(folder, "moves.yaml")) == 3
+    assert "ball" in capsys.readouterr().out
+    assert call(folder / "late.json", *_robot(folder, "moves.yaml")) == 0
+    assert call(folder / "beside.csv", *_robot(folder, "moves.yaml")) == 0
+    assert "no times in the path: what moves counts as it stands at 0 s" in capsys.readouterr().out
+    assert call(folder / "soon.json", *_robot(folder, "moves.yaml"), "--repair", folder / "r.csv") == 2
+    assert not (folder / "r.csv").exists()
+
+
+def test_a_base_goes_on_lines_or_arcs(folder, capsys, silvermate):
+    """A quarter turn on the way: the arc bulges aside, over the place where the post is."""
+    write_path(folder / "turn.csv", silvermate, [silvermate.home(), silvermate.home(x=4.0, yaw=2.6)])
+    verdicts = {kind: call(folder / "turn.csv", *_robot(folder), "--interpolation", kind) for kind in ("line", "arc")}
+    assert set(verdicts.values()) <= {0, 3}
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] != out[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["missing.csv", "--robot", "silvermate", "--scene", "scene.yaml"], "cannot read the path file"),
+        (["beside.csv", "--robot", "silvermate", "--scene", "missing.yaml"], "missing.yaml"),
+        (["beside.csv", "--robot", "nobody", "--scene", "scene.yaml"], "nobody"),
+        (["scene.yaml", "--robot", "silvermate", "--scene", "scene.yaml"], "no JointTrajectory"),
+        (["beside.csv", "--robot", "panda", "--scene", "scene.yaml"], "panda"),
+        (["beside.csv", "--robot", "silvermate", "--scene", "scene.yaml", "--clearance", "-1"], "clearance"),
+        (["beside.csv", "--robot", "silvermate", "--scene", "scene.yaml", "--json", "no/a.json"], "no folder"),
+        (["beside.csv", "--robot", "silvermate"], "--scene"),
+    ],
+)
+def test_wrong_input_ends_with_a_message(folder, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(folder)
+    assert call(*arguments) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert "Traceback" not in err
