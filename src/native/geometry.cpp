@@ -1,6 +1,7 @@
 #include "geometry.hpp"
 
 #include <coal/broadphase/default_broadphase_callbacks.h>
+#include <coal/narrowphase/support_functions.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +12,8 @@ namespace strips {
 
 namespace {
 
-constexpr double kTolerance = 1e-12;
+constexpr double kTolerance = 1e-9, kFine = 1e-12;  // of GJK and EPA
+constexpr double kExcess = 5e-6;                    // [m] that a distance may be above what its normal proves
 constexpr double kAgreement = 1e-4;
 constexpr double kFailed = -1e100;  // Coal says -1.8e308 where its solver for penetration does not converge
 
@@ -85,6 +87,25 @@ std::shared_ptr<coal::ShapeBase> for_penetration(const std::shared_ptr<coal::Sha
   return is(*shape, coal::GEOM_SPHERE) && is(other, coal::GEOM_CYLINDER) ? sphere_as_capsule(shape) : shape;
 }
 
+// How far a shape extends along a vector of its frame.
+double support(const coal::ShapeBase& shape, const Vec3& n) {
+  int hint = 0;
+  if (!is(shape, coal::GEOM_CONVEX)) {
+    return coal::details::getSupport<coal::details::WithSweptSphere>(&shape, n, hint).dot(n);
+  }
+  double most = -INFINITY;
+  for (const auto& point : *static_cast<const coal::ConvexBase&>(shape).points) most = std::max(most, point.dot(n));
+  return most + shape.getSweptSphereRadius();
+}
+
+// How far two shapes are apart along a unit vector from one to the other: no more than their distance, wherever the
+// vector comes from; -inf where it is none.
+double gap(const ShapePair& pair, const Transform3s& one, const Transform3s& two, const Vec3& n) {
+  if (!(n.squaredNorm() < 1.0 + 1e-9)) return -INFINITY;
+  return n.dot(two.getTranslation() - one.getTranslation()) - support(*pair.one, one.getRotation().transpose() * n) -
+         support(*pair.two, -(two.getRotation().transpose() * n));
+}
+
 }  // namespace
 
 ShapePair::ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::ShapeBase> b)
@@ -100,7 +121,7 @@ PairSolver::PairSolver()
     : apart_(request(kTolerance, 0.0)),
       touch_(request(0.0, 0.0)),
       deep_(request(0.0, 0.0)),
-      fine_(request(kTolerance, kTolerance)) {
+      fine_(request(kTolerance, kFine)) {
   touch_.enable_signed_distance = false;
   for (double tolerance : {1e-4, 1e-3, 1e-2, 0.1}) coarse_.push_back(request(0.0, tolerance));
 }
@@ -109,7 +130,16 @@ double PairSolver::ask(const ShapePair& pair, const Transform3s& one, const Tran
   result_.clear();
   const double d = pair.apart(one, two, shallow ? touch_ : apart_, result_);
   if (shallow) return std::max(d, 0.0);
-  return d > 0.0 ? d : penetration(pair, one, two);
+  return proven(pair, one, two, d > 0.0 ? d : penetration(pair, one, two));
+}
+
+double PairSolver::proven(const ShapePair& pair, const Transform3s& one, const Transform3s& two, double d) {
+  if (d <= 0.0) return d;
+  const double apart = gap(pair, one, two, result_.normal);
+  if (d <= apart + kExcess) return d;
+  result_.clear();
+  pair.deep(one, two, deep_, result_);
+  return std::max({gap(pair, one, two, result_.normal), apart, 0.0});
 }
 
 double PairSolver::penetration(const ShapePair& pair, const Transform3s& one, const Transform3s& two) {
@@ -128,7 +158,7 @@ double PairSolver::penetration(const ShapePair& pair, const Transform3s& one, co
 
 double PairSolver::ask(const Block& block, coal::CollisionObject& probe) {
   coal::DistanceCallBackDefault callback;
-  callback.data.request.enable_signed_distance = true;
+  callback.data.request = apart_;
   block.tree.distance(&probe, &callback);
   result_ = callback.data.result;
   if (result_.min_distance > 0.0) return result_.min_distance;

@@ -55,7 +55,7 @@ class PairSolver {
  public:
   PairSolver();
 
-  bool shallow = false;  // where shapes touch, the distance is 0, no depth
+  bool shallow = false;  // where shapes touch, the distance is 0, no depth, and nothing is proven
 
   // Signed distance [m]; `normal`, `first` and `second` then hold what Coal found.
   double ask(const ShapePair& pair, const Transform3s& one, const Transform3s& two);
@@ -70,6 +70,8 @@ class PairSolver {
 
  private:
   double penetration(const ShapePair& pair, const Transform3s& one, const Transform3s& two);
+  // A distance that is positive, or what a normal proves where it is more.
+  double proven(const ShapePair& pair, const Transform3s& one, const Transform3s& two, double d);
 
   coal::DistanceResult result_;
   coal::DistanceRequest apart_, touch_, deep_, fine_;

@@ -1,8 +1,11 @@
 """Narrow phase: exact distances and witness points of pairs, by Coal, to the last digits.
 
-With Coal's own tolerance of 1e-6 m a distance between round shapes is good to 1e-6 m but its normal only to 1e-3. A
-tighter one costs a fifth more and gives normals good to 1e-5. The solver for penetration (EPA) does not always reach
-a tighter tolerance and then returns nonsense: its answer counts only where it agrees with the one at Coal's own.
+With Coal's own tolerance of 1e-6 a distance between round shapes is up to 5e-5 m too large, and its normal good only to
+1e-3. Rounding sets the other bound: at 1e-12 one answer in ten thousand is wrong by centimetres, too large as well as
+too small. So GJK is asked for 1e-9, and no positive distance is believed but proven: along its normal the shapes'
+supports have to leave as much room (``_gap``), which holds whoever found the normal. The solver for penetration (EPA)
+does not always reach a tight tolerance and then returns nonsense: its answer counts only where it agrees with the one
+at Coal's own.
 
 Conventions that callers see (tests pin them): the witness lies on the robot, and the direction is the unit vector
 along which the robot moves *away* from the obstacle, so that ∂d/∂witness = direction, separated or penetrating.
@@ -10,8 +13,9 @@ along which the robot moves *away* from the obstacle, so that ∂d/∂witness = 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 import coal
@@ -20,7 +24,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import for_penetration, native_block, native_solid, sphere_as_capsule
+from elastic_strips.robot.coal_shapes import for_penetration, native_block, native_solid, sphere_as_capsule, supporter
 from elastic_strips.scene.parts import Part
 from elastic_strips.work import count_work
 
@@ -30,7 +34,8 @@ from .candidates import CandidateParts
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-_TOLERANCE = 1e-12
+_TOLERANCE, _FINE = 1e-9, 1e-12  # of GJK and EPA
+_EXCESS = 5e-6  # [m] that a distance may be above what its normal proves
 _AGREEMENT = 1e-4
 _PREPARING = 4  # queries take as long as the functors of a pair
 _FAILED = -1e100
@@ -51,13 +56,15 @@ class ShapePair(NamedTuple):
     """Coal's functors for two shapes: ``apart`` to begin with; ``deep`` and ``fine`` once they penetrate.
 
     They are three because a functor that failed at a fine tolerance may go on failing at any. ``shapes`` are kept
-    because a functor does not keep what it was made of.
+    because a functor does not keep what it was made of. ``one`` and ``two`` say how far the shapes extend.
     """
 
     apart: coal.ComputeDistance
     deep: coal.ComputeDistance
     fine: coal.ComputeDistance
     shapes: tuple[coal.CollisionGeometry, ...]
+    one: Callable[[float, float, float], float]
+    two: Callable[[float, float, float], float]
 
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
@@ -65,7 +72,9 @@ class ShapePair(NamedTuple):
         count_work(queries=_PREPARING)
         shapes = for_penetration(one, two)
         deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
-        return ShapePair(coal.ComputeDistance(one, two), deep, fine, (one, two, *shapes))
+        return ShapePair(
+            coal.ComputeDistance(one, two), deep, fine, (one, two, *shapes), supporter(one), supporter(two)
+        )
 
 
 class PairSolver:
@@ -75,15 +84,27 @@ class PairSolver:
         self.result: coal.DistanceResult = coal.DistanceResult()
         self._apart = _distance_request(gjk=_TOLERANCE)
         self._deep = _distance_request()
-        self._fine = _distance_request(gjk=_TOLERANCE, epa=_TOLERANCE)
+        self._fine = _distance_request(gjk=_TOLERANCE, epa=_FINE)
         self._coarse = [_distance_request(epa=tolerance) for tolerance in (1e-4, 1e-3, 1e-2, 0.1)]
 
     def ask(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
-        """Signed distance [m] of two shapes at poses; ``result`` then holds the normal and the witness points."""
+        """Signed distance [m] of two shapes at poses; ``result`` then holds the normal and the witness points.
+
+        It is at most 5e-6 m more than the shapes are apart, whatever Coal says.
+        """
         result = self.result
         result.clear()
         d = pair.apart(one, two, self._apart, result)
-        return d if d > 0.0 else self._penetration(pair, one, two)
+        if d <= 0.0:
+            d = self._penetration(pair, one, two)
+            if d <= 0.0:
+                return d
+        apart = _gap(pair, one, two, result.normal)
+        if d <= apart + _EXCESS:
+            return d
+        result.clear()
+        pair.deep(one, two, self._deep, result)
+        return max(_gap(pair, one, two, result.normal), apart, 0.0)
 
     def _penetration(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
         result = self.result
@@ -99,6 +120,20 @@ class PairSolver:
             if deep > _FAILED:
                 return deep
         raise FloatingPointError("Coal finds no penetration depth of two shapes at any tolerance")
+
+
+def _gap(pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s, normal: Array) -> float:
+    """How far two shapes are apart [m] along a unit vector from one to the other; −inf where it is none.
+
+    It is no more than their distance, wherever the vector comes from.
+    """
+    x, y, z = normal.tolist()
+    if not x * x + y * y + z * z < 1.0 + 1e-9:
+        return -inf
+    a, b, c = (normal @ one.getRotation()).tolist()
+    d, e, f = (normal @ two.getRotation()).tolist()
+    (px, py, pz), (qx, qy, qz) = one.getTranslation().tolist(), two.getTranslation().tolist()
+    return x * (qx - px) + y * (qy - py) + z * (qz - pz) - pair.one(a, b, c) - pair.two(-d, -e, -f)
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +294,7 @@ class _Block:
         probe.setTransform(pose)
         probe.computeAABB()
         callback = coal.DistanceCallBackDefault()
-        callback.data.request.enable_signed_distance = True
+        callback.data.request = _distance_request(gjk=_TOLERANCE)
         self.manager.distance(probe, callback)
         result = callback.data.result
         if result.min_distance > 0.0:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.collision.narrowphase import PairSolver, ShapePair
-from elastic_strips.robot.coal_shapes import sphere_as_capsule
+from elastic_strips.robot.coal_shapes import convex_from_vertices, sphere_as_capsule
 
 SHAPES = {
     "point": coal.Sphere(1e-6),
@@ -20,6 +20,23 @@ SHAPES = {
     "drum": coal.Cylinder(0.2, 0.1),
     "cone": coal.Cone(0.2, 0.5),
 }
+
+CYLINDER = (
+    [
+        [-0.840130770851, -0.536834748604, -0.077386953423],
+        [0.24904272234, -0.508559869098, 0.824223623777],
+        [-0.481827780767, 0.673182970844, 0.560951582088],
+    ],
+    [-0.990021703946, -0.514777305874, -0.254785091645],
+)
+OTHER = (
+    [
+        [-0.825837568557, -0.219155553612, -0.519579785673],
+        [-0.55920736384, 0.199554136159, 0.804652267112],
+        [-0.072659717769, 0.955064914057, -0.287352702007],
+    ],
+    [-0.7758922737, -0.795366889989, -0.081852810423],
+)
 
 
 @pytest.mark.parametrize("one, two", list(itertools.product(SHAPES, SHAPES)))
@@ -65,12 +82,62 @@ class Stubborn:
 def test_a_depth_that_is_not_found_is_asked_for_with_less_demand(tolerance, tries):
     """Seen while driving: two cylinders for which Coal's own tolerance is not reached and −1.8e308 comes back."""
     stubborn = Stubborn(tolerance)
-    pair = ShapePair(stubborn, stubborn, Stubborn(np.inf), ())
+    pair = ShapePair.of(SHAPES["box"], SHAPES["box"])._replace(apart=stubborn, deep=stubborn, fine=Stubborn(np.inf))
     assert PairSolver().ask(pair, coal.Transform3s(), coal.Transform3s()) == -0.05
     assert stubborn.asked == tries + 1
 
 
 def test_a_depth_that_is_never_found_is_an_error():
     never = Stubborn(np.inf)
+    pair = ShapePair.of(SHAPES["box"], SHAPES["box"])._replace(apart=never, deep=never, fine=never)
     with pytest.raises(FloatingPointError, match="no penetration depth"):
-        PairSolver().ask(ShapePair(never, never, never, ()), coal.Transform3s(), coal.Transform3s())
+        PairSolver().ask(pair, coal.Transform3s(), coal.Transform3s())
+
+
+def test_where_coal_errs_at_the_finest_tolerance():
+    """Two thin cylinders 15.05 mm apart: asked for 1e-12, Coal says 1.7 mm, or that they penetrate, for some poses."""
+    one, two = coal.Cylinder(0.0126689066, 0.108068692), coal.Cylinder(0.003, 0.9304797916)
+    solver, pair = PairSolver(), ShapePair.of(one, two)
+    turn, at = np.array(CYLINDER[0]), np.array(CYLINDER[1])
+    other = coal.Transform3s(np.array(OTHER[0]), np.array(OTHER[1]))
+    rng = np.random.default_rng(1)
+    for _ in range(500):
+        pose = coal.Transform3s(turn, at + 1e-9 * rng.normal(size=3))
+        assert solver.ask(pair, pose, other) == pytest.approx(0.0150526, abs=1e-6)
+
+
+class Liar:
+    """A functor that says more than is true, with a normal or without."""
+
+    def __init__(self, pair: ShapePair, normal: tuple[float, float, float] | None) -> None:
+        self.pair, self.normal = pair, normal
+
+    def __call__(self, one, two, request, result) -> float:
+        d = self.pair.apart(one, two, request, result)
+        if self.normal is not None:
+            result.normal[:] = self.normal
+        return d + 0.05
+
+
+@pytest.mark.parametrize("normal", [None, (0.0, 1.0, 0.0), (3.0, 0.0, 0.0), (np.nan, np.nan, np.nan)])
+@pytest.mark.parametrize(
+    "one, two", list(itertools.product(("sphere", "capsule", "drum", "cone", "box", "hull", "egg"), repeat=2))
+)
+def test_more_than_the_supports_leave_is_not_believed(one, two, normal, rng):
+    """Whatever a solver says, and whatever it says why; where all lie, nothing is left."""
+    shapes = SHAPES | {
+        "hull": convex_from_vertices(rng.normal(size=(20, 3)) * 0.2),
+        "egg": coal.Ellipsoid(0.1, 0.2, 0.3),
+    }
+    shapes["drum"].setSweptSphereRadius(0.01)
+    pair, solver = ShapePair.of(shapes[one], shapes[two]), PairSolver()
+    liar = Liar(pair, normal)
+    for _ in range(30):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn[:, 0] *= np.linalg.det(turn)
+        poses = coal.Transform3s(turn, np.array([1.5, *rng.uniform(-0.3, 0.3, 2)])), coal.Transform3s()
+        true = solver.ask(pair, *poses)
+        assert true > 0.0
+        assert true - 1e-4 < solver.ask(pair._replace(apart=liar), *poses) < true + 1e-5
+        assert 0.0 <= solver.ask(pair._replace(apart=liar, deep=liar), *poses) < true + 1e-5
+    shapes["drum"].setSweptSphereRadius(0.0)
