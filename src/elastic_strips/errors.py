@@ -8,6 +8,7 @@
     │   ├── SceneError                 an obstacle, a motion, a scene, their files
     │   ├── ScenarioError              a scenario, a drive problem, their files
     │   ├── ConfigurationError         a configuration of a robot
+    │   │   └── GoalError              no configuration reaches a goal, or none that is free
     │   ├── ParameterError             a parameter
     │   ├── RecordError                the record of a run (elastic_strips.control)
     │   └── LaserLogError              a laser log (elastic_strips.io)
@@ -47,6 +48,14 @@ class ScenarioError(InputError):
 
 class ConfigurationError(InputError):
     """A configuration is not finite, not normalised, of the wrong size, out of limits or in collision."""
+
+
+class GoalError(ConfigurationError):
+    """No configuration reaches a goal, or none that touches nothing; ``search`` has what was found, as data."""
+
+    def __init__(self, message: str, search: object = None) -> None:
+        super().__init__(message)
+        self.search: object = search
 
 
 class ParameterError(InputError):

@@ -15,8 +15,7 @@ intervals of the segment, and at both ends of each a direction in space. The che
 
 The file is a NumPy archive: ``header`` (JSON: robot, scene, clearances), ``rows`` (N, nv), and for each interval
 ``segment``, ``pair``, ``span`` (2,) and ``normal`` (2, 3), from the first to the second shape, in the world. Pairs are
-numbered body * obstacles + obstacle, and then as the header lists the pairs of the robot's own bodies. Lengths are in
-metres, angles in radians. Exit codes: 0 proven, 3 not proven, 2 no proof file.
+numbered body * obstacles + obstacle, and then as the header lists the robot's own. Metres, radians. Exits with 0 or 3.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
+Part = dict[str, Any]  # of the header, as JSON has it
 FORMAT, VERSION = "elastic_strips.proof", 1
 ROUNDING = 1e-7  # [m] more than what floating point can add to any of these sums
 HALF_TURN = np.pi - 1e-6  # a turn by more than this has no one direction
@@ -63,7 +63,7 @@ def numbers(value: object, shape: tuple[int | None, ...], what: str) -> Array:
 class Shape:
     """A convex shape about the origin of its own frame, grown by the radius of a ball."""
 
-    def __init__(self, entry: dict[str, Any], what: str) -> None:
+    def __init__(self, entry: Part, what: str) -> None:
         self.kind: str = entry["kind"]
         demand(self.kind in SIZES, f"{what}: shape of kind {self.kind!r}")
         self.sizes: Array = numbers(entry["sizes"], (SIZES[self.kind],), f"{what}: sizes")
@@ -107,7 +107,7 @@ def demand_rotation(R: Array, what: str) -> None:
 class Robot:
     """Joints that turn about or slide along the z axis of their frame, and bodies; the base is a joint of the plane."""
 
-    def __init__(self, part: dict[str, Any]) -> None:
+    def __init__(self, part: Part) -> None:
         self.planar: bool = part["planar"] is True
         joints = part["joints"]
         self.parent: list[int] = [int(j["parent"]) for j in joints]  # the index in this list, or -1
@@ -237,7 +237,7 @@ def motions(robot: Robot, obstacles: list[Shape], rows: Array, v: Array) -> Arra
     return np.hstack((np.repeat(alone, len(obstacles), axis=1), together))
 
 
-def check(header: dict[str, Any], rows: object, segment: Whole, pair: Whole, span: object, normal: object) -> float:
+def check(header: Part, rows: object, segment: Whole, pair: Whole, span: object, normal: object) -> float:
     """The least that any interval proves beyond the clearance [m]; raises Refused where one does not."""
     demand(header.get("format") == FORMAT and header.get("version") == VERSION, "no proof of this format and version")
     robot = Robot(header["robot"])

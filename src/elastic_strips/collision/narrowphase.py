@@ -2,7 +2,7 @@
 
 With Coal's own tolerance of 1e-6 a distance between round shapes is up to 5e-5 m too large, and its normal good only to
 1e-3. Rounding sets the other bound: at 1e-12 one answer in ten thousand is wrong by centimetres, too large as well as
-too small. So GJK is asked for 1e-9, and no positive distance is believed but proven: along its normal the shapes'
+too small. So GJK is asked for 1e-10, and no positive distance is believed but proven: along its normal the shapes'
 supports have to leave as much room (``_gap``), which holds whoever found the normal. The solver for penetration (EPA)
 does not always reach a tight tolerance and then returns nonsense: its answer counts only where it agrees with the one
 at Coal's own.
@@ -34,7 +34,7 @@ from .candidates import CandidateParts
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-_TOLERANCE, _FINE = 1e-9, 1e-12  # of GJK and EPA
+_TOLERANCE, _FINE = 1e-10, 1e-12  # of GJK and EPA
 _EXCESS = 5e-6  # [m] that a distance may be above what its normal proves
 _AGREEMENT = 1e-4
 _PREPARING = 4  # queries take as long as the functors of a pair
@@ -159,7 +159,7 @@ class Contacts:
 
 
 GJK_EXCESS = 1e-5
-"""Coal's GJK over-reports clearance by up to 3.2e-6 m; every bound here subtracts this much [m]."""
+"""Every bound subtracts this much [m]: twice what a distance may be above its proof, and what rounding adds."""
 
 
 class Narrowphase:

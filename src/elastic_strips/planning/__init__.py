@@ -1,5 +1,6 @@
 """Planning: an initial strip, or several on different sides of the obstacles, and sets of them kept in a scene."""
 
+from .goals import BasePose, Goal, GoalSearch, HandPose, find_goals
 from .grid_path import grid_path
 from .homotopy.alternatives import Alternative
 from .homotopy.strip_set import StripSet, StripSetParams, StripSetReport
@@ -10,11 +11,16 @@ from .problem import check_endpoints
 
 __all__ = [
     "Alternative",
+    "BasePose",
+    "Goal",
+    "GoalSearch",
+    "HandPose",
     "PlanReport",
     "StripSet",
     "StripSetParams",
     "StripSetReport",
     "check_endpoints",
+    "find_goals",
     "grid_path",
     "ompl_path",
     "plan",

@@ -8,8 +8,9 @@ widens as attempts fail, or within the bounds that are given.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_count
 
+from .goals import Goal, goal_configurations, is_goal_region
 from .grid_path import MOST_CELLS, grid_path
 from .homotopy.alternatives import Alternative, AlternativesSearch
 from .homotopy.classes import ObstacleCluster
@@ -38,6 +40,8 @@ _DETOUR, _ASIDE = 3.0, 5.0  # a grid's path of more than 3 times the direct one 
 _SHORTER_SHARE, _SHORTER = 0.25, 2.0  # of the time, and most [s], is OMPL's then
 _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
+_LEAST_SHARE = 0.1  # [s]
+_IN_TURNS = 3  # configurations of a goal share the time that is left
 _STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
 _SPACING = 0.3  # [m or rad] of the nodes along a path of the joints
 _MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
@@ -94,7 +98,7 @@ def plan_report(
     robot: RobotModel,
     scene: Scene,
     start: npt.ArrayLike,
-    goal: npt.ArrayLike,
+    goal: Goal | Sequence[Goal],
     *,
     count: int = 1,
     seed: int = 0,
@@ -115,7 +119,10 @@ def plan_report(
     Args:
         robot: the robot.
         scene: the obstacles, standing still.
-        start, goal: configurations (nq,).
+        start: configuration (nq,).
+        goal: configuration (nq,); or a :class:`HandPose`, a :class:`BasePose`, coordinates by name, or a list of goals
+            of which any will do: then :func:`find_goals` finds configurations, and they are planned to in turns, the
+            nearest to the start first, until there is a plan.
         count: so many strips at most; with more than one they are the report's ``alternatives``.
         seed: of the planner's random numbers.
         params: of the relaxation, with the clearances to prove. Where None, the default preset, which asks for no more
@@ -133,12 +140,27 @@ def plan_report(
         RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
             pair, or the distance.
+        GoalError: no configuration reaches the goal, or none that touches nothing.
         ParameterError: a count, seed, timeout or bounds outside their range, or a path of another
             shape.
     """
     count = check_count("count", count, low=1)
+    if is_goal_region(goal):
+        deadline = Deadline(timeout)
+        asked = deformer.params if isinstance(deformer, Deformer) else params
+        goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked)
+        for k, q in enumerate(goals):
+            left = max(deadline.left, _LEAST_SHARE) / min(_IN_TURNS, len(goals) - k)
+            report = plan_report(
+                robot, scene, start, q, count=count, seed=seed, params=params, timeout=left, bounds=bounds,
+                deformer=deformer, line=line, path=path, grid=grid, watch=watch,
+            )  # fmt: skip
+            if report.certified or deadline.over():
+                break
+        return replace(report, reason=f"{report.reason}; to configuration {k + 1} of {len(goals)} of the goal")
+    configuration = cast("npt.ArrayLike", goal)
     problem = PlanningProblem(
-        robot, scene, start, goal, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout
+        robot, scene, start, configuration, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout
     )
     if count > 1:
         return _several(problem, count, line, path, grid, watch)
@@ -377,7 +399,7 @@ def plan(
     robot: RobotModel,
     scene: Scene,
     start: npt.ArrayLike,
-    goal: npt.ArrayLike,
+    goal: Goal | Sequence[Goal],
     *,
     seed: int = 0,
     params: DeformParams | None = None,
@@ -394,6 +416,6 @@ def plan(
         robot, scene, start, goal, seed, params, timeout, bounds: as in :func:`plan_report`.
 
     Raises:
-        RobotError, SceneError, ConfigurationError, ParameterError: as :func:`plan_report`.
+        RobotError, SceneError, ConfigurationError, GoalError, ParameterError: as :func:`plan_report`.
     """
     return plan_report(robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds).strip

@@ -118,7 +118,7 @@ class PlanningProblem:
         self.deformer: Deformer = deformer or Deformer(robot, own if params is None else params)
         self.params: DeformParams = self.deformer.params
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
-        nearest = _nearest(robot, scene, (self.start, self.goal), self.params, self.deformer.workspace.bounds)
+        nearest = nearest_things(robot, scene, (self.start, self.goal), self.params, self.deformer.workspace.bounds)
         self.eased: str = ""
         if params is None and deformer is None:
             self.eased = _ease(self.deformer, nearest)
@@ -170,7 +170,7 @@ def check_endpoints(
     """
     _check_kinds(robot, scene)
     ends = _checked_ends(robot, start, goal, params)
-    for near in _nearest(robot, scene, ends, params, MotionBounds(BodySet.links(robot))):
+    for near in nearest_things(robot, scene, ends, params, MotionBounds(BodySet.links(robot))):
         near.check(params)
     return ends
 
@@ -190,7 +190,7 @@ def _checked_ends(
 
 
 @dataclass(frozen=True, slots=True)
-class _Near:
+class Near:
     """What is nearest at the start or goal: a link and an obstacle, or two links (``bound`` is ``self_clearance``)."""
 
     what: str
@@ -214,9 +214,9 @@ class _Near:
             )
 
 
-def _nearest(
+def nearest_things(
     robot: RobotModel, scene: Scene, ends: tuple[Array, Array], params: DeformParams, bounds: MotionBounds
-) -> list[_Near]:
+) -> list[Near]:
     """The nearest obstacle and the nearest two links at start and goal."""
     _warn_of_size(scene)
     bodies, found = bounds.bodies, []
@@ -232,15 +232,15 @@ def _nearest(
             body, part = np.unravel_index(int(np.argmin(obstacles.bound[node])), obstacles.bound.shape[1:])
             other = obstacles.obstacle_name(int(part))
             distance = float(obstacles.bound[node, body, part])
-            found.append(_Near(what, "clearance", distance, bodies.names[body], other))
+            found.append(Near(what, "clearance", distance, bodies.names[body], other))
         if own.bound[node].size:
             pair = int(np.argmin(own.bound[node]))
             one, two = (bodies.names[k] for k in own.pairs[pair])
-            found.append(_Near(what, "self_clearance", float(own.bound[node, pair]), one, two))
+            found.append(Near(what, "self_clearance", float(own.bound[node, pair]), one, two))
     return found
 
 
-def _ease(deformer: Deformer, nearest: list[_Near]) -> str:
+def _ease(deformer: Deformer, nearest: list[Near]) -> str:
     """Ask for no more clearance than half of what start and goal have; says so, for people, where that is less."""
     least, said = {"clearance": deformer.params.clearance, "self_clearance": deformer.params.self_clearance}, []
     for near in sorted(nearest, key=lambda near: near.distance):

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,9 @@ from elastic_strips.summary import Summary
 from .geometry import LinkGeometry, link_geometries, self_pairs
 from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
 from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
+
+if TYPE_CHECKING:
+    from .inverse_kinematics import ReachResult
 
 _log = logging.getLogger(__name__)
 
@@ -239,6 +243,25 @@ class RobotModel(Summary):
         hit = next(k for k, result in enumerate(geometry.collisionResults) if result.isCollision())
         i, k = self.self_pairs[hit]
         return self.geometries[i].name, self.geometries[k].name
+
+    def inverse_kinematics(
+        self,
+        frame: str,
+        position: ArrayLike,
+        orientation: ArrayLike | None = None,
+        *,
+        near: ArrayLike | None = None,
+        base: bool = True,
+        within: ArrayLike = (0.0, 0.0, 0.0),
+        count: int = 1,
+        seed: int = 0,
+    ) -> ReachResult:
+        """Configurations that bring a frame to a pose; see :func:`.inverse_kinematics.inverse_kinematics`."""
+        from .inverse_kinematics import inverse_kinematics  # it needs this class
+
+        return inverse_kinematics(
+            self, frame, position, orientation, near=near, base=base, within=within, count=count, seed=seed
+        )
 
     def control_points(self, q: ArrayLike) -> Array:
         """World positions (C, 3) [m] of the control points at a configuration (nq,)."""

@@ -83,7 +83,8 @@ def test_repulsion_is_minus_its_gradient(name, k_near, request):
             if not smooth:
                 jumped += not (mine < 0.0).any()  # penetrating, Coal's solver itself is not always exact
                 continue
-            np.testing.assert_allclose(system.force[n], -slope, atol=1e-5 * max(np.abs(slope).max(), 0.1))
+            # a normal between round shapes is as good as the square root of what its distance is
+            np.testing.assert_allclose(system.force[n], -slope, atol=1e-4 * max(np.abs(slope).max(), 0.1))
             checked += 1
             near_seen += bool((mine < NEAR).any())
             deep += bool((mine < 0.0).any())

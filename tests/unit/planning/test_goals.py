@@ -1,0 +1,121 @@
+"""Goals as people have them: what is found is there and free, what is not is said as data, and plans go there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import link_distances
+
+from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
+from elastic_strips.planning import BasePose, HandPose, find_goals, plan_report
+from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.scene import Box, Scene
+
+SCENE = Scene([Box((0.6, 0.6, 1.4), at=(1.5, 0.1, 0.7), name="crate")])
+
+
+@pytest.fixture(scope="module")
+def panda() -> RobotModel:
+    return load_robot("panda")
+
+
+def hand(robot: RobotModel, q: np.ndarray, frame: str = "hand_frame") -> pin.SE3:
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return data.oMf[robot.model.getFrameId(frame)].copy()
+
+
+def test_a_hand_far_away_brings_the_base(silvermate):
+    start = silvermate.home(x=-1.0)
+    search = find_goals(silvermate, SCENE, start, HandPose("hand_frame", (4.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0)))
+    assert len(search.configurations) > 1
+    for q in search.configurations:
+        placed = hand(silvermate, q)
+        np.testing.assert_allclose(placed.translation, (4.0, 1.0, 0.9), atol=2e-4)
+        assert np.linalg.norm(pin.log3(placed.rotation)) < 2e-3
+        assert link_distances(silvermate, SCENE, q).min() > 0.0
+        assert silvermate.self_collision(q) is None
+
+
+def test_a_hand_nearby_leaves_the_base_where_it_is(silvermate):
+    start = silvermate.home(x=-1.0)
+    for q in find_goals(silvermate, SCENE, start, HandPose("hand_frame", (-0.7, -0.1, 0.9))).configurations:
+        np.testing.assert_array_equal(q[:4], start[:4])
+    far = find_goals(silvermate, SCENE, start, HandPose("hand_frame", (4.0, 1.0, 0.9)), base=False)
+    assert len(far.configurations) == 0
+    assert 3.0 < far.distance < 5.0
+
+
+def test_a_base_and_a_region_for_it(silvermate):
+    start = silvermate.home(x=-1.0, joints={"arm_1_joint": 0.3})
+    (q,) = find_goals(silvermate, SCENE, start, BasePose(4.0, 1.0, 0.5)).configurations
+    np.testing.assert_allclose(silvermate.space.to_coordinates(q)[:3], (4.0, 1.0, 0.5))
+    np.testing.assert_allclose(q[4:], start[4:], atol=1e-12)
+    blocked = find_goals(silvermate, SCENE, start, BasePose(1.5, 0.1))
+    assert len(blocked.configurations) == 0
+    assert all(name.endswith("and crate") for name in blocked.touching)
+    around = find_goals(silvermate, SCENE, start, BasePose(1.5, 0.1, within=(1.5, 1.5))).configurations
+    assert len(around) > 1
+    assert (np.abs(around[:, :2] - (1.5, 0.1)) <= 1.5).all()
+    for q in around:
+        assert link_distances(silvermate, SCENE, q).min() > 0.0
+
+
+def test_some_joints_and_alternatives(silvermate):
+    start = silvermate.home(x=-1.0, joints={"arm_1_joint": 0.2})
+    (q,) = find_goals(silvermate, SCENE, start, {"x": 3.0, "arm_2_joint": 0.3}).configurations
+    np.testing.assert_allclose(q, silvermate.home(x=3.0, joints={"arm_1_joint": 0.2, "arm_2_joint": 0.3}), atol=1e-12)
+    goals = [BasePose(9.0, 0.0, 0.0), {"x": 3.0}, BasePose(1.5, 0.1, 0.0)]
+    found = find_goals(silvermate, SCENE, start, goals).configurations
+    np.testing.assert_allclose(found[:, 0], (3.0, 9.0))  # nearest first, and none in the crate
+    none = find_goals(silvermate, SCENE, start, [BasePose(1.5, 0.1, 0.0), HandPose("hand_frame", (2.0, 0.0, 4.0))])
+    assert len(none.configurations) == 0
+    assert "crate" in none.reason
+    assert "out of reach" in none.reason
+
+
+def test_what_is_in_the_way_of_a_hand_is_named(panda):
+    scene = Scene([Box((0.4, 0.4, 0.4), at=(0.5, 0.0, 0.5), name="crate")])
+    search = find_goals(
+        panda, scene, panda.home(joints={"panda_joint1": -1.5}), HandPose("panda_hand_tcp", (0.5, 0.0, 0.5))
+    )
+    assert len(search.configurations) == 0
+    assert search.distance == 0.0
+    assert any(name.endswith("and crate") for name in search.touching)
+    assert "crate" in search.reason
+
+
+def test_plans_go_to_goals(silvermate, panda):
+    start = silvermate.home(x=-1.0)
+    report = plan_report(silvermate, SCENE, start, HandPose("hand_frame", (4.0, 1.0, 0.9)))
+    assert report.certified
+    np.testing.assert_allclose(hand(silvermate, report.strip.q[-1]).translation, (4.0, 1.0, 0.9), atol=2e-4)
+    assert "of the goal" in report.reason
+    report = plan_report(panda, Scene(), panda.home(), [{"panda_joint1": 1.0}, {"panda_joint1": 9.0}][:1])
+    assert report.strip.q[-1][0] == pytest.approx(1.0)
+    with pytest.raises(GoalError, match="out of reach") as error:
+        plan_report(silvermate, SCENE, start, HandPose("hand_frame", (2.0, 0.0, 4.0)))
+    assert error.value.search.distance > 1.0  # type: ignore[attr-defined]
+
+
+def test_wrong_goals_are_refused(silvermate, panda):
+    start = silvermate.home(x=-1.0)
+    with pytest.raises(ConfigurationError, match="the base of 'panda' is fixed"):
+        find_goals(panda, Scene(), panda.home(), BasePose(1.0, 0.0))
+    with pytest.raises(ConfigurationError, match="the base of 'panda' is fixed"):
+        find_goals(panda, Scene(), panda.home(), {"x": 1.0})
+    with pytest.raises(ConfigurationError, match="plans no joint 'arm_one'"):
+        find_goals(silvermate, SCENE, start, {"arm_one": 1.0})
+    with pytest.raises(ParameterError, match="empty"):
+        find_goals(silvermate, SCENE, start, [])
+    with pytest.raises(ParameterError, match="it must be a configuration"):
+        find_goals(silvermate, SCENE, start, None)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="it must be a configuration"):
+        find_goals(silvermate, SCENE, start, "the kitchen")  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="not be negative"):
+        BasePose(0.0, 0.0, within=(-1.0, 0.0))
+    with pytest.raises(ParameterError, match="unit length"):
+        HandPose("hand_frame", (1.0, 0.0, 1.0), (0.0, 0.0, 0.0, 2.0))
+    with pytest.raises(ConfigurationError, match="outside its limits"):
+        find_goals(silvermate, SCENE, start, {"arm_1_joint": 99.0})
