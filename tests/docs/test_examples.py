@@ -26,6 +26,7 @@ SAID = {
     "14_arm_on_a_table": "base fixed: certified True",
     "15_page": "case-1.html",
     "16_executor_process": "reached: at rest at the goal",
+    "17_pick_and_place": "set down: ",
 }
 NEEDS = {"06_mujoco_as_robot": "mujoco", "11_task_in_layers": "py_trees"}
 

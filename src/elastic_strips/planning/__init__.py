@@ -8,6 +8,7 @@ from .initial_strip import straight_line
 from .ompl_planner import ompl_path
 from .plan import PlanReport, plan, plan_report
 from .problem import check_endpoints
+from .straight import plan_straight
 
 __all__ = [
     "Alternative",
@@ -25,5 +26,6 @@ __all__ = [
     "ompl_path",
     "plan",
     "plan_report",
+    "plan_straight",
     "straight_line",
 ]

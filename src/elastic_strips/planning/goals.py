@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,13 +29,15 @@ from .validity import ValidityChecker
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-_MARGIN = 0.02  # [m] that goals keep to obstacles where there is so much room
+_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much room
 _LEAST = 1e-3  # [m] that they keep at least, where no clearance is given
 _ENOUGH = 6  # configurations of a goal
 _ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
 _ASKED = 24  # configurations that touch something, of which it is asked what
 _YAWS, _PLACES = 16, 60  # tried, of a base whose yaw or place is free
-_SECONDS = 2.0
+_HOPELESS, _FAR_OFF = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
+_SAID = 3  # goals that are named where none is reached
+_SECONDS = 2.0  # [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,17 +141,17 @@ def find_goals(
 ) -> GoalSearch:
     """Configurations that reach a goal and touch nothing, the nearest to the start first.
 
-    Where possible they keep 2 cm to the obstacles, else the least clearance.
+    Where possible they keep 3 cm to the obstacles, else the least clearance.
 
     Args:
         robot: the robot.
         scene: the obstacles.
         start: configuration (nq,).
         goal: a goal, or several of which any will do.
-        count: so many configurations at most, of each goal.
+        count: so many configurations at most.
         seed: of random starts.
         params: with the clearance to keep; 1 mm where None.
-        timeout: longest search [s] of each goal.
+        timeout: longest search [s].
         base: whether a base that can move may, for a hand's pose that is out of the arm's reach.
 
     Raises:
@@ -161,73 +163,112 @@ def find_goals(
     several: Sequence[Goal] = goal if isinstance(goal, Sequence) and is_goal_region(goal) else [goal]  # type: ignore[list-item]
     if not several:
         raise ParameterError("goal is an empty list")
-    searches = []
-    for k, one in enumerate(several):
-        search = _Candidates(robot, scene, start, params, np.random.default_rng((seed, k)), timeout)
-        searches.append(search.found(one, count, base))
-    rows = np.concatenate([each.configurations for each in searches])
-    if len(searches) == 1:
-        return searches[0]
-    if len(rows) == 0:
-        nearest = min(searches, key=lambda each: each.distance)
-        reason = "; ".join(each.reason for each in searches)
-        return GoalSearch(rows, reason, nearest.distance, nearest.angle, nearest.touching)
-    order = np.argsort(_distance(robot, start, rows), kind="stable")
-    return GoalSearch(rows[order], f"{len(rows)} configurations of {len(several)} goals")
+    search = _Search(robot, scene, start, params, base)
+    sources = [_Source(search, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
+    deadline, going = Deadline(timeout), list(sources)
+    while going and sum(len(source.free) for source in sources) < count:
+        going = [source for source in going if source.round() and not deadline.over()]
+    return search.result(sources, count)
 
 
-class _Candidates:
-    """Search of one goal's configurations."""
+class _Source:
+    """Configurations of one goal, a few at a time, divided into those that have room, those that have less, and others.
 
-    def __init__(
-        self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, rng: np.random.Generator,
-        timeout: float,
-    ) -> None:  # fmt: skip
-        self.robot, self.scene, self.start, self.params, self.rng = robot, scene, start, params or DeformParams(), rng
-        self.here: Array = robot.space.to_coordinates(start)
-        self.deadline = Deadline(timeout)
-        clearance = _LEAST if params is None else params.clearance
-        self.wide = ValidityChecker(robot, scene, margin=max(_MARGIN, clearance))
-        self.tight = ValidityChecker(robot, scene, margin=clearance, bounds=self.wide.bounds)
+    Attributes:
+        free, narrow, touching: coordinate rows (nv,).
+    """
 
-    def found(self, goal: Goal, count: int, base: bool) -> GoalSearch:
-        """Configurations of a goal."""
+    def __init__(self, search: _Search, goal: Goal, rng: np.random.Generator) -> None:
+        self.goal, self.rng = goal, rng
+        self.free: list[Array] = []
+        self.narrow: list[Array] = []
+        self.touching: list[Array] = []
+        self.hand: PoseSearch | None = None
+        self._search: _Search = search
+        self._rows: Iterator[Sequence[Array] | Array] = self._batches()
+
+    def round(self) -> bool:
+        """Look at some more; False where there are none."""
+        rows = next(self._rows, None)
+        if rows is None:
+            return False
+        for row in rows:
+            if not self._search.tight.at(row):
+                self.touching.append(row)
+            else:
+                (self.free if self._search.wide.at(row) else self.narrow).append(row)
+        return True
+
+    @property
+    def said(self) -> str:
+        """The goal, for people."""
+        if isinstance(self.goal, Mapping):
+            return ", ".join(f"{k} = {v:g}" for k, v in self.goal.items())
+        return str(self.goal) if isinstance(self.goal, (HandPose, BasePose)) else "the configuration"
+
+    def _batches(self) -> Iterator[Sequence[Array] | Array]:
+        robot, goal = self._search.robot, self.goal
         if isinstance(goal, HandPose):
-            return self._hand(goal, count, base)
+            return self._hands(goal)
         if isinstance(goal, BasePose):
-            return self._sorted(goal, self._base_rows(goal), count)
+            return self._bases(goal)
         if isinstance(goal, Mapping):
-            return self._sorted(goal, iter([self._named(goal)]), count)
+            return iter([[self._named(goal)]])
         try:
-            q = self.robot.check_q(goal, what="goal")
+            q = robot.check_q(goal, what="goal")
         except ConfigurationError:
             if np.asarray(goal, dtype=object).ndim == 0:
                 kinds = "a configuration, HandPose, BasePose, joints by name, or a list of them"
                 raise ParameterError(f"goal is a {type(goal).__name__}; it must be {kinds}") from None
             raise
-        return GoalSearch(q[None], "a configuration")
+        return iter([[robot.space.to_coordinates(q)]])
+
+    def _hands(self, goal: HandPose) -> Iterator[Array]:
+        """By the joints alone, and with the base, where it may move and nothing is found without."""
+        robot = self._search.robot
+        self.hand = hand = PoseSearch(
+            robot, goal.frame, goal.position, goal.orientation, near=self._search.start, within=goal.within,
+            rng=self.rng,
+        )  # fmt: skip
+
+        def rounds() -> Iterator[Array]:
+            moves = robot.space.planar and self._search.base
+            for k in range(_ROUNDS):
+                if moves and (self.free or self.narrow) and k > 0:
+                    return
+                if moves and k >= _HOPELESS and hand.distance > _FAR_OFF:
+                    break
+                yield hand.round(base=False)
+            for _ in range(_BASE_ROUNDS if moves and not self.free else 0):
+                yield hand.round(base=True)
+
+        return rounds()
 
     def _named(self, goal: Mapping[str, float]) -> Array:
         """The coordinate row of some coordinates by name, the others as at the start."""
+        robot, here = self._search.robot, self._search.here
         at = {name: goal[name] for name in ("x", "y", "yaw") if name in goal}
-        if at and not self.robot.space.planar:
-            raise ConfigurationError(f"goal: the base of {self.robot.name!r} is fixed; {', '.join(at)} cannot be set")
+        if at and not robot.space.planar:
+            raise ConfigurationError(f"goal: the base of {robot.name!r} is fixed; {', '.join(at)} cannot be set")
         joints = {name: value for name, value in goal.items() if name not in at}
-        b = self.robot.space.base_nv
-        named = self.robot.space.to_coordinates(self.robot.home(joints=joints))
-        row = self.here.copy()
+        b = robot.space.base_nv
+        named = robot.space.to_coordinates(robot.home(joints=joints))
+        row = here.copy()
         for k, name in enumerate(("x", "y", "yaw")):
             if name in at:
                 row[k] = check_array(f"goal[{name!r}]", [at[name]], (1,))[0]
         for name in joints:
-            k = b + self.robot.joint_names.index(name)
+            k = b + robot.joint_names.index(name)
             row[k] = named[k]
         return row
 
-    def _base_rows(self, goal: BasePose) -> Iterator[Array]:
-        """Rows of a base pose: the middle of the place first, the yaw next to the start's first."""
-        if not self.robot.space.planar:
-            raise ConfigurationError(f"goal: the base of {self.robot.name!r} is fixed; it cannot stand elsewhere")
+    def _bases(self, goal: BasePose) -> Iterator[list[Array]]:
+        """The middle of the place first, the yaw next to the start's first."""
+        here = self._search.here
+        if not self._search.robot.space.planar:
+            raise ConfigurationError(
+                f"goal: the base of {self._search.robot.name!r} is fixed; it cannot stand elsewhere"
+            )
         half = np.asarray(goal.within)
         places = [np.zeros(2)]
         if half.any():
@@ -235,80 +276,70 @@ class _Candidates:
         turns = np.zeros(1)
         if goal.yaw is None:
             turns = np.array(sorted(np.linspace(-np.pi, np.pi, _YAWS, endpoint=False), key=abs))
-        for place in places:
-            for turn in turns:
-                row = self.here.copy()
-                row[:2] = np.array((goal.x, goal.y)) + place
-                row[2] = self.here[2] + turn if goal.yaw is None else goal.yaw
-                yield row
 
-    def _hand(self, goal: HandPose, count: int, moves: bool) -> GoalSearch:
-        """Configurations with the hand at a pose: by the joints alone, or where none is, with the base as well."""
-        search = PoseSearch(
-            self.robot, goal.frame, goal.position, goal.orientation, near=self.start, within=goal.within,
-            rng=self.rng,
-        )  # fmt: skip
-        touching: list[Array] = []
-        for base in (False, True) if moves and self.robot.space.planar else (False,):
-            kept: list[Array] = []
-            narrow: list[Array] = []
-            for _ in range(_BASE_ROUNDS if base else _ROUNDS):
-                for row in search.round(base=base):
-                    if not self.tight.at(row):
-                        touching.append(row)
-                    elif self.wide.at(row):
-                        kept.append(row)
-                    else:
-                        narrow.append(row)
-                if len(kept) >= count or self.deadline.over():
-                    break
-            if kept or narrow:
-                return self._result(goal, kept or narrow, count)
-        if touching:
-            return self._in_the_way(goal, touching)
-        none = np.zeros((0, self.robot.nq))
-        return GoalSearch(none, f"{goal}: {search.missed()}", search.distance, search.angle)
+        def at(place: Array, turn: float) -> Array:
+            row = here.copy()
+            row[:2] = np.array((goal.x, goal.y)) + place
+            row[2] = here[2] + turn if goal.yaw is None else goal.yaw
+            return row
 
-    def _sorted(self, goal: Goal, rows: Iterator[Array], count: int) -> GoalSearch:
-        """Those of the rows that touch nothing."""
-        kept: list[Array] = []
-        narrow: list[Array] = []
-        touching: list[Array] = []
-        for row in rows:
-            if not self.tight.at(row):
-                touching.append(row)
-            else:
-                (kept if self.wide.at(row) else narrow).append(row)
-            if len(kept) >= count:
-                break
-        if kept or narrow:
-            return self._result(goal, kept or narrow, count)
-        return self._in_the_way(goal, touching)
+        return ([at(place, float(turn))] for place in places for turn in turns)
 
-    def _result(self, goal: Goal, rows: list[Array], count: int) -> GoalSearch:
+
+class _Search:
+    """What configurations of goals are measured against, and what becomes of them."""
+
+    def __init__(
+        self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool
+    ) -> None:  # fmt: skip
+        self.robot, self.scene, self.start, self.base = robot, scene, start, base
+        self.params: DeformParams = params or DeformParams()
+        self.here: Array = robot.space.to_coordinates(start)
+        clearance = _LEAST if params is None else params.clearance
+        self.wide = ValidityChecker(robot, scene, margin=max(_MARGIN, clearance))
+        self.tight = ValidityChecker(robot, scene, margin=clearance, bounds=self.wide.bounds)
+
+    def result(self, sources: Sequence[_Source], count: int) -> GoalSearch:
+        """The nearest to the start of what was found, or why nothing was."""
+        rows = [row for source in sources for row in source.free] or [
+            row for source in sources for row in source.narrow
+        ]
+        if not rows:
+            failures = [self._failure(source) for source in sources]
+            if len(failures) == 1:
+                return failures[0]
+            nearest = min(failures, key=lambda each: each.distance)
+            reasons = "; ".join(each.reason for each in failures[:_SAID])
+            more = f"; and {len(failures) - _SAID} more" if len(failures) > _SAID else ""
+            return replace(nearest, reason=reasons + more)
         found = self.robot.space.from_coordinates(np.array(rows))
         if self.robot.space.planar:  # one that did not move stands exactly where it stood
             still = np.abs(found[:, :4] - self.start[:4]).max(axis=1) < 1e-9
             found[still, :4] = self.start[:4]
-        order = np.argsort(_distance(self.robot, self.start, found), kind="stable")[:count]
-        return GoalSearch(found[order], f"{_said(goal)}: {len(order)} configurations")
+        space = self.robot.space
+        here = np.tile(self.here, (len(found), 1))
+        apart = np.linalg.norm(space.difference(here, space.to_coordinates(found)), axis=1)
+        order = np.argsort(apart, kind="stable")[:count]
+        goals = sources[0].said if len(sources) == 1 else f"any of {len(sources)} goals"
+        return GoalSearch(found[order], f"{goals}: {len(order)} configurations")
 
-    def _in_the_way(self, goal: Goal, rows: list[Array]) -> GoalSearch:
-        """What the rows touch, which all reach the goal."""
+    def _failure(self, source: _Source) -> GoalSearch:
+        """Why a goal has no configuration that is free: it is out of reach, or something is in the way."""
+        none = np.zeros((0, self.robot.nq))
+        if not source.touching:
+            assert source.hand is not None
+            hand = source.hand
+            return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle)
         counted: Counter[str] = Counter()
-        for row in rows[:_ASKED]:
+        for row in source.touching[:_ASKED]:
             q = self.robot.space.from_coordinates(row)
-            near = min(
-                nearest_things(self.robot, self.scene, (q, q), self.params, self.wide.bounds), key=lambda n: n.distance
-            )
-            counted[f"{near.one} and {near.two}"] += 1
+            near = nearest_things(self.robot, self.scene, (q, q), self.params, self.wide.bounds)
+            worst = min(near, key=lambda each: each.distance)
+            counted[f"{worst.one} and {worst.two}"] += 1
         touching = tuple(name for name, _ in counted.most_common())
-        each = "the only configuration there touches" if len(rows) == 1 else f"all {len(rows)} that were found touch"
-        return GoalSearch(
-            np.zeros((0, self.robot.nq)),
-            f"{_said(goal)}: {each} something: {'; '.join(touching[:3])}",
-            touching=touching,
-        )
+        each = "the only configuration" if len(source.touching) == 1 else f"all {len(source.touching)} that were found"
+        reason = f"{source.said}: {each} would touch something: {'; '.join(touching[:3])}"
+        return GoalSearch(none, reason, touching=touching)
 
 
 def goal_configurations(
@@ -324,16 +355,6 @@ def goal_configurations(
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations
-
-
-def _distance(robot: RobotModel, start: Array, found: Array) -> Array:
-    space = robot.space
-    rows = space.to_coordinates(found)
-    return np.linalg.norm(space.difference(np.tile(space.to_coordinates(start), (len(rows), 1)), rows), axis=1)
-
-
-def _said(goal: Goal) -> str:
-    return ", ".join(f"{k} = {v:g}" for k, v in goal.items()) if isinstance(goal, Mapping) else str(goal)
 
 
 def _check_box(what: str, value: Sequence[float], count: int) -> None:

@@ -57,7 +57,8 @@ class PlanReport(Summary):
         strip: the strip, from exactly the start to exactly the goal that were given; initial: what it was relaxed from.
             It is certified if ``certified``, else the best that was reached, as it is.
         certified: whether every segment is certified, and the base keeps to the bounds where there are any.
-        method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, or ``"none"`` where nothing was certified.
+        method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, ``"straight"`` (of the hand), or ``"none"`` where
+            nothing was certified.
         reason: what happened, for people; where nothing was certified, what stands in the way last, and what to try.
         report: the last deformation report.
         attempts: planner calls made; where several strips were asked for, paths that were relaxed.

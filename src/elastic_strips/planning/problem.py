@@ -30,7 +30,7 @@ _FAR = 200.0  # [m] a warning is logged for a goal farther away
 _HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
 _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
-_ARM = DeformParams(influence=0.1, near=0.04)
+ARM = DeformParams(influence=0.1, near=0.04)
 """Of an arm's relaxation, by default: in a shelf everything is within 0.3 m, and not all of it need be measured."""
 _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself
 _SPACING = 0.13  # [m] between the nodes of a first strip, at most
@@ -107,21 +107,21 @@ class PlanningProblem:
         if not number or not timeout > 0:
             raise ParameterError(f"timeout={timeout!r} must be a number > 0 of seconds")
         self.deadline: Deadline = Deadline(float(timeout))
-        _check_kinds(robot, scene)
+        check_kinds(robot, scene)
         if deformer is not None and not isinstance(deformer, Deformer):
             raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
         if deformer is not None and not robot.same_as(deformer.robot):
             raise ParameterError(f"deformer is of robot {deformer.robot.name!r}; it must be of {robot.name!r}")
         self.robot: RobotModel = robot
         self.scene: Scene = scene
-        own = DeformParams() if robot.space.planar else _ARM
+        own = DeformParams() if robot.space.planar else ARM
         self.deformer: Deformer = deformer or Deformer(robot, own if params is None else params)
         self.params: DeformParams = self.deformer.params
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
         nearest = nearest_things(robot, scene, (self.start, self.goal), self.params, self.deformer.workspace.bounds)
         self.eased: str = ""
         if params is None and deformer is None:
-            self.eased = _ease(self.deformer, nearest)
+            self.eased = ease(self.deformer, nearest)
             self.params = self.deformer.params
         for near in nearest:
             near.check(self.params)
@@ -140,7 +140,7 @@ class PlanningProblem:
         return f"the base leaves the bounds by {aside:.3f} m" if aside > 0.0 else ""
 
 
-def _check_kinds(robot: RobotModel, scene: Scene) -> None:
+def check_kinds(robot: RobotModel, scene: Scene) -> None:
     if not isinstance(robot, RobotModel):
         raise RobotError(f"robot is a {type(robot).__name__}; it must be a RobotModel, as load_robot(...) gives it")
     if not isinstance(scene, Scene):
@@ -168,7 +168,7 @@ def check_endpoints(
         ConfigurationError: names what is wrong: the entry, the pair that is too close and its distance, or how far the
             goal is away.
     """
-    _check_kinds(robot, scene)
+    check_kinds(robot, scene)
     ends = _checked_ends(robot, start, goal, params)
     for near in nearest_things(robot, scene, ends, params, MotionBounds(BodySet.links(robot))):
         near.check(params)
@@ -240,7 +240,7 @@ def nearest_things(
     return found
 
 
-def _ease(deformer: Deformer, nearest: list[Near]) -> str:
+def ease(deformer: Deformer, nearest: list[Near]) -> str:
     """Ask for no more clearance than half of what start and goal have; says so, for people, where that is less."""
     least, said = {"clearance": deformer.params.clearance, "self_clearance": deformer.params.self_clearance}, []
     for near in sorted(nearest, key=lambda near: near.distance):

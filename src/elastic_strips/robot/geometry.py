@@ -86,7 +86,8 @@ def _transformed(points: Array, T: Array) -> Array:
     return points @ T[:3, :3].T + T[:3, 3]
 
 
-def _piece(name: str, links: tuple[str, ...], joint: int, shape: coal.CollisionGeometry, T: Array) -> LinkGeometry:
+def piece_of(name: str, links: tuple[str, ...], joint: int, shape: coal.CollisionGeometry, T: Array) -> LinkGeometry:
+    """A convex piece of a robot: a shape at a pose (4, 4) in a joint's frame."""
     points, radius = support_points(shape)
     return LinkGeometry(name, links, joint, shape, T, bounding_capsule(_transformed(points, T), radius))
 
@@ -116,7 +117,7 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel) -> list[Link
         elif kind is ShapeKind.ELLIPSOID:
             shape = box_about(shape)
         shape.computeLocalAABB()
-        pieces.append(_piece(obj.name, (link,), obj.parentJoint, shape, T))
+        pieces.append(piece_of(obj.name, (link,), obj.parentJoint, shape, T))
     if not meshes:
         return pieces
     return _joined(_without_contained(pieces))
@@ -173,7 +174,7 @@ def _joined(pieces: list[LinkGeometry]) -> list[LinkGeometry]:
         name = f"{live[max((i, k), key=volumes.__getitem__)].name.split('+')[0]}+{len(links) - 1}"
         hull = convex_from_vertices(np.vstack((clouds[i], clouds[k])), name=name)
         new = max(live) + 1
-        live[new] = _piece(name, links, live[i].joint, hull, np.eye(4))
+        live[new] = piece_of(name, links, live[i].joint, hull, np.eye(4))
         clouds[new] = _cloud(live[new])
         volumes[new] = float(convex_hull(clouds[new]).volume)
         del live[i], live[k]

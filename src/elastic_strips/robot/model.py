@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from .kinematics import ControlPoints, KinematicTree, default_control_points, fi
 from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
 
 if TYPE_CHECKING:
+    from .holding import HeldShape
     from .inverse_kinematics import ReachResult
 
 _log = logging.getLogger(__name__)
@@ -262,6 +263,21 @@ class RobotModel(Summary):
         return inverse_kinematics(
             self, frame, position, orientation, near=near, base=base, within=within, count=count, seed=seed
         )
+
+    def attached(
+        self,
+        shape: HeldShape,
+        frame: str,
+        *,
+        q: ArrayLike | None = None,
+        touch: Collection[str] = (),
+        mass: float = 0.0,
+        name: str | None = None,
+    ) -> RobotModel:
+        """The robot with an obstacle's shape that one of its frames carries; see :func:`.holding.attached`."""
+        from .holding import attached  # it needs this class
+
+        return attached(self, shape, frame, q=q, touch=touch, mass=mass, name=name)
 
     def control_points(self, q: ArrayLike) -> Array:
         """World positions (C, 3) [m] of the control points at a configuration (nq,)."""

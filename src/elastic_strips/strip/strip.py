@@ -101,6 +101,10 @@ class Strip(Summary):
             return np.zeros(len(self) - 1)
         return np.abs(self.velocities[:, 1])
 
+    def reversed(self) -> Strip:
+        """The strip from its goal to its start."""
+        return Strip.from_coordinates(self.robot, self.coordinates[::-1], ends=self.q[[-1, 0]])
+
     def sample(self, step: float) -> Array:
         """Configurations (M, nq) along the strip, at most ``step`` [m or rad] > 0 of any coordinate apart."""
         check_number("step", step, above=0.0)

@@ -1,0 +1,102 @@
+"""Straight motions of the hand: an approach or a retreat by the joints alone, the hand turned as it is."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.inverse_kinematics import PoseSolver
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Deformer, DeformParams, Strip
+from elastic_strips.validation import check_array
+
+from .plan import PlanReport
+from .problem import ARM, check_kinds, ease, nearest_things
+
+_STEP = 0.01  # [m] of the hand between two nodes
+_OFF = 1e-5  # [m] that the hand may be off the line at a node
+_JUMP = 0.3  # [rad or m] most that a joint may move between two nodes
+_ITERATIONS = 15
+
+
+def plan_straight(
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    frame: str,
+    by: npt.ArrayLike,
+    *,
+    params: DeformParams | None = None,
+) -> PlanReport:
+    """A strip along which a frame of the robot moves straight and is not turned; the base stands.
+
+    Between the nodes, which are 1 cm apart, the frame is off the line by what the joints' own straight way makes of it:
+    a tenth of a millimetre, where no joint turns fast. The way back, for an approach, is ``strip.reversed()``.
+
+    Args:
+        robot: the robot.
+        scene: the obstacles.
+        start: configuration (nq,).
+        frame: name of the frame.
+        by: (3,) how far it moves [m], in the world.
+        params: with the clearances to prove; where None, those of :func:`plan_report`, and no more than half of what
+            there is at both ends.
+
+    Returns:
+        The report; not certified, with the reason, where the joints end before the line does, or something is too near.
+
+    Raises:
+        RobotError, SceneError: not a robot, or not a scene; an unknown frame.
+        ConfigurationError: the start is not sound.
+        ParameterError: ``by`` is not three numbers.
+    """
+    began = perf_counter()
+    check_kinds(robot, scene)
+    offset = check_array("by", by, (3,))
+    q = robot.check_q(start, what="start")
+    rows, left = _line(robot, robot.space.to_coordinates(q), frame, offset)
+    ends = np.stack((q, robot.space.from_coordinates(rows[-1])))
+    strip = Strip.from_coordinates(robot, rows, ends=ends)
+    deformer = Deformer(robot, ARM if params is None else params)
+    eased = ""
+    if params is None:
+        nearest = nearest_things(robot, scene, (ends[0], ends[1]), deformer.params, deformer.workspace.bounds)
+        eased = ease(deformer, nearest)
+    report = deformer.assess(strip, scene)
+    length = float(np.linalg.norm(offset))
+    reason = f"straight by {length:g} m"
+    if left > 0.0:
+        reason = f"{frame!r} gets no further than {length - left:.3g} m of {length:g} m: the joints end, or would jump"
+    elif not report.usable:
+        reason = report.reason
+    elif eased:
+        reason = f"{reason}; {eased}"
+    done = left == 0.0 and report.usable
+    return PlanReport(
+        strip, strip, done, "straight" if done else "none", reason, report, attempts=0, ticks=0,
+        seconds=perf_counter() - began,
+    )  # fmt: skip
+
+
+def _line(robot: RobotModel, here: Array, frame: str, offset: Array) -> tuple[Array, float]:
+    """Rows (N, nv) along the line, as far as they go, and what is left of it [m]."""
+    solver, space = PoseSolver(robot, frame), robot.space
+    position, turn = (each[0].copy() for each in solver.place(here[None]))
+    length = float(np.linalg.norm(offset))
+    count = max(1, int(np.ceil(length / _STEP)))
+    free, exact = np.ones(robot.nv), np.zeros(3)
+    free[: space.base_nv] = 0.0
+    rows = [here]
+    for k in range(1, count + 1):
+        begin = rows[-1] + (rows[-1] - rows[-2] if len(rows) > 1 else 0.0)
+        begin = np.clip(begin, space.lower, space.upper)
+        found, size = solver.solve(begin[None], position + k / count * offset, turn, exact, free, _ITERATIONS)
+        jump = float(np.abs(space.difference(rows[-1][None], found)).max())
+        if size[0] > _OFF or jump > _JUMP:
+            return np.array(rows if len(rows) > 1 else [here, here]), length * (1.0 - (k - 1) / count)
+        rows.append(found[0])
+    return np.array(rows), 0.0

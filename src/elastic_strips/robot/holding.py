@@ -1,0 +1,159 @@
+"""What a robot holds: another robot value, with a shape that a frame carries among its pieces and self pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
+from elastic_strips.validation import check_number
+
+from .geometry import LinkGeometry, piece_of
+from .kinematics import find_frame
+from .model import RobotModel
+
+_COLOR = np.array([0.85, 0.65, 0.25, 1.0])
+
+
+class HeldPart(Protocol):
+    """A convex part of a shape, in the shape's frame; a block of boxes where there is no geometry."""
+
+    @property
+    def geometry(self) -> coal.CollisionGeometry | None: ...
+    @property
+    def T_obstacle_part(self) -> Array: ...
+    @property
+    def boxes(self) -> Sequence[tuple[coal.Box, Array]]: ...
+
+
+class HeldShape(Protocol):
+    """A shape at a pose (4, 4): every obstacle is one."""
+
+    @property
+    def name(self) -> str | None: ...
+    @property
+    def pose(self) -> Array: ...
+    @property
+    def parts(self) -> Sequence[HeldPart]: ...
+
+
+def attached(
+    robot: RobotModel,
+    shape: HeldShape,
+    frame: str,
+    *,
+    q: ArrayLike | None = None,
+    touch: Collection[str] = (),
+    mass: float = 0.0,
+    name: str | None = None,
+) -> RobotModel:
+    """The robot with a shape that one of its frames carries.
+
+    The shape is part of the robot from then on: of distances and certificates, of its own collisions and of pictures.
+    It must not touch the robot's other links but those that ``touch`` names and those that move with the frame.
+
+    Args:
+        robot: the robot.
+        shape: what is held: an obstacle. Its pose is in the frame, or in the world where ``q`` is given.
+        frame: name of the frame that carries it.
+        q: (nq,) the configuration in which it is taken up.
+        touch: names of links that may touch it: fingers.
+        mass: [kg] at its origin.
+        name: what to call it; the shape's name, or ``"load"``, where None.
+
+    Raises:
+        RobotError: an unknown frame or link, a name that a piece of the robot has, a negative mass.
+        ConfigurationError: ``q`` is not sound, or the shape touches another link in it.
+    """
+    index = find_frame(robot.model, frame)
+    if index is None:
+        raise RobotError(
+            f"{robot.name!r} has no frame {frame!r}{nearest_name(frame, [f.name for f in robot.model.frames])}"
+        )
+    links = sorted({link for piece in robot.geometries for link in piece.links})
+    allowed = {touch} if isinstance(touch, str) else set(touch)
+    for link in sorted(allowed - {f.name for f in robot.model.frames}):
+        raise RobotError(f"touch: {robot.name!r} has no link {link!r}{nearest_name(link, links)}")
+    name = name or shape.name or "load"
+    if any(piece.name == name or name in piece.links for piece in robot.geometries):
+        raise RobotError(f"{robot.name!r} has a link or a shape {name!r} already; name=… gives another name")
+    weight = check_number("mass", mass, low=0.0, error=RobotError)
+    carrier = robot.model.frames[index]
+    joint = int(carrier.parentJoint)
+    if joint == 0:
+        raise RobotError(f"frame {frame!r} of {robot.name!r} does not move: what it carries is an obstacle")
+    T_joint_shape = np.array(carrier.placement.homogeneous) @ shape.pose
+    if q is not None:
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, robot.check_q(q))
+        T_joint_shape = np.linalg.inv(data.oMi[joint].homogeneous) @ shape.pose
+    pieces = _pieces(shape, name, joint, T_joint_shape)
+    pairs = [
+        (i, len(robot.geometries) + k)
+        for k in range(len(pieces))
+        for i, own in enumerate(robot.geometries)
+        if own.joint != joint and not allowed & set(own.links)
+    ]
+    model = robot.model.copy()
+    if weight > 0.0:
+        model.appendBodyToJoint(joint, pin.Inertia(weight, np.zeros(3), np.zeros((3, 3))), pin.SE3(T_joint_shape))
+    collision = robot.collision_model.clone()
+    for piece in pieces:
+        collision.addGeometryObject(_object(piece, index))
+    for i, k in pairs:
+        collision.addCollisionPair(pin.CollisionPair(i, k))
+
+    def visual() -> pin.GeometryModel:
+        drawn = robot.visual_model.clone()
+        for piece in pieces:
+            drawn.addGeometryObject(_object(piece, index))
+        return drawn
+
+    held = replace(
+        robot,
+        model=model,
+        collision_model=collision,
+        geometries=(*robot.geometries, *pieces),
+        self_pairs=np.concatenate((robot.self_pairs, np.array(pairs, dtype=np.intp).reshape(-1, 2))),
+        visual=visual,
+    )
+    if q is None or robot.self_collision(q) is not None:
+        return held
+    hit = held.self_collision(q)
+    if hit is not None:
+        raise ConfigurationError(
+            f"{name!r} touches the robot where it is taken up: {hit[0]!r} and {hit[1]!r}; touch=[…] names the links "
+            "that may"
+        )
+    return held
+
+
+def _pieces(shape: HeldShape, name: str, joint: int, T: Array) -> list[LinkGeometry]:
+    """The parts of a shape as pieces of the robot, in a joint's frame."""
+    found: list[tuple[coal.CollisionGeometry, Array]] = []
+    for part in shape.parts:
+        if part.geometry is not None:
+            found.append((part.geometry, part.T_obstacle_part))
+            continue
+        for box, at in part.boxes:
+            placed = part.T_obstacle_part.copy()
+            placed[:3, 3] += placed[:3, :3] @ at
+            found.append((box, placed))
+    names = [name] if len(found) == 1 else [f"{name}_{k}" for k in range(len(found))]
+    return [
+        piece_of(each, (name,), joint, geometry, T @ placed)
+        for each, (geometry, placed) in zip(names, found, strict=True)
+    ]
+
+
+def _object(piece: LinkGeometry, frame: int) -> pin.GeometryObject:
+    pose = pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
+    made = pin.GeometryObject(piece.name, piece.joint, frame, pose, piece.geometry)
+    made.meshColor = _COLOR
+    return made

@@ -1,0 +1,100 @@
+"""Straight motions of the hand: on the line and not turned, by Pinocchio; and the reason where they end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from brute_force import link_distances
+
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
+from elastic_strips.planning import plan_straight
+from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.scene import Box, Scene
+from elastic_strips.strip import DeformParams
+
+HAND = "panda_hand_tcp"
+
+
+@pytest.fixture(scope="module")
+def panda() -> RobotModel:
+    return load_robot("panda")
+
+
+@pytest.fixture(scope="module")
+def start(panda) -> np.ndarray:
+    q = panda.inverse_kinematics(HAND, (0.45, 0.1, 0.4), (1.0, 0.0, 0.0, 0.0), near=panda.home()).q
+    assert q is not None
+    return q
+
+
+def hand(robot: RobotModel, q: np.ndarray, frame: str = HAND) -> pin.SE3:
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return data.oMf[robot.model.getFrameId(frame)].copy()
+
+
+@pytest.mark.parametrize("by", [(0.0, 0.0, -0.15), (0.1, 0.05, 0.1), (0.0, -0.3, 0.0)])
+def test_the_hand_goes_straight_and_is_not_turned(panda, start, by):
+    report = plan_straight(panda, Scene(), start, HAND, by)
+    assert report.certified, report.reason
+    np.testing.assert_array_equal(report.strip.q[0], start)
+    first = hand(panda, start)
+    way = np.asarray(by) / np.linalg.norm(by)
+    last = -1.0
+    for q in report.strip.q:
+        placed = hand(panda, q)
+        off = placed.translation - first.translation
+        assert np.linalg.norm(off - (off @ way) * way) < 2e-5
+        assert np.linalg.norm(pin.log3(first.rotation.T @ placed.rotation)) < 1e-4
+        assert off @ way > last
+        last = off @ way
+    np.testing.assert_allclose(hand(panda, report.strip.q[-1]).translation - first.translation, by, atol=2e-5)
+    for row in report.strip.sample(0.01):  # between the nodes, too
+        off = hand(panda, panda.space.from_coordinates(row)).translation - first.translation
+        assert np.linalg.norm(off - (off @ way) * way) < 1e-3
+
+
+def test_the_way_back_is_the_same_strip(panda, start):
+    strip = plan_straight(panda, Scene(), start, HAND, (0.0, 0.0, -0.1)).strip
+    back = strip.reversed()
+    np.testing.assert_array_equal(back.q, strip.q[::-1])
+    np.testing.assert_allclose(back.length, strip.length)
+
+
+def test_what_is_in_the_way_is_named(panda, start):
+    floor = Scene([Box((1.0, 1.0, 0.1), at=(0.5, 0.0, 0.2), name="table")])
+    report = plan_straight(panda, floor, start, HAND, (0.0, 0.0, -0.3))
+    assert not report.certified
+    assert "table" in report.reason
+
+
+def test_a_line_that_the_joints_do_not_have_ends_where_they_do(panda, start):
+    report = plan_straight(panda, Scene(), start, HAND, (1.5, 0.0, 0.0))
+    assert not report.certified
+    assert "gets no further than" in report.reason
+    reached = hand(panda, report.strip.q[-1]).translation - hand(panda, start).translation
+    assert 0.05 < reached[0] < 0.6
+
+
+def test_less_clearance_where_there_is_less(panda, start):
+    """Down to 3 mm above a table's top: with what there is, and refused where more is asked for."""
+    end = plan_straight(panda, Scene(), start, HAND, (0.0, 0.0, -0.1)).strip.q[-1]
+    table = Box((0.2, 0.2, 0.1), at=(0.5, 0.1, 0.0), name="table")
+    up = np.eye(4)
+    up[:3, 3] = (0.5, 0.1, link_distances(panda, Scene([table]), end).min() - 0.003)
+    scene = Scene([table.moved(up)])
+    report = plan_straight(panda, scene, start, HAND, (0.0, 0.0, -0.1))
+    assert report.certified, report.reason
+    assert "proven with" in report.reason
+    strict = plan_straight(panda, scene, start, HAND, (0.0, 0.0, -0.1), params=DeformParams(clearance=0.005))
+    assert not strict.certified
+
+
+def test_wrong_input_is_refused(panda, start):
+    with pytest.raises(RobotError, match="no frame"):
+        plan_straight(panda, Scene(), start, "hand", (0.0, 0.0, 0.1))
+    with pytest.raises(ParameterError, match="by"):
+        plan_straight(panda, Scene(), start, HAND, (0.0, 0.1))
+    with pytest.raises(ConfigurationError, match="start"):
+        plan_straight(panda, Scene(), start[:3], HAND, (0.0, 0.0, 0.1))
