@@ -9,10 +9,11 @@ from typing import TypeVar
 import click
 
 from elastic_strips.files import atomic_write, write_json
-from elastic_strips.robot import load_robot
+from elastic_strips.robot import BaseKind, load_robot
 from elastic_strips.sim import FAULTS, Fault
 from elastic_strips.sim.bench import bench_plan, bench_replan, bench_tick
 from elastic_strips.sim.bench.drive import bench_disturb, bench_drive, bench_reaction, bench_soak
+from elastic_strips.sim.bench.inverse_kinematics import bench_inverse_kinematics
 from elastic_strips.sim.bench.measure import Figures
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
 from elastic_strips.sim.bench.reach import bench_mbm
@@ -371,6 +372,25 @@ def mbm(root: str, robot: str, stride: int, timeout: float, seed: int, json_file
         _row(kind, f"{some['certified']} of {some['valid']}")
     for failure in figures["failures"]:
         _row(f"{failure['name']} failed", failure["reason"])
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Inverse kinematics of the whole body.")
+@options.robot_option("panda")
+@click.option("--frame", default="panda_hand_tcp", show_default=True, metavar="NAME", help="A frame of the robot.")
+@click.option("--base", type=click.Choice([kind.value for kind in BaseKind]), help="The robot's own where not given.")
+@click.option("--poses", type=click.IntRange(1, 1_000_000), default=1000, show_default=True, help="Number of poses.")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the poses.")
+@_json
+def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_file: str | None) -> None:
+    """Reach poses of random configurations from home; beside a single start of the usual loop."""
+    with options.LateProgress("reaching", poses) as bar:
+        figures = bench_inverse_kinematics(load_robot(robot, base=base), frame, bar.step, poses=poses, seed=seed)
+    click.echo(f"{figures['robot']} ({figures['base']}), {poses} poses of {frame}")
+    for what, some in (("reached", figures), ("one start", figures["one_start"])):
+        _row(what, f"{100 * some['reached']:.2f} %, {_times(some['ms'])}")
+    if figures["position_m"] is not None:
+        _row("at most off by", f"{1e3 * figures['position_m']:.3f} mm, {1e3 * figures['angle_rad']:.3f} mrad")
     _write(json_file, figures)
 
 
