@@ -28,6 +28,7 @@ OMPL_LOCK = threading.Lock()
 _WIDEN = 2.0  # [m] the base may go so far beyond start and goal
 _TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
 _BASE_STEP = 0.07  # spacing of validity checks [m]
+_TURN_STEP = 0.14  # of a base that turns on the spot [rad]
 _JOINT_STEP = 0.2  # and in joint space [rad]; what lies between is proven by the certificate, not the planner
 
 
@@ -144,8 +145,12 @@ def _search(
     setup.setStateValidityChecker(is_valid)
     for k in range(states.getSubspaceCount()):
         part = states.getSubspace(k)
-        step = (_BASE_STEP if planar and k == 0 else _JOINT_STEP) / fineness
-        part.setLongestValidSegmentFraction(min(step / part.getMaximumExtent(), 0.5))
+        parts = {part: _BASE_STEP if planar and k == 0 else _JOINT_STEP}
+        if planar and k == 0 and robot.base_kind is not BaseKind.DIFF_DRIVE:
+            # SE(2) asks its own two spaces; Reeds–Shepp curves are measured by themselves
+            parts = {part.getSubspace(0): _BASE_STEP, part.getSubspace(1): _TURN_STEP}
+        for one, step in parts.items():
+            one.setLongestValidSegmentFraction(min(step / fineness / one.getMaximumExtent(), 0.5))
     first, last = states.allocState(), states.allocState()
     reader.write(first, endpoints[0])
     reader.write(last, endpoints[1])
