@@ -225,6 +225,7 @@ class BaseDeformer(ABC, Generic[R]):
         self.workspace: Workspace = Workspace(robot, params, self.clock, **reaches)
         self._rest_step, self._max_ticks = params.rest_step, params.max_ticks
         self._rolling = False  # whether wheels have to follow the strip
+        self._descends = False  # whether an iteration must not raise the energy
 
     def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> R:
         """One control tick: deform the strip away from the obstacles and certify it.
@@ -265,6 +266,10 @@ class BaseDeformer(ABC, Generic[R]):
     ) -> R:
         """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over.
 
+        On the way to rest the default preset's strips get no worse: no tick raises their energy, but for nodes that
+        come or go, and what they had of clearance a stiff layer keeps. One that is certified when the ticks are over,
+        and not at rest, is ``DEFORMING``.
+
         Args:
             strip: where to start.
             scene: the obstacles, standing still.
@@ -288,8 +293,15 @@ class BaseDeformer(ABC, Generic[R]):
         timings: dict[str, float] = {}
         seconds, queries, ticks = 0.0, 0, 0
         last: R | None = None
+        descends = until == "rest"
+        if descends:
+            self._begin(strip, scene)
         while True:
-            report = self.step(strip, scene, detail=detail)
+            self._descends = descends
+            try:
+                report = self.step(strip, scene, detail=detail)
+            finally:
+                self._descends = False
             strip, ticks = report.strip, ticks + 1
             seconds += report.seconds
             queries += report.queries
@@ -301,6 +313,9 @@ class BaseDeformer(ABC, Generic[R]):
             last = report if last is None else self._with_former(report, last)
             if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
                 return settled_report(last, ticks, timings, seconds, queries)
+
+    def _begin(self, strip: Strip, scene: Scene) -> None:
+        """What ``settle`` does before its first tick."""
 
     def _with_former(self, report: R, former: R) -> R:
         """A tick's report in ``settle``, with what it is to have of all ticks before."""

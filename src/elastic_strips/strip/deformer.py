@@ -22,6 +22,7 @@ from .forces import (
     add_obstacle_repulsion,
     add_posture,
     add_self_repulsion,
+    add_stretch,
     repulsive_magnitude,
 )
 from .params import DeformParams
@@ -33,6 +34,10 @@ from .strip import Strip
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
 _SPARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
 _NEEDED_FOR = 8  # rounds of maintenance in which no node is removed again, where removing cost the certificate
+_HALVINGS, _SAME = 8, 1e-9  # of a step that raises the energy in ``settle``, and by how much it may for rounding
+_BOLD = 0.3  # of the damping, in ``settle``: what a step may not do there is seen before it is done
+_STRETCH, _TAUT = 20.0, 0.75  # gain of segments beyond this part of ``max_spacing``, in ``settle``
+_FIRM, _ROOM = 250.0, 0.004  # gain of the stiff layer in ``settle``, and what it adds [m] for the way between two nodes
 _SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
 
 
@@ -91,6 +96,7 @@ class Deformer(BaseDeformer[DeformReport]):
         self._proven = False  # the current nodes could be driven
         self._scene: Scene | None = None
         self._trust = 1.0
+        self._floor = 0.0  # clearance [m] that ``settle`` began with
         self._needed = 0  # rounds of maintenance that remove no node
         self._detail = False  # whether forces are wanted for the report
 
@@ -167,6 +173,11 @@ class Deformer(BaseDeformer[DeformReport]):
 
     # the parts of a tick
 
+    def _begin(self, strip: Strip, scene: Scene) -> None:
+        """What lies between the strip and the obstacles must not become less: the stiff layer is that thick."""
+        self._load(strip, scene)
+        self._floor = max(self.workspace.obstacles.least_clearance(), 0.0) + _ROOM
+
     def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> bool:
         """Whether the strip has a certificate that must not be lost; ``known`` says that it is the last report's."""
         work = self.workspace
@@ -184,6 +195,9 @@ class Deformer(BaseDeformer[DeformReport]):
             self._trust = 1.0
         coordinates, slip, energies, forces = self._update()
         moved = work.move(coordinates, scene)
+        if self._descends:
+            coordinates, slip = self._lower(before, coordinates, slip, sum(energies.values()), scene)
+            moved = float(np.abs(coordinates - before).max(initial=0.0))
         result = TickResult(work.certify(scene), slip, moved, energies, forces)
         if keep and not _is_proven(result):
             result = self._shortened(before, coordinates, scene, result)
@@ -192,8 +206,27 @@ class Deformer(BaseDeformer[DeformReport]):
         self._proven = _is_proven(result)
         return result
 
-    def _update(self) -> tuple[Array, float, dict[str, float], StripForces]:
-        """Where the forces move the nodes: coordinates (N, nv), rolling residual [m], energies, external forces."""
+    def _lower(
+        self, before: Array, coordinates: Array, slip: float, energy: float, scene: Scene
+    ) -> tuple[Array, float]:
+        """As much of a step as does not raise the energy, with its rolling residual; none where nothing does."""
+        space, work = self.robot.space, self.workspace
+        part, way = 1.0, space.difference(before, coordinates)
+        for _ in range(_HALVINGS):
+            self._assemble()
+            if sum(self._system.energies.values()) <= energy + _SAME * max(energy, 1.0):
+                return coordinates, slip
+            part *= 0.5
+            coordinates, slip = space.integrate(before, part * way), 0.0
+            np.clip(coordinates, space.lower, space.upper, out=coordinates)
+            if self._rolling:
+                coordinates, slip = project_rolling(space, coordinates)
+            work.replace(coordinates, scene)
+        work.replace(before, scene)
+        return before, 0.0
+
+    def _assemble(self) -> StripForces:
+        """Forces, matrix and energies at the current nodes, in the system; external forces, to look at."""
         params, space, kin = self.params, self.robot.space, self.workspace.kin
         obstacles, self_pairs = self.workspace.obstacles, self.workspace.self_pairs
         n = kin.n
@@ -204,8 +237,12 @@ class Deformer(BaseDeformer[DeformReport]):
         system.clear()
         v = space.difference(coordinates[:-1], coordinates[1:])
         add_elastic(system, space, v, self._stiffness)
-        near = min(params.near, params.influence)
-        add_obstacle_repulsion(system, kin, obstacles, k_r=params.k_r, k_near=params.k_near, near=near)
+        near, k_near = params.near, params.k_near
+        if self._descends:
+            add_stretch(system, space, v, self.spacing_weight, stiffness=_STRETCH, length=_TAUT * params.max_spacing)
+            near, k_near = max(near, self._floor), max(k_near, _FIRM)
+        near = min(near, params.influence)
+        add_obstacle_repulsion(system, kin, obstacles, k_r=params.k_r, k_near=k_near, near=near)
         forces = StripForces.none()
         if self._detail:
             contacts = obstacles.contacts()
@@ -220,7 +257,14 @@ class Deformer(BaseDeformer[DeformReport]):
         if params.k_posture > 0.0:
             add_posture(system, space, coordinates, self._straight(coordinates), k_p=self._posture)
         self.clock.mark("forces")
-        delta = self._solver.solve(system, self._damping)
+        return forces
+
+    def _update(self) -> tuple[Array, float, dict[str, float], StripForces]:
+        """Where the forces move the nodes: coordinates (N, nv), rolling residual [m], energies, external forces."""
+        params, space = self.params, self.robot.space
+        forces, system = self._assemble(), self._system
+        coordinates = self.workspace.coordinates
+        delta = self._solver.solve(system, _BOLD * self._damping if self._descends else self._damping)
         largest = float(np.abs(delta * self._step_lever).max(initial=0.0))
         limit = self._trust * params.max_step
         if largest > limit:
@@ -269,7 +313,8 @@ class Deformer(BaseDeformer[DeformReport]):
     def _resample(self, scene: Scene, result: TickResult) -> TickResult:
         params, space, work = self.params, self.robot.space, self.workspace
         self._needed = max(self._needed - 1, 0)
-        removes, proven = self._needed == 0 or not _is_proven(result), _is_proven(result)
+        proven = _is_proven(result)
+        removes = self._needed == 0 or not proven
         spacing = node_spacing(space, work.coordinates, self.spacing_weight)
         edit = resample(
             space,

@@ -59,6 +59,39 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
     system.energies["elastic"] = energy
 
 
+def add_stretch(
+    system: System, space: ConfigurationSpace, v: Array, weight: Array, *, stiffness: float, length: float
+) -> None:
+    """Springs of segments that are longer than they should be: V = ¼ k Σ_j (s_j² − s²)₊² / s², s_j² = v_jᵀ diag(w) v_j.
+
+    Where obstacles push nodes apart along the strip, out of a door, they keep the nodes in it.
+
+    Args:
+        system, space, v: as for :func:`add_elastic`.
+        weight: (nv,) metric of the spacing.
+        stiffness: k; length: s [m].
+    """
+    over = (v * v) @ weight / length**2 - 1.0
+    long = np.flatnonzero(over > 0.0)
+    system.energies["stretch"] = 0.25 * stiffness * length**2 * float((over[long] ** 2).sum())
+    for j in long.tolist():
+        pull, stiff = stiffness * over[j] * weight, stiffness * (3.0 * over[j] + 2.0) * weight
+        _add_segment(system, space, j, v[j], pull, stiff)
+
+
+def _add_segment(system: System, space: ConfigurationSpace, j: int, v: Array, pull: Array, stiff: Array) -> None:
+    """A spring of one segment with force −diag(pull) v and matrix diag(stiff)."""
+    first, second = -np.eye(space.nv), np.eye(space.nv)
+    b = space.base_nv
+    if b:
+        first[:b, :b], second[:b, :b] = (part[0] for part in space.base_difference_jacobians(v[None]))
+    system.force[j] -= first.T @ (pull * v)
+    system.force[j + 1] -= second.T @ (pull * v)
+    system.diagonal[j] += first.T @ (stiff[:, None] * first)
+    system.diagonal[j + 1] += second.T @ (stiff[:, None] * second)
+    system.upper[j] += first.T @ (stiff[:, None] * second)
+
+
 def add_repulsion(
     system: System,
     kin: Kinematics,

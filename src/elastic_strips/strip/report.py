@@ -160,7 +160,7 @@ def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: floa
     status, reason = last.status, last.reason
     if status is DeformStatus.DEFORMING:
         if last.usable:
-            status, reason = DeformStatus.SETTLED, f"certified after {ticks} ticks, not yet at rest"
+            reason = f"certified after {ticks} ticks, not yet at rest"
         else:
             status, reason = last.failure, f"{reason} (after {ticks} ticks)"
     return replace(

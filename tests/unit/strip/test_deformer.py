@@ -103,7 +103,9 @@ def test_settle_until_certified_stops_early(silvermate):
     first = deformer.settle(line(silvermate), ASIDE, until="certified")
     assert first.certified
     assert first.ticks < rest.ticks
-    assert first.status is DeformStatus.SETTLED
+    assert rest.status is DeformStatus.SETTLED
+    assert first.status is DeformStatus.DEFORMING  # and says so
+    assert "not yet at rest" in first.reason
     one = deformer.settle(line(silvermate), ASIDE, max_ticks=1)
     assert one.ticks == 1
 

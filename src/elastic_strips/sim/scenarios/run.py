@@ -18,7 +18,7 @@ from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.strip.paper import PaperDeformer, PaperParams, PaperReport
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
@@ -75,7 +75,7 @@ class RunResult(Summary):
     @property
     def certified(self) -> bool:
         """Whether the strip is certified and its hulls connected."""
-        return self.report.certified and self.report.status is DeformStatus.SETTLED
+        return self.report.usable
 
 
 def run_scenario(
@@ -209,7 +209,7 @@ def _run_paper(
     attempts: list[str] = []
     free = deformer.assess(initial, scenario.scene).certified
     report = relax(initial)
-    if not free and report.status is not DeformStatus.SETTLED:
+    if not free and not report.usable:
         attempts.append(f"straight line, which is not free: {report.reason}")
         for k in range(4):
             found = ompl_path(
@@ -227,10 +227,10 @@ def _run_paper(
                 continue
             initial, method = Strip.from_coordinates(robot, found.rows, ends=ends), "ompl"
             report = relax(initial)
-            if report.status is DeformStatus.SETTLED:
+            if report.usable:
                 break
             attempts.append(report.reason)
-    certified = report.status is DeformStatus.SETTLED
+    certified = report.usable
     reason = report.reason if not attempts or certified else "; ".join(attempts)
     return initial, report, method, reason, first[0] if first and certified else None
 
