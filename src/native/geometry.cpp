@@ -13,7 +13,7 @@ namespace strips {
 namespace {
 
 constexpr double kTolerance = 1e-10, kFine = 1e-12;  // of GJK and EPA
-constexpr double kExcess = 5e-6;                    // [m] that a distance may be above what its normal proves
+constexpr double kExcess = 5e-6;                     // [m] that a distance may be above what its normal proves
 constexpr double kAgreement = 1e-4;
 constexpr double kFailed = -1e100;  // Coal says -1.8e308 where its solver for penetration does not converge
 
