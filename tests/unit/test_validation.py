@@ -17,6 +17,7 @@ from refusals import taken
 import elastic_strips
 from elastic_strips.control.tasks import DriveAndReach, DriveTo, ReachHand
 from elastic_strips.errors import ParameterError
+from elastic_strips.planning import BasePose, HandPose
 from elastic_strips.sim import Fault
 from elastic_strips.strip import OrientationConstraint
 from elastic_strips.trajectory import MotionLimits
@@ -118,6 +119,8 @@ NEEDED: dict[type, dict[str, Any]] = {
     Fault: {"kind": "scene_late", "start": 1.0},
     DriveTo: {"x": 0.0, "y": 0.0, "yaw": 0.0},
     ReachHand: {"position": (0.0, 0.0, 1.0)},
+    HandPose: {"frame": "hand_frame", "position": (0.0, 0.0, 1.0)},
+    BasePose: {"x": 0.0, "y": 0.0},
     DriveAndReach: {"drive": DriveTo(0.0, 0.0, 0.0), "reach": ReachHand((0.0, 0.0, 1.0))},
     OrientationConstraint: {"frame": "hand_frame"},
     MotionLimits: {
@@ -150,7 +153,7 @@ def numbers(kind: type) -> list[tuple[str, Bound]]:
 
 
 def test_all_of_them_are_found():
-    assert len(CLASSES) == 32
+    assert len(CLASSES) == 34
     assert sum(len(numbers(kind)) for kind in CLASSES) > 200
 
 

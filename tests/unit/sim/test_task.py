@@ -67,4 +67,4 @@ def test_a_task_without_steps_is_not_begun(silvermate):
     result = task.run()
     assert not result.done
     assert result.drive is None
-    assert "misses it by" in result.reason
+    assert "out of reach" in result.reason
