@@ -144,6 +144,7 @@ class Controller(ControlLoop[Scene]):
         self.replanner.submit = self._submit
         self._own: ThreadPoolExecutor | None = None
         self._replan_task: Future[tuple[Strip | None, str]] | None = None  # replans a strip to the same goal
+        self._replan_from: Array = self.start  # (nv,) where that strip begins
         self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
@@ -445,7 +446,9 @@ class Controller(ControlLoop[Scene]):
     def _replan(self, t: float) -> bool:
         """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it.
 
-        It begins where the robot will come to rest, and is taken when it stands there.
+        It begins where the robot will come to rest, and is taken when it stands there. A robot that evades takes it at
+        once: it will stand elsewhere, and joins the strip from wherever that is, as any that it has left. Where it
+        brakes, and will stand elsewhere for that, a strip from there is planned instead.
         """
         replanner, executor, space = self.replanner, self.executor, self.robot.space
         if self._next_plan is not None:
@@ -461,22 +464,29 @@ class Controller(ControlLoop[Scene]):
             self.planner.take(report.strip)
         if not replanner.pending and self._replan_task is None:
             return False
-        at_rest = executor.at_rest(t)
+        end = executor.active.coordinates[-1]
+        stands = not (self.reference.v.any() or self._apart(self.reference.coordinates, end))
+        beside = False
+        if self._replan_task is not None and self._replan_task.done() and self._apart(self._replan_from, end):
+            beside = self.planner.off_strip
+            if not beside:  # it braked
+                self._replan_task = None
+                replanner.discard()
         if self._replan_task is None and t >= replanner.due:
-            row = self.reference.coordinates if at_rest else executor.active.coordinates[-1]
-            self._replan_task = self._submit(replanner.plan_anew, self.scene, space.from_coordinates(row), self.goal_q)
-        if self._replan_task is not None and self._replan_task.done() and at_rest:
+            self._replan_from = end
+            self._replan_task = self._submit(replanner.plan_anew, self.scene, space.from_coordinates(end), self.goal_q)
+        if self._replan_task is not None and self._replan_task.done() and (stands or beside):
             planned, self._replan_task = self._replan_task, None
             replanner.pending = False
             strip, reason = planned.result()
             if strip is not None:
-                apart = space.difference(strip.coordinates[0], self.reference.coordinates)
-                if float(np.abs(apart).max(initial=0.0)) > _ELSEWHERE:
-                    replanner.pending, replanner.due = True, t
-                    return True
-                self.planner.take(strip)
+                self.planner.take(strip, beside=beside)
             executor.log("replanned", reason)
         return True
+
+    def _apart(self, one: Array, other: Array) -> bool:
+        """Whether a strip that begins at one configuration does not begin at another."""
+        return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _ELSEWHERE
 
     def _submit(self, plan: Callable[..., _Planned], *arguments: object) -> Future[_Planned]:
         if self._workers is None:

@@ -40,6 +40,7 @@ class LocalPlanner:
 
     Attributes:
         strip: the strip that is followed, from the robot's configuration in the last tick on.
+        off_strip: whether the robot has left it to evade, and has not come back.
         report: of the strip's last tick; None before the first.
         evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
     """
@@ -60,6 +61,7 @@ class LocalPlanner:
                 robot, limits, params.evasion, dt=params.sample_dt, hold=self._held, clearance=params.clearance
             )
         self.strip: Strip = strip
+        self.off_strip: bool = False
         self.report: DeformReport | None = None
         self._last: PlanResult | None = None
         self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # a certified motion, and what against
@@ -67,7 +69,6 @@ class LocalPlanner:
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._broken = 0  # steps in a row that have left the strip without a certificate
-        self._off_strip = False
         self._step_took = self._evasion_took = 0.0  # [s] the last time
 
     @property
@@ -75,10 +76,16 @@ class LocalPlanner:
         """Time [s] for which a manoeuvre is held at least: until after the next one."""
         return 2 * self.pace.every * self.params.control_dt
 
-    def take(self, strip: Strip) -> None:
-        """Follow another strip from now on."""
+    def take(self, strip: Strip, *, beside: bool = False) -> None:
+        """Follow another strip from now on.
+
+        Args:
+            strip: begins where the robot is, or near it.
+            beside: whether it is only near, so that it has to be joined.
+        """
         self.strip = strip
         self._last, self._broken = None, 0
+        self.off_strip = beside
 
     def allow(self, tracking_error: float) -> None:
         """Plan for another tracking error [m] from now on; what was certified for a smaller one is certified anew."""
@@ -119,7 +126,7 @@ class LocalPlanner:
         A motion reaches further than to the tick after next, so that every second tick may skip planning.
         """
         last = self._last
-        if last is None or scene.names != self._names or self._off_strip:
+        if last is None or scene.names != self._names or self.off_strip:
             return None
         if last.outcome in (PlanOutcome.ARRIVE, PlanOutcome.EVADE):
             return None
@@ -146,7 +153,7 @@ class LocalPlanner:
             if brake is not None:
                 return brake
         report = self._deform(now, scene, start, watch)
-        result = self.timer.motion(start, active, scene, possible, report, watch, off_strip=self._off_strip)
+        result = self.timer.motion(start, active, scene, possible, report, watch, off_strip=self.off_strip)
         if not result.accepted and start.v.any():
             result = self._on_active(result, start, active, scene, possible, watch)
         if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
@@ -157,7 +164,7 @@ class LocalPlanner:
             )
             self._evasion_took = self.pace.reading() - before
             watch.lap("evasion")
-        self._off_strip = result.outcome is PlanOutcome.EVADE or (self._off_strip and not result.accepted)
+        self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not result.accepted)
         if result.outcome is PlanOutcome.BRAKE:
             self._proof = None
         elif result.accepted and result.motion is not None:
@@ -227,7 +234,7 @@ class LocalPlanner:
         params = self.params
         expected = predict(scene, params.assumptions, horizon=params.horizon + now - scene.time, sure=True)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
-        ahead = reconnect if self._off_strip else trim_passed
+        ahead = reconnect if self.off_strip else trim_passed
         coordinates, source = ahead(
             self.robot.space, self.strip.coordinates, start.coordinates, self.deformer.spacing_weight, moving=moving
         )
@@ -249,7 +256,7 @@ class LocalPlanner:
             report = self.deformer.step(strip, scene, prediction=prediction, nodes=maintained)
             self._step_took = self.pace.reading() - began
             self._broken = 0 if report.certified else self._broken + 1
-        if before is not None and before.certified and not self._off_strip:
+        if before is not None and before.certified and not self.off_strip:
             for _ in range(params.recover_iterations):
                 if report.certified or not self.pace.has(self._step_took, waits=True):
                     break

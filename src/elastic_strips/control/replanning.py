@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.errors import ConfigurationError, ElasticStripsError
-from elastic_strips.planning import PlanReport, StripSet, StripSetParams, plan_report
+from elastic_strips.planning import PlanReport, StripSet, StripSetParams, StripSetReport, plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.strip import DeformParams, Strip
@@ -139,6 +139,10 @@ class Replanner:
             reason = report.reason
         return None, reason
 
+    def discard(self) -> None:
+        """The last plan is not used, because the robot does not stand where it begins: it does not count."""
+        self.count -= 1
+
 
 def standing(scene: Scene, below: float = _STANDING) -> Scene:
     """The scene without its moving obstacles: those slower than ``below`` [m/s], as static ones."""
@@ -188,7 +192,9 @@ class SwitchingReplanner(Replanner):
         self.family: StripSet | None = None
         # planners are called at rest only, and a robot at rest can turn on the spot: no strip is left behind
         self._kept = replace(family or StripSetParams(), plan_every=0, divergence_angle=np.pi)
-        self._ticks, self._why = 0, ""
+        self._ticks, self._why, self._change = 0, "", ""
+        self._discarded = False  # whether nobody has driven the strip that was changed to last
+        self._lone = False  # whether there are no others to the one that was planned
         self._beside: Future[object] | None = None  # the step of the family that runs beside the ticks
 
     def plan(
@@ -217,9 +223,11 @@ class SwitchingReplanner(Replanner):
             error, self._beside = self._beside.exception(), None
             if error is not None:  # the present result stays valid
                 _log.warning("the other ways were not deformed: %s", error)
-        due = self.family is not None and self._ticks % _EVERY == 0 and not self.pending
-        if due and self.submit is not None and self.family is not None and self._beside is None:
-            self._beside = self.submit(self._deform_others, standing(scene, _SLOW), result.report.strip.q[0])
+        due = (self._lone or self._ticks % _EVERY == 0) and not self.pending
+        if due and self.submit is not None and self._beside is None:
+            work = self._plan_others if self._lone else self._deform_others
+            self._lone = False
+            self._beside = self.submit(work, standing(scene, _SLOW), result.report.strip.q[0])
         due = super().watch(t, result, scene, at_rest=at_rest)
         if due:
             self._why = due
@@ -231,20 +239,39 @@ class SwitchingReplanner(Replanner):
         if self.family is not None:
             self.family.step(scene, start, decide=False)
 
+    def _plan_others(self, scene: Scene, start: npt.ArrayLike) -> None:
+        if self.family is not None:
+            with suppress(ElasticStripsError):
+                self.family.plan(scene, start, timeout=_FAMILY_TIMEOUT)
+
     def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
-        """One of the other strips, or else another plan."""
-        family, why = self.family, self._why
-        if family is not None:
+        """One of the other strips, or else another plan; others to that one are planned once it is driven."""
+        if self.family is not None:
             try:
-                found = family.leave(standing(scene, _SLOW), start, why)
+                found = self._another(self.family, standing(scene, _SLOW), start)
             except ElasticStripsError as error:
+                self.count += 1
                 return None, f"failed: {error}"
             if found.best is not None:
                 self.halted = False
                 self.count += 1
                 return found.best.strip, found.events[-1]
         strip, reason = super().plan_anew(scene, start, goal)
-        if strip is not None and family is not None:
-            with suppress(ElasticStripsError):  # alternatives for the next time
-                family.plan(standing(scene, _SLOW), start, timeout=_FAMILY_TIMEOUT)
+        self._lone = strip is not None and self.family is not None
         return strip, reason
+
+    def _another(self, family: StripSet, scene: Scene, start: npt.ArrayLike) -> StripSetReport:
+        """The strip that was changed to last where nobody has driven it, or another one."""
+        if self._discarded:
+            self._discarded = False
+            found = family.step(scene, start, decide=False)
+            if found.certified:
+                return replace(found, events=(*found.events, self._change))
+        found = family.leave(scene, start, self._why)
+        self._change = found.events[-1]
+        return found
+
+    def discard(self) -> None:
+        """The last plan is not used; see :meth:`Replanner.discard`."""
+        super().discard()
+        self._discarded = True

@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 
 from elastic_strips.control import Controller, DriveParams, Measurement, RunState
+from elastic_strips.control.evasion import motion_to
+from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.planning import straight_line
-from elastic_strips.scene import Box, Scene
+from elastic_strips.scene import Box, Cylinder, Scene, Twist
 from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits
+from elastic_strips.trajectory.trajectory import stationary
 
 CRATE = Box((0.4, 0.4, 1.0), at=(1.6, 0.45, 0.5), name="crate")
+WALKER = Cylinder(0.2, 1.6, at=(0.0, 3.0, 0.8), name="walker", motion=Twist(np.zeros(3)))
 DT = 0.01
 
 
@@ -27,6 +31,7 @@ class Wheels:
     def __init__(self, robot):
         self.limits = MotionLimits.for_robot(robot)
         self.coordinates = robot.space.to_coordinates(robot.home())
+        self.measured = None
 
     def drive(self, command, t):
         left, right = command.drive * DT
@@ -41,10 +46,9 @@ class Wheels:
 
 def drive(controller, wheels, steps, see, first=0):
     """Steps ``first`` to ``first + steps``; ``see(t)`` is the scene. Returns the number of the last one."""
-    measurement = None
     for k in range(first, first + steps):
-        command = controller.step(k * DT, measurement, see(k * DT))
-        measurement = wheels.drive(command, (k + 1) * DT)
+        command = controller.step(k * DT, wheels.measured, see(k * DT))
+        wheels.measured = wheels.drive(command, (k + 1) * DT)
         if controller.ended:
             break
     return k
@@ -142,6 +146,89 @@ def test_it_does_not_wait_for_a_plan(silvermate):
     drive(controller, wheels, 3000, still(wall), first=k)
     assert controller.state is RunState.REACHED, controller.reason
     assert controller.replans == 1
+
+
+def evading(controller, motion_from):
+    """What the controller plans with: always a manoeuvre, by ``motion_from(state)``."""
+    planned = controller.planner.tick
+
+    def tick(now, scene, active, begin):
+        motion = motion_from(active.at(begin))
+        certificate = controller.planner.certify(motion, scene)
+        assert certificate.certified
+        result = planned(now, scene, active, begin)
+        controller.planner.off_strip = True
+        return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate)
+
+    return tick
+
+
+def replanned(controller):
+    return [e for e in controller.events if e.kind == "replanned"]
+
+
+def test_who_holds_still_for_what_moves_takes_its_plan(silvermate):
+    """A manoeuvre that stands still ends later every time: no end of it is to be waited for."""
+    later, wheels = Later(), Wheels(silvermate)
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    with Controller(silvermate, start, goal, Scene([WALKER]), workers=later) as controller:
+        limits = controller.limits
+        controller.plan_tick = evading(
+            controller, lambda state: stationary(silvermate, limits, state.coordinates, state.time, 1.0)
+        )
+        controller.replanner.pending = True
+        k = drive(controller, wheels, 30, still(WALKER)) + 1
+        assert len(later.jobs) == 1
+        later.work()
+        assert not controller.executor.at_rest(controller.time)
+        drive(controller, wheels, 20, still(WALKER), first=k)
+        assert len(replanned(controller)) == 1
+        assert controller.replans == 1
+
+
+def test_who_evades_takes_its_plan_from_wherever_it_is(silvermate):
+    """It will stand elsewhere than where the plan begins, and joins it; so it need not stand first."""
+    later, wheels = Later(), Wheels(silvermate)
+    start, goal = silvermate.home(), silvermate.home(x=4.0, y=1.0)
+    with Controller(silvermate, start, goal, Scene([WALKER]), workers=later) as controller:
+        limits, tick = controller.limits, controller.plan_tick
+        controller.plan_tick = evading(
+            controller,
+            lambda s: motion_to(silvermate, limits, s, np.array([0.3, 0.2]), part=0.8, duration=0.3, dt=0.02),
+        )
+        controller.replanner.pending = True
+        k = drive(controller, wheels, 60, still(WALKER)) + 1
+        later.work()
+        k = drive(controller, wheels, 10, still(WALKER), first=k) + 1
+        assert len(replanned(controller)) == 1
+        assert wheels.coordinates[0] > 0.1
+        assert controller.reference.v.any()
+        controller.plan_tick = tick
+        drive(controller, wheels, 2000, still(WALKER), first=k)
+        assert controller.state is RunState.REACHED, controller.reason
+        assert controller.replans == 1
+
+
+def test_who_brakes_on_the_way_to_where_a_plan_begins_plans_from_where_it_stands(silvermate):
+    later, wheels = Later(), Wheels(silvermate)
+    start, goal = silvermate.home(), silvermate.home(x=4.0)
+    with Controller(silvermate, start, goal, Scene([CRATE]), workers=later) as controller:
+        k = drive(controller, wheels, 100, still(CRATE)) + 1
+        controller.replanner.pending = True
+        k = drive(controller, wheels, 10, still(CRATE), first=k) + 1
+        later.work()
+        end = controller.executor.active.coordinates[-1].copy()
+        controller.executor.brake("for a test")
+        k = drive(controller, wheels, 100, still(CRATE), first=k) + 1
+        assert controller.executor.at_rest(controller.time)
+        assert wheels.coordinates[0] < end[0] - 0.02
+        assert not replanned(controller)
+        later.work()
+        k = drive(controller, wheels, 10, still(CRATE), first=k) + 1
+        assert len(replanned(controller)) == 1
+        assert controller.replans == 1, "what was planned from elsewhere does not count"
+        drive(controller, wheels, 2000, still(CRATE), first=k)
+        assert controller.state is RunState.REACHED, controller.reason
 
 
 def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -48,6 +51,44 @@ def test_another_side_is_taken_without_a_planner(replanner, silvermate, monkeypa
     assert Deformer(silvermate).certify(strip, closed).certified
     np.testing.assert_allclose(strip.q[0], here, atol=1e-9)
     assert replanner.count == 1
+
+
+def test_a_change_that_was_not_driven_is_offered_again(replanner, silvermate, monkeypatch):
+    start, goal = silvermate.home(), silvermate.home(x=6.0)
+    replanner.plan(HALL, start, goal)
+    monkeypatch.setattr(replanning_room, "plan_report", lambda *_, **__: pytest.fail("a planner was asked"))
+    closed = HALL.with_obstacle(BLOCK)
+    replanner.plan_anew(closed, silvermate.home(x=0.3), goal)
+    replanner.discard()
+    assert replanner.count == 0
+    here = silvermate.home(x=0.4, y=0.1)
+    strip, reason = replanner.plan_anew(closed, here, goal)
+    assert strip is not None
+    assert side(strip) == "right"
+    assert reason.startswith("switched from left of box to right of it")
+    np.testing.assert_allclose(strip.q[0], here, atol=1e-9)
+
+
+def test_others_are_planned_beside_the_drive_and_not_before_it(replanner, silvermate):
+    start, goal = silvermate.home(), silvermate.home(x=6.0)
+    report = replanner.plan(HALL, start, goal)
+    right = Box((0.3, 1.3, 1.4), at=(3.0, -1.15, 0.7), name="right-block")
+    strip, _ = replanner.plan_anew(HALL.with_obstacle(BLOCK).with_obstacle(right), start, goal)
+    assert strip is not None
+    assert len(replanner.family) == 0
+    asked = []
+
+    def submit(fn, *arguments):
+        asked.append(fn)
+        done = Future()
+        done.set_result(fn(*arguments))
+        return done
+
+    replanner.submit = submit
+    result = SimpleNamespace(accepted=True, reason="", report=report.report)
+    replanner.watch(0.0, result, HALL, at_rest=False)
+    assert len(asked) == 1
+    assert len(replanner.family) == 2
 
 
 def test_where_none_is_left_a_planner_is_asked(replanner, silvermate):

@@ -174,6 +174,11 @@ class PathService(Replanner):
         self.trouble = "" if strip is not None else reason
         return strip, reason
 
+    def discard(self) -> None:
+        """The last path is not used; see :meth:`Replanner.discard`."""
+        super().discard()
+        self.attempts -= 1
+
 
 def deliberate(
     robot: RobotModel,
