@@ -24,8 +24,8 @@ class Machine:
     Args:
         robot: that they are of.
         ended: file that is written when the driver is closed.
-        wrong: from when to when [s], after it set off, a call fails: ``measure`` and ``send`` raise, ``nan`` measures
-            what is no number.
+        wrong: from when [s], after it set off, how many calls fail: ``measure`` and ``send`` raise, ``nan`` measures
+            what is no number. A busy machine leaves out periods, but none of these.
         fixes: whether it is localized, while it drives straight on.
     """
 
@@ -33,7 +33,7 @@ class Machine:
         self,
         robot: RobotModel,
         ended: Path,
-        wrong: Mapping[str, tuple[float, float]] | None = None,
+        wrong: Mapping[str, tuple[float, int]] | None = None,
         *,
         fixes: bool = False,
     ) -> None:
@@ -47,8 +47,11 @@ class Machine:
         self.contact = self.emergency = ""
 
     def fails(self, what: str, t: float) -> bool:
-        begin, end = self.wrong.get(what, (np.inf, np.inf))
-        return self.moves is not None and begin <= t - self.moves < end
+        begin, left = self.wrong.get(what, (np.inf, 0))
+        if self.moves is None or left == 0 or t - self.moves < begin:
+            return False
+        self.wrong[what] = begin, left - 1
+        return True
 
     def measure(self, t: float) -> Measurement:
         if not (self.command.stop or self.emergency):

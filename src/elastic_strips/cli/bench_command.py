@@ -19,6 +19,7 @@ from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
 from elastic_strips.sim.bench.reach import bench_mbm
 from elastic_strips.sim.bench.realtime import bench_realtime
 from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
+from elastic_strips.sim.bench.settle import bench_settle
 from elastic_strips.sim.bench.trials import KINDS, bench_trials
 from elastic_strips.sim.computing import Computing
 from elastic_strips.sim.reach_problems import MBM_ROBOTS
@@ -391,6 +392,29 @@ def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_fil
         _row(what, f"{100 * some['reached']:.2f} %, {_times(some['ms'])}")
     if figures["position_m"] is not None:
         _row("at most off by", f"{1e3 * figures['position_m']:.3f} mm, {1e3 * figures['angle_rad']:.3f} mrad")
+    _write(json_file, figures)
+
+
+@bench.command(short_help="What a planned strip loses and gains on its way to rest.")
+@options.robot_option("silvermate")
+@_seeds(100, "Number of problems.")
+@click.option("--scenario", default="corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
+@_json_runs
+def settle(robot: str, seeds: int, scenario: str, json_file: str | None) -> None:
+    """Settle the planned strip of many seeds: clearance before and after, ticks, and the energy's rises."""
+    model = load_robot(robot)
+    with options.LateProgress("settling", seeds) as bar:
+        figures = bench_settle(model, scenario, seeds, bar.step)
+    click.echo(f"{figures['robot']} ({figures['base']}), {scenario}, {figures['strips']} strips")
+    _row("certified", f"{100 * figures['certified']:.1f} %")
+    _row("at rest", f"{100 * figures['at_rest']:.1f} %, {100 * figures['at_rest_soon']:.1f} % within 60 ticks")
+    if figures["strips"]:
+        ticks, lost = figures["ticks"], figures["lost_m"]
+        _row("ticks", f"p50 {ticks['p50']:.0f}, p95 {ticks['p95']:.0f}, max {ticks['max']:.0f}")
+        _row("time", _times(figures["ms"]))
+        worse = f"more than 1 mm for {100 * figures['worse']:.1f} %"
+        _row("clearance lost", f"p95 {1e3 * lost['p95']:.2f}, max {1e3 * lost['max']:.2f} mm; {worse}")
+        _row("energy rose", f"by {figures['energy_rise']:.1e} of it in a tick at most")
     _write(json_file, figures)
 
 

@@ -133,6 +133,7 @@ class DriveParams(Checked):
         monitor: when what is assumed of robot and inputs counts as broken.
         evasion: how the robot gets out of the way of what moves, where anything does; None: it only brakes and waits.
         constraint: what the strip has to satisfy besides its goal.
+        backward: whether plans may lead straight backwards; not for robots that see only ahead of them.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
@@ -163,6 +164,7 @@ class DriveParams(Checked):
     monitor: MonitorParams = field(default_factory=MonitorParams)
     evasion: EvasionParams | None = field(default_factory=EvasionParams)
     constraint: OrientationConstraint | None = None
+    backward: bool = True
     control_dt: Positive = 0.01
     plan_every: Count = 5
     latency: Whole = 2

@@ -73,8 +73,9 @@ class Replanner:
             ConfigurationError: start or goal is not valid, or in collision.
         """
         return plan_report(
-            self.robot, standing(scene), start, goal, seed=self.seed, params=self.deform, path=path, grid=self.grid
-        )
+            self.robot, standing(scene), start, goal, seed=self.seed, params=self.deform, path=path, grid=self.grid,
+            backward=self.params.backward,
+        )  # fmt: skip
 
     def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
         """Check the strip of a tick.
@@ -128,7 +129,7 @@ class Replanner:
             try:
                 report = plan_report(
                     self.robot, around, start, goal, seed=self.seed + self.count, params=self.deform,
-                    timeout=_TIMEOUT / len(widths), line=False, grid=self.grid,
+                    timeout=_TIMEOUT / len(widths), line=False, grid=self.grid, backward=self.params.backward,
                 )  # fmt: skip
             except ElasticStripsError as error:
                 reason = f"failed: {error}"

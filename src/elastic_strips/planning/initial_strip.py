@@ -25,7 +25,9 @@ from .problem import Deadline, PlanningProblem
 _TURN = 0.35  # largest turn in place between two nodes [rad]
 
 
-def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: float, most: int | None = None) -> Array:
+def straight_line(
+    robot: RobotModel, start: Array, goal: Array, *, spacing: float, most: int | None = None, backward: bool = True
+) -> Array:
     """Rows (N, nv) of the straight line from ``start`` to ``goal`` (configurations (nq,)).
 
     A differential drive turns in place towards the goal, drives straight (backwards where that turns less),
@@ -36,12 +38,13 @@ def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: floa
         start, goal: configurations (nq,).
         spacing: largest distance between the base poses of neighbouring nodes [m].
         most: rows at most, at least 4; with fewer than it takes, they are further apart.
+        backward: whether it may drive backwards.
     """
     space = robot.space
     a, b = space.to_coordinates(start), space.to_coordinates(goal)
     offset = space.difference(a[None], b[None])[0]
     if robot.base_kind is BaseKind.DIFF_DRIVE and np.hypot(*(b[:2] - a[:2])) > 1e-9:
-        rows = _turn_drive_turn(robot, a, b, offset, spacing, most)
+        rows = _turn_drive_turn(robot, a, b, offset, spacing, most, backward)
     else:
         reach = np.abs(offset) * np.where(np.arange(space.nv) < space.base_nv, 1.0, 0.4)
         if space.planar:
@@ -57,14 +60,16 @@ def straight_line(robot: RobotModel, start: Array, goal: Array, *, spacing: floa
     return rows
 
 
-def _turn_drive_turn(robot: RobotModel, a: Array, b: Array, offset: Array, spacing: float, most: int | None) -> Array:
+def _turn_drive_turn(
+    robot: RobotModel, a: Array, b: Array, offset: Array, spacing: float, most: int | None, may_back: bool
+) -> Array:
     drive = b[:2] - a[:2]
     length = float(np.hypot(*drive))
     heading = float(np.arctan2(drive[1], drive[0]))
     forward = abs(float(wrap_angle(np.array(heading - a[2])))) + abs(float(wrap_angle(np.array(b[2] - heading))))
     back = float(wrap_angle(np.array(heading + np.pi)))
     backward = abs(float(wrap_angle(np.array(back - a[2])))) + abs(float(wrap_angle(np.array(b[2] - back))))
-    drive_yaw = heading if forward <= backward + 0.5 else back
+    drive_yaw = heading if forward <= backward + 0.5 or not may_back else back
     turn_in = float(wrap_angle(np.array(drive_yaw - a[2])))
     turn_out = float(wrap_angle(np.array(b[2] - drive_yaw)))
     n_in = int(np.ceil(abs(turn_in) / _TURN - 1e-9))
@@ -253,8 +258,9 @@ def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, st
 def line_strip(problem: PlanningProblem) -> Strip:
     """The straight line as a strip."""
     rows = straight_line(
-        problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes
-    )
+        problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes,
+        backward=problem.backward,
+    )  # fmt: skip
     return Strip.from_coordinates(problem.robot, rows, ends=problem.endpoints)
 
 

@@ -110,6 +110,7 @@ def plan_report(
     line: bool = True,
     path: npt.ArrayLike | None = None,
     grid: bool = True,
+    backward: bool = True,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
     """Plan an initial strip, or several that pass the obstacles on different sides, and report how it went.
@@ -135,6 +136,8 @@ def plan_report(
         line: whether to try the straight line at all.
         path: what to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
         grid: whether to try what :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
+        backward: whether a differential drive may go the straight line backwards, where it turns less then. Paths over
+            the grid always go forwards; those of OMPL, the last resort, may back up.
         watch: called with every tick's report.
 
     Raises:
@@ -154,15 +157,16 @@ def plan_report(
             left = max(deadline.left, _LEAST_SHARE) / min(_IN_TURNS, len(goals) - k)
             report = plan_report(
                 robot, scene, start, q, count=count, seed=seed, params=params, timeout=left, bounds=bounds,
-                deformer=deformer, line=line, path=path, grid=grid, watch=watch,
+                deformer=deformer, line=line, path=path, grid=grid, backward=backward, watch=watch,
             )  # fmt: skip
             if report.certified or deadline.over():
                 break
         return replace(report, reason=f"{report.reason}; to configuration {k + 1} of {len(goals)} of the goal")
     configuration = cast("npt.ArrayLike", goal)
     problem = PlanningProblem(
-        robot, scene, start, configuration, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout
-    )
+        robot, scene, start, configuration, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout,
+        backward=backward,
+    )  # fmt: skip
     if count > 1:
         return _several(problem, count, line, path, grid, watch)
     search = _Search(problem, watch)

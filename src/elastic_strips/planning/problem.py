@@ -78,6 +78,7 @@ class PlanningProblem:
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave, or None.
         seed: of random numbers.
         timeout: longest time for everything [s].
+        backward: whether the straight line may be driven backwards.
 
     Attributes:
         endpoints: (2, nq) start and goal.
@@ -100,9 +101,10 @@ class PlanningProblem:
     def __init__(
         self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *,
         params: DeformParams | None = None, deformer: Deformer | None = None, bounds: npt.ArrayLike | None = None,
-        seed: int = 0, timeout: float = 10.0,
+        seed: int = 0, timeout: float = 10.0, backward: bool = True,
     ) -> None:  # fmt: skip
         self.seed: int = check_count("seed", seed)
+        self.backward: bool = backward
         number = isinstance(timeout, (int, float, np.integer, np.floating)) and not isinstance(timeout, bool)
         if not number or not timeout > 0:
             raise ParameterError(f"timeout={timeout!r} must be a number > 0 of seconds")

@@ -43,6 +43,7 @@ class StripSetParams(Checked):
             than this [rad]: the robot has passed where they part.
         plan_every: a planner is called at most once in so many ticks; 0 calls none.
         timeout: of a planner's call within a tick [s].
+        backward: whether a straight line may be driven backwards.
     """
 
     count: Count = 3
@@ -52,6 +53,7 @@ class StripSetParams(Checked):
     divergence_angle: NonNegative = 1.8
     plan_every: Whole = 50
     timeout: Positive = 0.5
+    backward: bool = True
 
 
 class _Member:
@@ -345,8 +347,9 @@ class StripSet:
             keep = self._unlike(keep, events)
         try:
             problem = PlanningProblem(
-                robot, scene, start, self.goal, deformer=self._planner, seed=self.seed + self._calls, timeout=timeout
-            )
+                robot, scene, start, self.goal, deformer=self._planner, seed=self.seed + self._calls, timeout=timeout,
+                backward=self.params.backward,
+            )  # fmt: skip
             found = AlternativesSearch(
                 problem, max(self.params.count - len(keep), 1), without=[m.homotopy_class for m in keep],
                 clusters=clusters, ompl_attempts=1 if keep else 3,

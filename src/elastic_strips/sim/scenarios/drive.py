@@ -215,13 +215,13 @@ def _planned_with(
         deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
         params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
         if sensors is not None:
-            params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE)
+            params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE, backward=sensors.all_round)
     seen = None
     if sensors is not None:
         seen = SensorPerception(problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed)
     replanner = None
     if alternatives > 1:
-        family = StripSetParams(count=alternatives)
+        family = StripSetParams(count=alternatives, backward=params.backward)
         replanner = SwitchingReplanner(problem.robot, params, seed=problem.seed, grid=True, family=family)
     return params, seen, replanner
 

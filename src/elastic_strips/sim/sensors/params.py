@@ -20,6 +20,7 @@ _Range = Annotated[float, Bound(low=0.0, high=1e3, unit="m")]
 _Rate = Annotated[float, Bound(low=1e-3, high=1.0 / _SHORTEST_PERIOD, unit="Hz")]
 _Latency = Annotated[float, Bound(low=0.0, high=10.0, unit="s")]
 _Noise = Annotated[float, Bound(low=0.0, high=10.0, unit="m")]
+_ALL_ROUND = math.radians(300.0)
 _Turn = Annotated[float, Bound(low=0.0, high=2.0 * math.pi + 1e-9, unit="rad")]
 _RightAngle = Annotated[float, Bound(low=0.0, high=0.5 * math.pi, unit="rad")]
 
@@ -193,6 +194,11 @@ class SensorConfig:
     def names(self) -> tuple[str, ...]:
         """Names of the sensors."""
         return tuple(s.name for s in self.sensors)
+
+    @property
+    def all_round(self) -> bool:
+        """Whether some sensor looks behind the robot: a ring, or a laser that sees nearly all around."""
+        return any(isinstance(s, RingParams) or s.field_of_view > _ALL_ROUND for s in self.sensors)
 
     def only(self, *names: str) -> SensorConfig:
         """These sensors alone.
