@@ -271,6 +271,19 @@ def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
     assert all(run["certified"] or run["reason"] for run in figures["runs"])
 
 
+def test_bench_settle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A settled strip is certified and no nearer to anything; scenarios whose ends a robot cannot take are left out."""
+    figures = _bench(tmp_path, "settle", "--seeds", "3")
+    assert figures["strips"] == len(figures["runs"]) == 3
+    assert figures["certified"] == 1.0
+    assert figures["energy_rise"] == 0.0
+    for run in figures["runs"]:
+        assert run["clearance_after_m"] > run["clearance_before_m"] - 0.005
+    assert "clearance lost" in capsys.readouterr().out
+    assert call("bench", "settle", "--seeds", "1", "--robot", "bridge-arm", "--scenario", "clutter") == 0
+    assert "0 strips" in capsys.readouterr().out
+
+
 def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
     """The robot has no link for the laser: wrong input, and no table of failures."""
     assert (

@@ -11,7 +11,8 @@ from brute_force import random_configurations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastic_strips.planning import straight_line
+from elastic_strips.planning import plan_report, straight_line
+from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 
 SPACING = 0.15
@@ -56,6 +57,18 @@ def test_it_backs_up_where_that_turns_less(silvermate):
     rows = rows_of(silvermate, silvermate.home(), silvermate.home(x=-2.0))
     np.testing.assert_allclose(rows[:, 2], 0.0, atol=1e-12)
     assert (np.diff(rows[:, 0]) < 0).all()
+
+
+def test_who_does_not_look_back_turns_instead(silvermate):
+    start, goal = silvermate.home(), silvermate.home(x=-2.0)
+    rows = straight_line(silvermate, start, goal, spacing=SPACING, backward=False)
+    drives = np.abs(np.diff(rows[:, 0])) > 1e-9
+    np.testing.assert_allclose(np.cos(rows[1:][drives, 2]), -1.0, atol=1e-12)
+    for backward, sign in ((False, 1.0), (True, -1.0)):
+        report = plan_report(silvermate, Scene([]), start, goal, backward=backward)
+        assert report.certified
+        nodes = report.strip.coordinates
+        assert (sign * silvermate.space.difference(nodes[:-1], nodes[1:])[:, 0] > -1e-9).all()
 
 
 def test_turning_in_place_stays_in_place(silvermate):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,20 @@ def test_the_laser_is_all_that_the_planner_knows(silvermate):
     assert (outcome.sensors, outcome.unseen) == (("laser",), ())
     assert outcome.separation is not None
     assert outcome.separation > 0.0
+
+
+def test_who_sees_ahead_only_does_not_drive_backwards(silvermate):
+    """The goal is behind the robot, and so is a pillar that its laser does not see from the start."""
+    pillar = Box((0.4, 0.4, 1.5), at=(-1.5, 0.3, 0.75), name="pillar")
+    behind = replace(scenario(pillar), goal=PoseSpec(-3.0, 0.0, 0.0))
+    outcome = drive_scenario(behind, robot=silvermate, sensors=LASER, time_limit=40.0)
+    assert outcome.reached, outcome.result.reason
+    assert not outcome.evaluation.contacts
+    drive = outcome.result.record.control
+    beside = np.abs(drive.coordinates[:, 0] + 1.5) < 0.4
+    assert (drive.v[beside, 0] > 0.0).all(), "it has turned before it is there"
+    assert make_simulation(behind, robot=silvermate).params.backward
+    assert make_simulation(behind, robot=silvermate, sensors=SensorConfig()).params.backward, "sonars look behind"
 
 
 def test_what_hangs_above_the_laser_is_told_apart(silvermate):
