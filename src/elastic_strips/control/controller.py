@@ -467,9 +467,10 @@ class Controller(ControlLoop[Scene]):
         end = executor.active.coordinates[-1]
         stands = not (self.reference.v.any() or self._apart(self.reference.coordinates, end))
         beside = False
-        if self._replan_task is not None and self._replan_task.done() and self._apart(self._replan_from, end):
-            beside = self.planner.off_strip
-            if not beside:  # it braked
+        if self._replan_task is not None and self._replan_task.done():
+            apart = self._apart(self._replan_from, end)
+            beside = self.planner.off_strip and (apart or not stands)
+            if apart and not beside:  # it braked
                 self._replan_task = None
                 replanner.discard()
         if self._replan_task is None and t >= replanner.due:

@@ -10,6 +10,7 @@ from elastic_strips.robot.space import wrap_angle
 
 _SEARCHED = 24
 _CROWDED = 0.05
+_THERE = 1e-3  # [m] from a node, within which a base is at it
 _DETOUR = 1.5
 _LEAST_JOIN, _MOST_JOIN = 0.8, 3.0  # distance along the strip from the nearest node to where it is joined [m]
 _JOIN_STEP = 0.15
@@ -73,7 +74,7 @@ def reconnect(
     target = coordinates[node]
     path = target[:2] - here[:2]
     length = float(np.hypot(*path))
-    rows = here[None] if length < _CROWDED else _bend(here, target, path, length)
+    rows = here[None] if length < _THERE else _bend(here, target, path, length)
     source = np.concatenate((np.full(len(rows), -1), np.arange(node, len(coordinates)))).astype(np.intp)
     return np.vstack([rows, coordinates[node:]]), source
 

@@ -28,6 +28,8 @@ from .progress import trim_passed
 
 _SPACING = 0.04
 """Spacing [m] of nodes that are taken over from the active trajectory."""
+_NOWHERE = 1e-3
+"""A motion of which no coordinate [m or rad] ends further than this from its beginning leads nowhere."""
 _SHARES = (0.5, 1.0)
 """Parts of the active trajectory that are followed first, where the strip bends too sharply."""
 
@@ -185,8 +187,12 @@ class StripTimer:
             self._attempt_took = self.pace.reading() - began
             watch.lap("motion certificate")
             if certificate.certified:
+                arrives = self._ends_at(motion, coordinates[-1])
+                if not (arrives or start.v.any()) and self._stays(motion):
+                    reason = "the motion along the strip leads nowhere"
+                    return result(PlanOutcome.NONE)
                 self._failures, reason = 0, ""
-                return result(PlanOutcome.ARRIVE if self._ends_at(motion, coordinates[-1]) else PlanOutcome.FOLLOW)
+                return result(PlanOutcome.ARRIVE if arrives else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
         return result(PlanOutcome.NONE)
 
@@ -246,6 +252,11 @@ class StripTimer:
         period = ((params.motion_every + 1) * self.pace.every + self.pace.periods) * params.control_dt
         v = min(speed_now + change * period, max(speed * top, speed_now))
         return v * period + v * v / (2.0 * change) + 0.02
+
+    def _stays(self, motion: Trajectory) -> bool:
+        """Whether a motion ends where it begins; there would be another like it for ever."""
+        way = self.robot.space.difference(motion.coordinates[0], motion.coordinates[-1])
+        return float(np.abs(way).max(initial=0.0)) < _NOWHERE
 
     def _ends_at(self, motion: Trajectory, goal: Array) -> bool:
         v = self.robot.space.difference(motion.coordinates[-1], goal)

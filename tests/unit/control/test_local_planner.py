@@ -65,6 +65,32 @@ def test_a_certified_motion_is_followed_for_two_ticks(silvermate, obstacles):
     assert np.all(np.diff(speeds) >= -1e-6)  # it gathers speed and keeps it
 
 
+@pytest.mark.parametrize("aside", [1e-4, 0.004, 0.03, 0.045, 0.2])
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 3.0])
+def test_who_has_left_the_strip_at_its_end_still_arrives(silvermate, aside, yaw):
+    """Beside the goal by less than nodes are apart: wheels cannot go there sideways, and have to turn, and back up."""
+    ride = Ride(silvermate, Scene([WALKER]))
+    row = silvermate.space.to_coordinates(silvermate.home(x=4.0, y=aside, yaw=yaw))
+    ride.active = stationary(silvermate, ride.planner.limits, row, 0.0, 0.01)
+    ride.planner.off_strip = True
+    outcomes = []
+    while PlanOutcome.ARRIVE not in outcomes and len(outcomes) < 300:
+        outcomes.append(ride.tick().outcome)
+    assert outcomes[-1] is PlanOutcome.ARRIVE
+
+
+def test_a_motion_that_leads_nowhere_is_none(silvermate):
+    """A strip of one segment that the wheels cannot follow: there is something to be planned anew."""
+    ride = Ride(silvermate, Scene([PILLAR]))
+    here, goal = silvermate.home(x=4.0, y=0.04), silvermate.home(x=4.0)
+    rows = silvermate.space.to_coordinates(np.stack((here, goal)))
+    ride.planner.take(Strip.from_coordinates(silvermate, rows))
+    ride.active = stationary(silvermate, ride.planner.limits, rows[0], 0.0, 0.01)
+    result = ride.tick()
+    assert result.outcome is PlanOutcome.NONE
+    assert result.reason == "the motion along the strip leads nowhere"
+
+
 def moved(scene: Scene, name: str, by: tuple[float, float, float]) -> Scene:
     pose = scene.obstacle(name).pose.copy()
     pose[:3, 3] += by
