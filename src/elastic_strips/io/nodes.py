@@ -29,6 +29,7 @@ MAX_YAML_BYTES = 50_000_000
 MAX_JSON_BYTES = 20_000_000
 MAX_NODES = 2_000_000
 MAX_DEPTH = 32
+_TOO_DEEP = f"the values are nested more than {MAX_DEPTH} deep"
 
 T = TypeVar("T")
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -254,8 +255,11 @@ def parse_yaml(text: str, source: Source) -> Node:
         return Node(_data(yaml.parse(text, Loader=_LOADER), source), "", source)
     except yaml.MarkedYAMLError as problem:
         mark = problem.problem_mark or problem.context_mark
+        line = None if mark is None else mark.line + 1
+        if "nesting depth" in str(problem.problem):  # the parser reads ahead, and newer ones have a bound of their own
+            source.fail(_TOO_DEEP, line)
         said = ", ".join(s for s in (problem.context, problem.problem) if s)
-        source.fail(f"not valid YAML: {said}", None if mark is None else mark.line + 1)
+        source.fail(f"not valid YAML: {said}", line)
     except yaml.YAMLError as problem:  # characters that YAML forbids
         source.fail(f"not valid YAML: {' '.join(str(problem).split())}")
 
@@ -314,7 +318,7 @@ def _data(events: Iterable[object], source: Source) -> object:
         if isinstance(value, (list, dict)):
             stack.append(_Collection(value, key))
             if len(stack) > MAX_DEPTH:
-                source.fail(f"the values are nested more than {MAX_DEPTH} deep", event.start_mark.line + 1)
+                source.fail(_TOO_DEEP, event.start_mark.line + 1)
     if not root:
         source.fail("the file is empty")
     return root[0]
