@@ -151,9 +151,9 @@ class Checker:
         self._of = [self._used.index(piece.joint) for piece in robot.geometries]
         self._walks = 0
 
-    def take(self, scene: Scene, clearance: float, self_clearance: float) -> None:
-        """Build the world of grown shapes, once for what was certified and once for what counts as truly free."""
-        self.worlds = [self._world(scene, clearance + d, self_clearance + d) for d in (-_SOUND, FREE)]
+    def take(self, scene: Scene, clearance: float, self_clearance: float, *, free: float = FREE) -> None:
+        """Build the world of grown shapes: of what was certified, and of what counts as free, ``free`` [m] more."""
+        self.worlds = [self._world(scene, clearance + d, self_clearance + d) for d in (-_SOUND, free)]
         self.still = [obj.placement.copy() for obj in self.worlds[0].model.geometryObjects]
 
     def _world(self, scene: Scene, clearance: float, self_clearance: float) -> _World:

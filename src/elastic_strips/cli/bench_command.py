@@ -15,6 +15,7 @@ from elastic_strips.sim.bench import bench_plan, bench_replan, bench_tick
 from elastic_strips.sim.bench.drive import bench_disturb, bench_drive, bench_reaction, bench_soak
 from elastic_strips.sim.bench.inverse_kinematics import bench_inverse_kinematics
 from elastic_strips.sim.bench.measure import Figures
+from elastic_strips.sim.bench.peers import REQUIREMENTS, bench_peers
 from elastic_strips.sim.bench.problems import bench_bridge, bench_problems
 from elastic_strips.sim.bench.reach import bench_mbm
 from elastic_strips.sim.bench.realtime import bench_realtime
@@ -392,6 +393,48 @@ def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_fil
         _row(what, f"{100 * some['reached']:.2f} %, {_times(some['ms'])}")
     if figures["position_m"] is not None:
         _row("at most off by", f"{1e3 * figures['position_m']:.3f} mm, {1e3 * figures['angle_rad']:.3f} mrad")
+    _write(json_file, figures)
+
+
+@bench.command(short_help="Other planners on the same problems.")
+@options.robot_option("tiago")
+@_seeds(20, "Number of problems.")
+@click.option("--scenario", default="corridor", show_default=True, metavar="NAME", help="A seeded scenario.")
+@click.option(
+    "--peer", "peers", multiple=True, type=click.Choice(tuple(REQUIREMENTS)), help="Only this one; may be given again."
+)
+@click.option(
+    "--environments", default="peers", show_default=True, metavar="DIR", type=click.Path(file_okay=False),
+    help="Where each peer gets a virtual environment of its own, by pip.",
+)  # fmt: skip
+@click.option("--timeout", type=options.Finite(0.01, 600), default=10.0, show_default=True, help="For each path [s].")
+@_json_runs
+def peers(
+    robot: str, seeds: int, scenario: str, peers: tuple[str, ...], environments: str, timeout: float,
+    json_file: str | None,
+) -> None:  # fmt: skip
+    """First paths, and paths again after an obstacle was pushed 35 mm into them: here, and by other planners.
+
+    The robot's base may go sideways, since the others know no wheels. Their paths are certified here."""
+    model = load_robot(robot, base="omni")
+    with options.LateProgress("planning") as bar:
+        figures = bench_peers(
+            model, seeds, bar.step, scenario=scenario, peers=peers or tuple(REQUIREMENTS), environments=environments,
+            timeout=timeout,
+        )  # fmt: skip
+    click.echo(f"{figures['robot']} ({figures['base']}), {seeds} problems of {scenario}")
+    for name, row in figures["planners"].items():
+        if "skipped" in row:
+            click.echo(f"{name}: skipped: {row['skipped']}")
+            continue
+        click.echo(f"{name} {row.get('version', '')} {row.get('planner', '')}".rstrip())
+        for what, part in (("first", row["first"]), ("again", row["again"])):
+            jump = part["jump_m"]["p50"]
+            _row(
+                what,
+                f"{part['solved']} of {part['count']}: {_times(part['ms'])}; {part['certified']} certified, "
+                f"{part['touching']} touch{'' if jump is None else f'; jump p50 {jump:.2f} m'}",
+            )
     _write(json_file, figures)
 
 

@@ -102,7 +102,7 @@ def prove(
     rows = np.array(coordinates, dtype=float)
     header: dict[str, Any] = {
         "format": checker.FORMAT, "version": checker.VERSION, "clearance": clearance, "self_clearance": self_clearance,
-        "robot": _robot_part(robot), "scene": [_shape_part(*piece, SceneError) for piece in _pieces(scene)],
+        "robot": robot_statement(robot), "scene": scene_statement(scene),
     }  # fmt: skip
     try:
         work = _Work(robot, scene, header, rows, clearance, self_clearance)
@@ -243,7 +243,12 @@ class _Work:
         return out
 
 
-def _robot_part(robot: RobotModel) -> Document:
+def robot_statement(robot: RobotModel) -> Document:
+    """A robot in plain numbers, as proofs state it: its tree of joints, its convex bodies and the pairs of them.
+
+    Raises:
+        RobotError: a shape that proofs do not know.
+    """
     tree, space, bodies = robot.tree, robot.space, BodySet.links(robot)
     circular = np.zeros(space.nv, dtype=bool)
     circular[space.base_nv :] = space.circular
@@ -267,6 +272,15 @@ def _robot_part(robot: RobotModel) -> Document:
         ],
         "pairs": np.asarray(robot.self_pairs).reshape(-1, 2).tolist(),
     }  # fmt: skip
+
+
+def scene_statement(scene: Scene) -> list[Document]:
+    """A scene's convex pieces in plain numbers, as proofs state them.
+
+    Raises:
+        SceneError: a shape that proofs do not know.
+    """
+    return [_shape_part(*piece, SceneError) for piece in _pieces(scene)]
 
 
 def _pieces(scene: Scene) -> Iterator[tuple[str, coal.CollisionGeometry, Array, Array]]:

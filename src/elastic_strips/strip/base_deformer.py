@@ -293,29 +293,28 @@ class BaseDeformer(ABC, Generic[R]):
         timings: dict[str, float] = {}
         seconds, queries, ticks = 0.0, 0, 0
         last: R | None = None
-        descends = until == "rest"
-        if descends:
-            self._begin(strip, scene)
-        while True:
-            self._descends = descends
-            try:
+        self._descends = until == "rest"
+        try:
+            if self._descends:
+                self._begin(strip, scene)
+            while True:
                 report = self.step(strip, scene, detail=detail)
-            finally:
-                self._descends = False
-            strip, ticks = report.strip, ticks + 1
-            seconds += report.seconds
-            queries += report.queries
-            for phase, value in report.timings.items():
-                timings[phase] = timings.get(phase, 0.0) + value
-            if watch is not None:
-                watch(report)
-            done = until(report) if callable(until) else until == "certified" and report.usable
-            last = report if last is None else self._with_former(report, last)
-            if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
-                return settled_report(last, ticks, timings, seconds, queries)
+                strip, ticks = report.strip, ticks + 1
+                seconds += report.seconds
+                queries += report.queries
+                for phase, value in report.timings.items():
+                    timings[phase] = timings.get(phase, 0.0) + value
+                if watch is not None:
+                    watch(report)
+                done = until(report) if callable(until) else until == "certified" and report.usable
+                last = report if last is None else self._with_former(report, last)
+                if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
+                    return settled_report(last, ticks, timings, seconds, queries)
+        finally:
+            self._descends = False
 
     def _begin(self, strip: Strip, scene: Scene) -> None:
-        """What ``settle`` does before its first tick."""
+        """What ``settle`` does before its first tick on the way to rest."""
 
     def _with_former(self, report: R, former: R) -> R:
         """A tick's report in ``settle``, with what it is to have of all ticks before."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.collision import Certificate, ProtectiveHulls
-from elastic_strips.collision.strip_certificate import protective_hulls
+from elastic_strips.collision.strip_certificate import coordinate_clearance, protective_hulls
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -20,6 +20,7 @@ from .forces import (
     add_elastic,
     add_joint_limits,
     add_obstacle_repulsion,
+    add_pieces,
     add_posture,
     add_self_repulsion,
     add_stretch,
@@ -35,9 +36,12 @@ _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bou
 _SPARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
 _NEEDED_FOR = 8  # rounds of maintenance in which no node is removed again, where removing cost the certificate
 _HALVINGS, _SAME = 8, 1e-9  # of a step that raises the energy in ``settle``, and by how much it may for rounding
-_BOLD = 0.3  # of the damping, in ``settle``: what a step may not do there is seen before it is done
+_BOLD = 0.02  # of the damping, in ``settle``: what a step may not do there is seen before it is done
 _STRETCH, _TAUT = 20.0, 0.75  # gain of segments beyond this part of ``max_spacing``, in ``settle``
 _FIRM, _ROOM = 250.0, 0.004  # gain of the stiff layer in ``settle``, and what it adds [m] for the way between two nodes
+_FLAT, _SLIGHT = 10, 5e-4  # at rest in ``settle``: so many ticks that lower the energy by less than this part of it
+_LOSS = 1e-3  # what a strip may lose of its clearance [m] in ``settle``
+_FELT = 0.98  # part of the influence distance up to which clearance is kept in ``settle``
 _SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
 
 
@@ -97,6 +101,10 @@ class Deformer(BaseDeformer[DeformReport]):
         self._scene: Scene | None = None
         self._trust = 1.0
         self._floor = 0.0  # clearance [m] that ``settle`` began with
+        self._kept = 0.0  # clearance [m] that ``settle`` keeps between nodes, too
+        self._dips = False  # whether it is not kept yet
+        self._pieces = np.ones(0)  # (N−1,) into how many ``settle`` has divided each segment
+        self._fallen: list[float] = []  # energies in ``settle`` since nodes came
         self._needed = 0  # rounds of maintenance that remove no node
         self._detail = False  # whether forces are wanted for the report
 
@@ -174,9 +182,26 @@ class Deformer(BaseDeformer[DeformReport]):
     # the parts of a tick
 
     def _begin(self, strip: Strip, scene: Scene) -> None:
-        """What lies between the strip and the obstacles must not become less: the stiff layer is that thick."""
+        """What lies between the strip and the obstacles must not become less: the stiff layer at the nodes is that
+        thick, and where the strip comes nearer between two of them, another is put in."""
         self._load(strip, scene)
-        self._floor = max(self.workspace.obstacles.least_clearance(), 0.0) + _ROOM
+        work = self.workspace
+        self._floor = max(work.obstacles.least_clearance(), 0.0) + _ROOM
+        has = coordinate_clearance(self.robot, work.coordinates, scene, tolerance=_LOSS / 5.0)
+        self._kept = min(has, _FELT * self.params.influence) - _LOSS
+        self._pieces = np.ones(len(strip) - 1)
+        self._fallen = []
+
+    def _nearer(self, scene: Scene) -> Mask:
+        """(N−1,) segments on which the strip may be nearer to obstacles than ``settle`` is to keep."""
+        params, work = self.params, self.workspace
+        if self._kept <= params.clearance:
+            return np.zeros(len(work.coordinates) - 1, dtype=bool)
+        v = self.robot.space.difference(work.coordinates[:-1], work.coordinates[1:])
+        found = work.certifier.certify(
+            work.kin, v, clearance=self._kept, self_clearance=params.self_clearance, scene=scene
+        )
+        return ~found.segments
 
     def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> bool:
         """Whether the strip has a certificate that must not be lost; ``known`` says that it is the last report's."""
@@ -239,7 +264,9 @@ class Deformer(BaseDeformer[DeformReport]):
         add_elastic(system, space, v, self._stiffness)
         near, k_near = params.near, params.k_near
         if self._descends:
-            add_stretch(system, space, v, self.spacing_weight, stiffness=_STRETCH, length=_TAUT * params.max_spacing)
+            add_pieces(system, space, v, self._stiffness, self._pieces**1.5)
+            taut = _TAUT * params.max_spacing
+            add_stretch(system, space, v, self.spacing_weight, stiffness=_STRETCH, length=taut)
             near, k_near = max(near, self._floor), max(k_near, _FIRM)
         near = min(near, params.influence)
         add_obstacle_repulsion(system, kin, obstacles, k_r=params.k_r, k_near=k_near, near=near)
@@ -314,15 +341,21 @@ class Deformer(BaseDeformer[DeformReport]):
         params, space, work = self.params, self.robot.space, self.workspace
         self._needed = max(self._needed - 1, 0)
         proven = _is_proven(result)
-        removes = self._needed == 0 or not proven
+        removes = not self._descends and (self._needed == 0 or not proven)  # who goes would be needed again
         spacing = node_spacing(space, work.coordinates, self.spacing_weight)
+        split = None if work.prediction else ~result.certificate.segments  # what moves on will be gone
+        self._dips = False
+        if split is not None and self._descends:
+            nearer = self._nearer(scene)
+            self._dips = bool(nearer.any())
+            split |= nearer
         edit = resample(
             space,
             work.coordinates,
             spacing,
             max_spacing=params.max_spacing,
             min_spacing=params.min_spacing if removes else 0.0,
-            split=None if work.prediction else ~result.certificate.segments,  # what moves on will be gone
+            split=split,
             spare=self._spare(spacing) if removes and proven else None,
             max_nodes=params.max_nodes,
         )
@@ -333,6 +366,10 @@ class Deformer(BaseDeformer[DeformReport]):
         coordinates, source = edit
         if self._rolling:  # a removed node joins two arcs into one that must be drivable again
             coordinates, slip = project_rolling(space, coordinates)
+        if self._descends:
+            old = np.maximum.accumulate(source)[:-1]  # which segment each was a part of
+            self._fallen = []
+            self._pieces = (self._pieces * np.bincount(old, minlength=len(self._pieces)))[old]
         work.edit(coordinates, source, scene)
         edited = replace(result, certificate=work.certify(scene), slip=slip)
         if proven and not _is_proven(edited):  # the removed nodes were needed
@@ -353,6 +390,11 @@ class Deformer(BaseDeformer[DeformReport]):
         spare[1:-1] = close & (np.minimum(np.minimum(free[:-2], free[2:]), free[1:-1]) > joined)
         return spare
 
+    def _flat(self, energy: float) -> bool:
+        """Whether the energy has all but ceased to fall: where obstacles' faces meet, steps go to and fro for long."""
+        self._fallen.append(energy)
+        return len(self._fallen) > _FLAT and self._fallen[-1 - _FLAT] - energy < _SLIGHT * energy
+
     def _hulls(self) -> ProtectiveHulls:
         work, cap = self.workspace, self.params.influence
         points = self.robot.control_point_set
@@ -364,6 +406,8 @@ class Deformer(BaseDeformer[DeformReport]):
     def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> DeformReport:
         hulls = self._hulls() if detail else None
         rest, wide = result.moved < self.params.rest_step, ""
+        if self._descends:
+            rest = not self._dips and (rest or self._flat(sum(result.energies.values())))
         if rest:
             coordinates = self.workspace.coordinates
             spacing = float(node_spacing(self.robot.space, coordinates, self.spacing_weight).max())

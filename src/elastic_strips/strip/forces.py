@@ -59,8 +59,30 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
     system.energies["elastic"] = energy
 
 
+def add_pieces(system: System, space: ConfigurationSpace, v: Array, weight: Array, pieces: Array) -> None:
+    """What springs lack that are pieces of one: the half of a spring is twice as stiff.
+
+    So a node that is put in changes no force and no energy, and stays where it was put; as one more of equal springs it
+    would be drawn away, and be put in again.
+
+    Args:
+        system, space, v, weight: as for :func:`add_elastic`, which has been called.
+        pieces: (N−1,) into how many each segment's spring was divided.
+    """
+    for j in np.flatnonzero(pieces > 1.0).tolist():
+        more = (pieces[j] - 1.0) * weight
+        system.energies["elastic"] += 0.5 * float((more * v[j] * v[j]).sum())
+        _add_segment(system, space, j, v[j], more, more)
+
+
 def add_stretch(
-    system: System, space: ConfigurationSpace, v: Array, weight: Array, *, stiffness: float, length: float
+    system: System,
+    space: ConfigurationSpace,
+    v: Array,
+    weight: Array,
+    *,
+    stiffness: float,
+    length: float | Array,
 ) -> None:
     """Springs of segments that are longer than they should be: V = ¼ k Σ_j (s_j² − s²)₊² / s², s_j² = v_jᵀ diag(w) v_j.
 
@@ -69,11 +91,12 @@ def add_stretch(
     Args:
         system, space, v: as for :func:`add_elastic`.
         weight: (nv,) metric of the spacing.
-        stiffness: k; length: s [m].
+        stiffness: k; length: s [m], or (N−1,) of each segment.
     """
-    over = (v * v) @ weight / length**2 - 1.0
+    over = (v * v) @ weight / np.square(length) - 1.0
     long = np.flatnonzero(over > 0.0)
-    system.energies["stretch"] = 0.25 * stiffness * length**2 * float((over[long] ** 2).sum())
+    taut = np.broadcast_to(length, over.shape)[long]
+    system.energies["stretch"] = 0.25 * stiffness * float((taut**2 * over[long] ** 2).sum())
     for j in long.tolist():
         pull, stiff = stiffness * over[j] * weight, stiffness * (3.0 * over[j] + 2.0) * weight
         _add_segment(system, space, j, v[j], pull, stiff)

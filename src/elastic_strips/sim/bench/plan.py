@@ -115,12 +115,12 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: fl
         deformer, looker = Deformer(robot), Deformer(robot)
         strip = deformer.settle(report.strip, scene, max_ticks=10).strip
         for push in range(_PUSHES):
-            moved = _push_nearest(looker, strip, scene, into)
+            moved = push_nearest(looker, strip, scene, into)
             if moved is None:
                 break
             scene = moved
             before = strip
-            seconds, ticks, last = _recover(deformer, strip, scene, _MAX_TICKS if into is None else PATIENCE)
+            seconds, ticks, last = recover(deformer, strip, scene, _MAX_TICKS if into is None else PATIENCE)
             strip, certified, reason, anew = last.strip, last.certified, last.reason, False
             if into is not None and not certified:
                 plan = plan_report(robot, scene, strip.q[0], strip.q[-1], seed=seed, deformer=Deformer(robot))
@@ -158,7 +158,7 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: fl
     }
 
 
-def _recover(deformer: Deformer, strip: Strip, scene: Scene, most: int) -> tuple[float, int, DeformReport]:
+def recover(deformer: Deformer, strip: Strip, scene: Scene, most: int) -> tuple[float, int, DeformReport]:
     seconds = 0.0
     for tick in range(1, most + 1):
         report = deformer.step(strip, scene)
@@ -169,7 +169,7 @@ def _recover(deformer: Deformer, strip: Strip, scene: Scene, most: int) -> tuple
     return seconds, most, report
 
 
-def _push_nearest(looker: Deformer, strip: Strip, scene: Scene, into: float | None) -> Scene | None:
+def push_nearest(looker: Deformer, strip: Strip, scene: Scene, into: float | None) -> Scene | None:
     """The scene with the obstacle nearest to a strip moved towards it, or ``into`` it [m]; None where none is near."""
     looker.assess(strip, scene)
     contacts = looker.workspace.obstacles.contacts()

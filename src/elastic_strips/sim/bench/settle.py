@@ -57,7 +57,12 @@ def bench_settle(robot: RobotModel, scenario: str, seeds: int, step: Note = sile
             min(float(strip_clearance(strip, problem.scene)), deformer.params.influence - _UNFELT)
             for strip in (plan.strip, report.strip)
         )
-        rises = [(b[0] - a[0]) / max(a[0], 1e-9) for a, b in pairwise(energies) if a[1] == b[1]]
+        # a tick's energy is that of the nodes it found, which the tick before had left
+        found = [len(plan.strip), *(count for _, count in energies)]
+        rises = [
+            (b[0] - a[0]) / max(a[0], 1e-9)
+            for (a, b), (one, two) in zip(pairwise(energies), pairwise(found), strict=False) if one == two
+        ]  # fmt: skip
         runs.append(
             {
                 "seed": seed,
