@@ -210,3 +210,22 @@ def standing_boxes(
     far: float,
     out: Array,
 ) -> None: ...
+def travel_at(knots: Array, coefficients: Array, edges: Array, weights: Array | None, s: Array, out: Array) -> None: ...
+def lead_base(
+    yaw: Array,
+    twist: Array,
+    shape: Array,
+    rate: Array,
+    target: Array,
+    width: float,
+    lever: float,
+    rolling: bool,
+    largest: float,
+    near: float,
+    stalled: float,
+    iterations: int,
+    weights: Array,
+) -> None: ...
+def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array, start: float, x: Array) -> bool: ...
+def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float, part: float, x: Array) -> None: ...
+def used_limits(time: Array, y: Array, v: Array, a: Array, speed: Array, acceleration: Array, most: Array) -> None: ...

@@ -13,6 +13,7 @@
 #include "certificate.hpp"
 #include "lookahead.hpp"
 #include "system.hpp"
+#include "timing.hpp"
 #include "validity.hpp"
 
 namespace nb = nanobind;
@@ -456,6 +457,38 @@ void bind_lookahead(nb::module_& m) {
            });
 }
 
+void bind_timing(nb::module_& m) {
+  unlocked(
+      m, "travel_at", [](Reals knots, Reals coefficients, Reals edges, MaybeReals weights, Reals s, Same<double> out) {
+        const Travel curve{knots.data(),     coefficients.data(), edges.data(), weights ? weights->data() : nullptr,
+                           knots.size() - 1, edges.size() - 1,    out.shape(2)};
+        double* y = out.data();
+        travel_at(curve, s.data(), s.size(), y, y + out.size() / 3, y + 2 * (out.size() / 3));
+      });
+  unlocked(m, "lead_base",
+           [](Reals yaw, Reals twist, Reals shape, Reals rate, Reals target, double width, double lever, bool rolling,
+              double largest, double near, double stalled, int iterations, Same<double> weights) {
+             const Windows windows{yaw.data(),   twist.data(), shape.data(), rate.data(), target.data(),
+                                   yaw.shape(0), yaw.shape(1), width,        lever,       rolling};
+             lead_base(windows, largest, near, stalled, iterations, weights.data());
+           });
+  unlocked(m, "fastest",
+           [](Reals grid, Reals y1, Reals y2, Reals bound, Reals acceleration, double start, Same<double> x) {
+             const Grid view{grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
+             return fastest(view, bound.data(), start, x.data());
+           });
+  unlocked(m, "braked",
+           [](Reals grid, Reals y1, Reals y2, Reals acceleration, double start, double part, Same<double> x) {
+             const Grid view{grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
+             braked(view, start, part, x.data());
+           });
+  unlocked(m, "used_limits",
+           [](Reals time, Reals y, Reals v, Reals a, Reals speed, Reals acceleration, Same<double> most) {
+             used_limits(time.data(), y.data(), v.data(), a.data(), time.size(), speed.size(), speed.data(),
+                         acceleration.data(), most.data());
+           });
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -468,4 +501,5 @@ NB_MODULE(_native, m) {
   bind_system(m);
   bind_validity(m);
   bind_lookahead(m);
+  bind_timing(m);
 }

@@ -6,6 +6,7 @@ the wheels' travel, one set for every half metre, lead it back.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import ElasticStripsError
+from elastic_strips.native import kernel
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.space import ConfigurationSpace
 from elastic_strips.summary import Summary
@@ -193,6 +195,10 @@ class Curve:
 
     def __call__(self, s: Array) -> tuple[Array, Array, Array]:
         """y, y′ and y″ (G, m) at ``s`` (G,)."""
+        if (native := kernel()) is not None:
+            out = np.empty((3, len(s), self.coefficients.shape[2]))
+            native.travel_at(self.knots, self.coefficients, self.edges, self.weights, s, out)
+            return out[0], out[1], out[2]
         i = np.searchsorted(self.knots[1:-1], s, side="right")
         x = (s - self.knots[i])[:, None]
         c0, c1, c2, c3 = self.coefficients[:, i]
@@ -215,6 +221,7 @@ _LARGEST = 0.1  # largest shape, as a part of its window's length: more would sw
 _NEAR = 1e-6  # distance from the strip that counts as none [m]
 _ITERATIONS = 6
 _STALLED = 0.9  # of the best so far: what is left has no room in any window
+_TIE = 1.0 + 1e-9  # the later of two that miss as much: the worst window may have no room, and others may
 _PANELS = 12  # of the integral over a window
 
 # Shapes to use, as (body's x, y or yaw; step, bump or odd bump). A step in yaw would turn all windows behind it.
@@ -242,13 +249,42 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
     start, k = line.coordinates[0], limits.drive_dim
     target = line.pose(space, edges[1:])[:, :2]
     points, value, rate = _gauss()
-    part = np.full(len(points), 1.0 / len(points))
     y, y1, _ = curve((edges[:-1, None] + width * points).ravel())
     yaw = start[2] + limits.to_twist(y[:, :k])[:, 2].reshape(count, -1)
     twist = limits.to_twist(y1[:, :k]).reshape(count, -1, 3)
     lever = 0.5 * limits.track if k == 2 else _LEVER
-    parts = _ROLLING if k == 2 else _SLIDING
-    weights = np.zeros((count, SHAPES, 3))  # of travel in the body's x and y, and of lever × yaw [m]
+    best = np.zeros((count, SHAPES, 3))  # of travel in the body's x and y, and of lever × yaw [m]
+    if (native := kernel()) is not None:
+        native.lead_base(
+            yaw, twist, value, rate, target - start[:2], width, lever, k == 2, _LARGEST, _NEAR, _STALLED, _ITERATIONS,
+            best,
+        )  # fmt: skip
+    else:
+        best = _lead_base(yaw, twist, target - start[:2], width, lever, _ROLLING if k == 2 else _SLIDING)
+    if not best.any():
+        return curve
+    drive = np.zeros((count, SHAPES, y.shape[1]))
+    drive[..., :k] = limits.to_drive(best / [1.0, 1.0, lever])
+    return replace(curve, edges=edges, weights=drive)
+
+
+def _lead_base(
+    yaw: Array, twist: Array, target: Array, width: float, lever: float, parts: Sequence[tuple[int, int]]
+) -> Array:
+    """Weights (W, SHAPES, 3) that bring the base to ``target`` (W, 2) from where it starts; the twin of `lead_base`.
+
+    Args:
+        yaw: (W, Q) at the points of the windows.
+        twist: (W, Q, 3) per length there.
+        target: see above.
+        width: length of a window.
+        lever: that makes a yaw a travel [m/rad].
+        parts: shapes to use.
+    """
+    _, value, rate = _gauss()
+    part = np.full(len(value), 1.0 / len(value))
+    count = len(target)
+    weights = np.zeros((count, SHAPES, 3))
     full = np.zeros(count, dtype=bool)
     best, least = weights, np.inf
     for iteration in range(_ITERATIONS):
@@ -257,10 +293,10 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
         vy = twist[..., 1] + weights[:, :, 1] @ rate.T / width
         cos, sin = np.cos(angle), np.sin(angle)
         px, py = cos * vx - sin * vy, sin * vx + cos * vy  # the base's motion per length
-        miss = target - start[:2] - width * np.cumsum(np.stack([px @ part, py @ part], axis=1), axis=0)
+        miss = target - width * np.cumsum(np.stack([px @ part, py @ part], axis=1), axis=0)
         worst = float(np.abs(miss).max())
         stalled = iteration > 1 and worst > _STALLED * least
-        if worst < least:
+        if worst < _TIE * least:
             best, least = weights, worst
         if worst < _NEAR or stalled or iteration == _ITERATIONS - 1:
             break
@@ -279,11 +315,7 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
         size = np.abs(weights).max(axis=(1, 2)) / (_LARGEST * width)
         full = size > 1.0
         weights[full] /= size[full, None, None]
-    if not best.any():
-        return curve
-    drive = np.zeros((count, SHAPES, y.shape[1]))
-    drive[..., :k] = limits.to_drive(best / [1.0, 1.0, lever])
-    return replace(curve, edges=edges, weights=drive)
+    return best
 
 
 @cache

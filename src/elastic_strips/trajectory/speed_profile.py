@@ -1,4 +1,8 @@
-"""Speed profiles: the fastest motion along a path that keeps every limit (TOPP-RA), by toppra's linear programs."""
+"""Speed profiles: the fastest motion along a path that keeps every limit (TOPP-RA).
+
+The twin solves the linear programs by toppra. They have two variables, and rest is always allowed: natively Newton's
+steps along their rows do.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,15 @@ from functools import cache
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.native import kernel
 from elastic_strips.work import count_work
 
 TOLERANCE = 1e-3
 """Part of a limit by which a sample may exceed it."""
+
+_LIMITS = (
+    "speed", "speed between samples", "acceleration", "change of velocity", "acceleration between samples",
+)  # fmt: skip
 
 _RATES = np.array([1e-9, -1.0])  # of (acceleration, squared speed): the largest squared speed
 
@@ -108,6 +117,9 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
         The profile, or None where there is none: it cannot stop in time, or its start is too fast for the bends.
     """
     count_work(batches=1)
+    if (native := kernel()) is not None:
+        x = np.empty(len(grid))
+        return Profile.of(grid, x) if native.fastest(grid, y1, y2, bound, acceleration, start, x) else None
     # the solver's tolerances are absolute: a path of unit length, in a unit of time in which y′ stays as it is
     scale = float(grid[-1])
     step = (grid[1:] - grid[:-1]) / scale
@@ -142,6 +154,10 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
 
 def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float, part: float) -> Array:
     """(G,) squared path speeds that fall from ``start`` with a part of the hardest braking there is; from 0 on, 0."""
+    if (native := kernel()) is not None:
+        x = np.empty(len(grid))
+        native.braked(grid, y1, y2, acceleration, start, part, x)
+        return x
     h = grid[1:] - grid[:-1]
     room, slope = rate_bounds(*_rows(h, y1 / acceleration, y2 / acceleration))
     x = np.zeros(len(grid))
@@ -175,17 +191,28 @@ def rate_bounds(a: Array, b: Array) -> tuple[Array, Array]:
 
 def broken_limit(time: Array, y: Array, v: Array, a: Array, speed: Array, acceleration: Array) -> str:
     """Which limit samples (M, m) break, by their own rates or by those of their differences; empty where none."""
-    h = np.diff(time)[:, None]
-    mean, change = np.diff(y, axis=0) / h, np.diff(v, axis=0) / h
-    bend = 2.0 * np.diff(mean, axis=0) / (h[1:] + h[:-1])
-    worst = [
-        ("speed", float((np.abs(v).max(axis=0) / speed).max())),
-        ("speed between samples", float((np.abs(mean).max(axis=0) / speed).max())),
-        ("acceleration", float((np.abs(a).max(axis=0) / acceleration).max())),
-        ("change of velocity", float((np.abs(change).max(axis=0) / acceleration).max())),
-        ("acceleration between samples", float((np.abs(bend) / acceleration).max(initial=0.0))),
-    ]
-    for what, value in worst:
+    if (native := kernel()) is not None:
+        most = np.empty(len(_LIMITS))
+        native.used_limits(time, y, v, a, speed, acceleration, most)
+    else:
+        most = _used_limits(time, y, v, a, speed, acceleration)
+    for what, value in zip(_LIMITS, most.tolist(), strict=True):
         if not value <= 1.0 + TOLERANCE:  # so that a value that is not a number is caught too
             return f"the {what} would be {value:.4f} of its limit"
     return ""
+
+
+def _used_limits(time: Array, y: Array, v: Array, a: Array, speed: Array, acceleration: Array) -> Array:
+    """The largest part that samples use of each of `_LIMITS`."""
+    h = np.diff(time)[:, None]
+    mean, change = np.diff(y, axis=0) / h, np.diff(v, axis=0) / h
+    bend = 2.0 * np.diff(mean, axis=0) / (h[1:] + h[:-1])
+    return np.array(
+        [
+            (np.abs(v).max(axis=0) / speed).max(),
+            (np.abs(mean).max(axis=0) / speed).max(),
+            (np.abs(a).max(axis=0) / acceleration).max(),
+            (np.abs(change).max(axis=0) / acceleration).max(),
+            (np.abs(bend) / acceleration).max(initial=0.0),
+        ]
+    )
