@@ -162,12 +162,21 @@ double PairSolver::ask(const Block& block, coal::CollisionObject& probe) {
   block.tree.distance(&probe, &callback);
   result_ = callback.data.result;
   if (result_.min_distance > 0.0) return result_.min_distance;
-  // the tree stops at the first box that penetrates; the deepest one is wanted
+  // The tree stops at the first box that penetrates; the deepest one is wanted. None is deeper than its bounds and the
+  // probe's overlap, so those that overlap most come first.
+  using Member = std::pair<double, coal::CollisionObject*>;
+  std::vector<Member> members;
+  for (const auto& member : block.members) {
+    const coal::AABB &a = member->getAABB(), &b = probe.getAABB();
+    members.emplace_back((a.max_ - b.min_).cwiseMin(b.max_ - a.min_).minCoeff(), member.get());
+  }
+  std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) { return a.first > b.first; });
   coal::DistanceResult deepest;
   double least = INFINITY;
-  for (const auto& member : block.members) {
+  for (const auto& [overlap, member] : members) {
+    if (least <= -overlap) break;
     result_.clear();
-    coal::distance(member.get(), &probe, deep_, result_);
+    coal::distance(member, &probe, deep_, result_);
     if (result_.min_distance < least) {
       least = result_.min_distance;
       deepest = result_;

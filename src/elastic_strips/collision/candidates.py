@@ -103,9 +103,11 @@ class CandidateParts:
 
     def covered(self, low: Array, high: Array) -> Mask:
         """(M,) whether each box (M, 3) lies in one of the boxes that the nodes may use."""
-        above = np.all(low[:, None] >= self.cover_low[None], axis=2)
-        below = np.all(high[:, None] <= self.cover_high[None], axis=2)
-        return np.asarray(np.any(above & below, axis=1), dtype=bool)
+        inside = np.ones((len(low), len(self.cover_low)), dtype=bool)
+        for k in range(3):
+            inside &= low[:, k, None] >= self.cover_low[:, k]
+            inside &= high[:, k, None] <= self.cover_high[:, k]
+        return np.asarray(inside.any(axis=1), dtype=bool)
 
     def follow(self, scene: Scene) -> Indices | None:
         """Move to another snapshot of the same obstacles.

@@ -95,8 +95,12 @@ class ObstacleProximity:
         take, new = rows_from(source), source < 0
         self.moving.remap(take)
         self._cover = np.where(new, -1, self._cover[take])
-        for name in ("_coordinates", "_ends", "margin", "_frames", "bound", "exact", "direction", "witness", "_since"):
+        for name in ("_coordinates", "_ends", "margin", "_frames", "bound", "exact", "_since"):
             setattr(self, name, getattr(self, name)[take])
+        if isinstance(take, slice):
+            self.direction, self.witness = self.direction[take], self.witness[take]
+        else:
+            self._take_contacts(take, None)
         self.bound[new] = -_FAR
         self._since[new] = _FAR
         self._coordinates[new] = np.nan
@@ -147,20 +151,21 @@ class ObstacleProximity:
             return
         if columns is None:
             moving.begin(prediction, candidates)
-            for array, unknown in ((self.bound, -_FAR), (self.exact, np.inf), (self._since, _FAR)):
-                array[:, :, moving.columns] = unknown
+            self._mark(moving.columns, -_FAR, _FAR)
         else:
             before, former = moving.prediction, moving.columns
             moved = moving.advance(prediction, candidates, columns)
             if moved is not None:
                 at, travel, uncertainty = moved
-                self.bound[:, :, at] -= (travel + uncertainty)[:, None, :]
-                self._since[:, :, at] += (travel + np.abs(uncertainty))[:, None, :]
+                nearer, since = np.zeros((2, len(travel), 1, self.bound.shape[2]))  # whole rows: no gaps in between
+                nearer[:, 0, at], since[:, 0, at] = travel + uncertainty, travel + np.abs(uncertainty)
+                self.bound -= nearer
+                self._since += since
             if before is not None and before.ignored.any():  # nothing is known of these
-                self._mark(before.ignored, former, -_FAR, _FAR)
+                self._mark(before.ignored[:, None, None] & former, -_FAR, _FAR)
         self._limit[:] = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
         if moving.prediction is not None and moving.prediction.ignored.any():
-            self._mark(moving.prediction.ignored, moving.columns, _FAR, 0.0)
+            self._mark(moving.prediction.ignored[:, None, None] & moving.columns, _FAR, 0.0)
 
     def _share(self) -> None:
         """Show the native kernel the arrays."""
@@ -171,9 +176,10 @@ class ObstacleProximity:
                 self.bound, self._since, self.exact, self.direction, self.witness, self._limit
             )
 
-    def _mark(self, nodes: Mask, columns: Mask, bound: float, since: float) -> None:
-        at = np.ix_(nodes, np.ones(len(self.bodies), dtype=bool), columns)
-        self.bound[at], self.exact[at], self._since[at] = bound, np.inf, since
+    def _mark(self, where: Mask, bound: float, since: float) -> None:
+        """Set what is known of pairs of a mask that broadcasts to (N, G, P)."""
+        for array, value in ((self.bound, bound), (self.exact, np.inf), (self._since, since)):
+            np.copyto(array, value, where=where)
 
     def _boxes(self, ends: Array) -> tuple[Array, Array]:
         """Boxes (M, 3) that hold all bodies at configurations with these capsule ends (M, G, 2, 3)."""
@@ -270,15 +276,19 @@ class ObstacleProximity:
             self.bound, self._since, self.exact = (
                 a.take(source, axis=2) for a in (self.bound, self._since, self.exact)
             )
-            node, body, part = nonzero(self.exact < np.inf)
-            direction, witness = self.direction, self.witness
-            self.direction, self.witness = np.zeros((2, *self.exact.shape, 3))
-            self.direction[node, body, part] = direction[node, body, source[part]]
-            self.witness[node, body, part] = witness[node, body, source[part]]
+            self._take_contacts(None, source)
         new = np.flatnonzero(~known)
         self.bound[:, :, new], self._since[:, :, new], self.exact[:, :, new] = -_FAR, _FAR, np.inf
         self._limit = np.full(len(candidates), self.tolerance)
         self._share()
+
+    def _take_contacts(self, nodes: Indices | None, parts: Indices | None) -> None:
+        """Directions and witness points of nodes, or parts, that were these: only where a distance is known."""
+        node, body, part = nonzero(self.exact < np.inf)
+        at = (node if nodes is None else nodes[node], body, part if parts is None else parts[part])
+        direction, witness = self.direction, self.witness
+        self.direction, self.witness = np.zeros((2, *self.exact.shape, 3))
+        self.direction[node, body, part], self.witness[node, body, part] = direction[at], witness[at]
 
     def _drift(self, kin: Kinematics, ends: Array, moved: Indices) -> None:
         """Lower the bounds of moved nodes by how far any point of each body can have moved."""

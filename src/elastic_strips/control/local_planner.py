@@ -253,14 +253,16 @@ class LocalPlanner:
         else:
             began = self.pace.reading()
             maintained = self._ticks % params.maintain_every == 0 and not stuck
-            report = self.deformer.step(strip, scene, prediction=prediction, nodes=maintained)
+            report = self.deformer.step(strip, scene, prediction=prediction, nodes=maintained, retry=False)
             self._step_took = self.pace.reading() - began
             self._broken = 0 if report.certified else self._broken + 1
         if before is not None and before.certified and not self.off_strip:
             for _ in range(params.recover_iterations):
                 if report.certified or not self.pace.has(self._step_took, waits=True):
                     break
-                report = self.deformer.step(report.strip, scene, prediction=prediction, nodes=prediction is None)
+                report = self.deformer.step(
+                    report.strip, scene, prediction=prediction, nodes=prediction is None, retry=False
+                )
         self.strip, self.report = report.strip, report
         watch.lap("deform")
         return report

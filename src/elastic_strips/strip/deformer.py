@@ -107,6 +107,7 @@ class Deformer(BaseDeformer[DeformReport]):
         self._fallen: list[float] = []  # energies in ``settle`` since nodes came
         self._needed = 0  # rounds of maintenance that remove no node
         self._detail = False  # whether forces are wanted for the report
+        self._retries = True  # whether half a step is tried
 
     def keep_clearance(self, clearance: float, self_clearance: float | None = None) -> None:
         """Keep another clearance [m] to obstacles from now on, and another one of the robot's own links if given.
@@ -125,6 +126,7 @@ class Deformer(BaseDeformer[DeformReport]):
         budget: float | None = None,
         detail: bool = False,
         nodes: bool = True,
+        retry: bool = True,
         prediction: NodePredictor | None = None,
     ) -> DeformReport:
         """One control tick: deform the strip away from the obstacles and certify it.
@@ -136,6 +138,8 @@ class Deformer(BaseDeformer[DeformReport]):
                 None makes exactly one iteration. Nodes are not resampled in a tick whose budget is already spent.
             detail: whether to add forces and protective hulls to the report, to look at.
             nodes: whether nodes may be inserted and removed.
+            retry: whether half a step is tried where a full one would lose the certificate; else the strip stays, and
+                the next tick's step is the shorter one.
             prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
 
         Raises:
@@ -144,7 +148,7 @@ class Deformer(BaseDeformer[DeformReport]):
         """
         work = self.workspace
         already, known = work.queries, work.holds(strip)
-        self._detail = detail
+        self._detail, self._retries = detail, retry
         self._load(strip, scene, prediction, budget=budget, to_move=True)
         self._proven = self._to_keep(strip, scene, known)
         result = self._iterations(scene, budget)
@@ -326,6 +330,8 @@ class Deformer(BaseDeformer[DeformReport]):
             self._trust = 1.0
             work.replace(coordinates, scene)  # the obstacle came too near: the full step leads away
             return full
+        if not self._retries:
+            return replace(full, certificate=stays, slip=0.0)
         half, slip = space.integrate(before, 0.5 * space.difference(before, coordinates)), 0.0
         if self._rolling:
             half, slip = project_rolling(space, half)
