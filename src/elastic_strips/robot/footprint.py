@@ -131,8 +131,14 @@ class PlanarFootprint:
 
     def reach(self, low: float = -np.inf, high: float = np.inf) -> float:
         """Radius [m] about the base's origin of a disc that holds the boxes between two heights [m]."""
-        at = (self.low <= high) & (self.high >= low)
-        return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
+        return float(self.reaches(np.array([low]), np.array([high]))[0])
+
+    def reaches(self, low: Array, high: Array) -> Array:
+        """(M,) such radii [m] for several pairs of heights (M,) [m]."""
+        middle, half, lowest, highest = self.boxes()
+        corner = np.abs(middle) + half
+        at = (lowest <= high[:, None]) & (highest >= low[:, None])
+        return np.where(at, np.hypot(corner[:, 0], corner[:, 1]), 0.0).max(axis=1, initial=0.0)
 
     def outlines(self) -> Array:
         """How far [m] each body reaches from the base's origin: (bodies, DIRECTIONS + 2) all around, up, and down."""
