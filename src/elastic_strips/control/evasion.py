@@ -90,7 +90,7 @@ _ROOM_STEP = 0.1
 """Step [s] at which the way to that place is looked at."""
 _STANDING = 0.25
 """Time [s] for which that place is to stay free."""
-_FEW = 12
+_FEW = 8
 """So many of the shortlist are compared with what stands at a time."""
 _GAIN = 0.1
 """Gain of cost [s] for which a robot in motion, or at risk, leaves the strip."""
@@ -259,9 +259,12 @@ class EvasivePlanner:
         if not len(targets):
             return
         pose = self._rolling.poses(start, targets, horizon=params.horizon)
-        cost = self._risk(pose) + self._to_go(pose[:, -1])
+        cost = self._to_go(pose[:, -1])
         if last is not None:  # a bonus for the present manoeuvre
             cost[(np.abs(targets.first - last) < 1e-9).all(axis=1)] -= _STEADY
+        able = cost < better  # risk only adds to it
+        targets, pose, cost = targets.take(able), pose[able], cost[able]
+        cost += self._risk(pose)
         best = np.argsort(cost, kind="stable")[: params.shortlist]
         tried: set[int] = set()
         for i in self._in_order(pose, cost, best[cost[best] < better], better):
