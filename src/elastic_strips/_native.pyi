@@ -184,6 +184,17 @@ class Validity:
     def chart(self, row: Array, unit: Array) -> None: ...
     def motion_in_chart(self, a: Sequence[float], b: Sequence[float], step: float) -> bool: ...
 
+def roll_out(
+    start: Array,
+    speed: Array,
+    first: Array,
+    second: Array,
+    change: Array,
+    rate: Array,
+    twist: Array,
+    done: Indices,
+    pose: Array,
+) -> None: ...
 def near_discs(
     pose: Array, time: Array, discs: Array, size: Array, lookahead: float, far: float, out: Array
 ) -> None: ...

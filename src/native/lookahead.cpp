@@ -15,7 +15,43 @@ double box_distance(double x, double y, double a, double b) {
   return std::sqrt(right * right + up * up) + std::min(std::max(x, y), 0.0);
 }
 
+// A speed that has changed by at most `most` towards another.
+double nearer(double speed, double target, double most) {
+  return speed + std::min(std::max(target - speed, -most), most);
+}
+
 }  // namespace
+
+void roll_out(const Manoeuvres& m, std::size_t count, std::size_t steps, double* pose) {
+  for (std::size_t n = 0; n < count; ++n) {
+    const double *first = m.first + m.dim * n, *second = m.second + m.dim * n, *rate = m.rate + m.dim * n;
+    const auto done = static_cast<double>(m.done[n]);
+    double at[3] = {m.start[0], m.start[1], m.start[2]}, before[3], held[3];
+    std::copy_n(m.speed, m.dim, before);
+    for (std::size_t j = 0; j < m.dim; ++j) held[j] = nearer(m.speed[j], first[j], m.change[j] * done);
+    double angle = at[2], cos = std::cos(angle), sin = std::sin(angle);
+    for (std::size_t step = 1; step <= steps; ++step, pose += 3) {
+      const auto s = static_cast<double>(step);
+      double move[3] = {0.0, 0.0, 0.0};
+      for (std::size_t j = 0; j < m.dim; ++j) {
+        const double now = s <= done ? nearer(m.speed[j], first[j], m.change[j] * s)
+                                     : nearer(held[j], second[j], rate[j] * (s - done));
+        for (int i = 0; i < 3; ++i) move[i] += 0.5 * (now + before[j]) * m.twist[3 * j + i];
+        before[j] = now;
+      }
+      at[2] += move[2];
+      const double middle = at[2] - 0.5 * move[2];
+      if (middle != angle) {  // else it goes straight, or stands
+        angle = middle;
+        cos = std::cos(angle);
+        sin = std::sin(angle);
+      }
+      at[0] += cos * move[0] - sin * move[1];
+      at[1] += sin * move[0] + cos * move[1];
+      std::copy_n(at, 3, pose);
+    }
+  }
+}
 
 void near_discs(const Rollout& rollout, const Discs& discs, const double* size, double lookahead, double far) {
   for (std::size_t k = 0; k < rollout.count * rollout.steps; ++k) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 namespace strips {
 
@@ -11,6 +12,18 @@ struct Rollout {
   std::size_t count, steps;
   double* out;
 };
+
+// Manoeuvres (N) of a base at (x, y, yaw): its speeds (k) near their first targets (N, k) for `done` (N) steps, then
+// the second ones (N, k); by at most `change` (k) a step, then `rate` (N, k). `twist` (k, 3): how far each leads in a
+// step.
+struct Manoeuvres {
+  const double *start, *speed, *first, *second, *change, *rate, *twist;
+  const std::int64_t* done;
+  std::size_t dim;
+};
+
+// Poses (N, T, 3) after each of T steps.
+void roll_out(const Manoeuvres& m, std::size_t count, std::size_t steps, double* pose);
 
 // Discs (M, 8): x, y, their velocity, radius, low, high, mover; what their size grows by, (3, M): per second⁰, ¹ and ².
 struct Discs {

@@ -438,6 +438,13 @@ Rollout rollout_of(const Reals& pose, const Reals& time, Same<double>& out) {
 }
 
 void bind_lookahead(nb::module_& m) {
+  unlocked(m, "roll_out",
+           [](Reals start, Reals speed, Reals first, Reals second, Reals change, Reals rate, Reals twist, Numbers done,
+              Same<double> pose) {
+             const Manoeuvres view{start.data(), speed.data(), first.data(), second.data(), change.data(),
+                                   rate.data(),  twist.data(), done.data(),  speed.size()};
+             roll_out(view, pose.shape(0), pose.shape(1), pose.data());
+           });
   unlocked(m, "near_discs",
            [](Reals pose, Reals time, Reals discs, Reals size, double lookahead, double far, Same<double> out) {
              const Discs view{discs.data(), nullptr, discs.shape(0)};

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.collision import Forecast
 from elastic_strips.native import kernel
 from elastic_strips.robot import PlanarFootprint
 from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Scene
+from elastic_strips.scene.parts import Part
 from elastic_strips.work import count_work
 
 FAR = 3.0
 """Largest separation that is returned [m]."""
 _ROUND = ("Cylinder", "Sphere", "Capsule", "Cone")
 _LEAST_DISC = 0.12  # [m] radius of the smallest discs that cover the robot's boxes
+_PARTS = np.linspace(0.0, 1.0, 7)[:, None]  # of the horizon, at which moving pieces are looked at
 _LOW = 0.02  # [m] lower obstacles are driven over
 
 
@@ -39,36 +43,32 @@ class ObstacleLookahead:
         count_work(batches=1, obstacles=len(scene))
         self.body = footprint
         self._native = kernel()
-        table, mover = scene.table, np.full(len(scene), -1)
-        mover[forecast.obstacles] = np.arange(len(forecast))
-        mover = mover[table.obstacle_index]
+        table, number = scene.table, np.full(len(scene), -1)
+        number[forecast.obstacles] = np.arange(len(forecast))
+        mover = number[table.obstacle_index]
         turn, middle, half = table.rotation, table.center, table.local_half
-        round_parts = np.array([type(part.geometry).__name__ in _ROUND for part in table.parts], dtype=bool)
+        x, y = middle[:, 0], middle[:, 1]
         flat = np.minimum(np.hypot(half[:, 0], half[:, 1]), table.radius)
-        flat[round_parts] = half[round_parts, :2].max(axis=1)
+        flat = np.where(_round(table.parts), np.maximum(half[:, 0], half[:, 1]), flat)
         flat = np.where(np.abs(turn[:, 2, 2]) < 0.999, table.radius, flat)  # those lie or lean
         tall = (np.abs(turn[:, 2]) * half).sum(axis=1)
         low, high = middle[:, 2] - tall, middle[:, 2] + tall
         counts = (high >= _LOW) & (low <= footprint.high.max())
-        near = np.hypot(*(middle[:, :2] - centre).T) - flat < reach
+        near = np.hypot(x - centre[0], y - centre[1]) - flat < reach
         at = np.flatnonzero(counts & near & (mover < 0))
         yaw = np.arctan2(turn[at, 1, 0], turn[at, 0, 0])
-        self._boxes: Array = np.column_stack([middle[at, :2], half[at, :2], low[at], high[at], yaw])
+        self._boxes: Array = np.array([x[at], y[at], half[at, 0], half[at, 1], low[at], high[at], yaw]).T.copy()
         at = np.flatnonzero(counts & (mover >= 0))
-        velocity = forecast.velocity[mover[at], :2]
-        found = np.column_stack([middle[at, :2], velocity, flat[at], low[at], high[at], mover[at]])
-        t = np.linspace(0.0, horizon, 7)[:, None]
-        apart = np.hypot(found[:, 0] + found[:, 2] * t - centre[0], found[:, 1] + found[:, 3] * t - centre[1])
-        soon = (apart - found[:, 4] - reach * t / horizon).min(axis=0)
+        vx, vy = forecast.velocity[mover[at], :2].T
+        found = np.array([x[at], y[at], vx, vy, flat[at], low[at], high[at], mover[at]]).T
+        t = horizon * _PARTS
+        apart = np.hypot(found[:, 0] + vx * t - centre[0], found[:, 1] + vy * t - centre[1])
+        soon = (apart - found[:, 4] - reach * _PARTS).min(axis=0)
         order = np.argsort(soon, kind="stable")[:most]
-        self._discs = found[order[soon[order] < footprint.reach()]]
+        self._discs: Array = found[order[soon[order] < footprint.reach()]].copy()
         at = self._discs[:, 7].astype(int)
-        self._error = np.stack([forecast.offset[at], forecast.speed[at], 0.5 * forecast.acceleration[at]])
-        self._size = self._discs[:, 4] + [footprint.reach(*z) for z in self._discs[:, 5:7]]
-
-    def _boxes_of_robot(self) -> tuple[Array, Array, Array, Array]:
-        body = self.body
-        return body.middle, body.half, body.low, body.high
+        self._error: Array = np.array([forecast.offset[at], forecast.speed[at], 0.5 * forecast.acceleration[at]])
+        self._size: Array = self._discs[:, 4] + footprint.reaches(self._discs[:, 5], self._discs[:, 6])
 
     @property
     def movers(self) -> int:
@@ -115,7 +115,7 @@ class ObstacleLookahead:
             return result
         count_work(outlooks=len(self.body.low) * _pairs(pose, self._discs))
         if self._native is not None:
-            self._native.possible_discs(pose, time, self._discs, self._error, *self._boxes_of_robot(), far, result)
+            self._native.possible_discs(pose, time, self._discs, self._error, *self.body.boxes(), far, result)
             return result
         cos, sin = np.cos(pose[..., 2])[..., None], np.sin(pose[..., 2])[..., None]
         x, y, vx, vy, radius, low, high = self._discs[:, :7].T
@@ -140,7 +140,7 @@ class ObstacleLookahead:
         body = self.body
         count_work(outlooks=len(body.low) * _pairs(pose, self._boxes))
         if self._native is not None:
-            self._native.standing_boxes(pose, self._boxes, *self._boxes_of_robot(), _LEAST_DISC, far, result)
+            self._native.standing_boxes(pose, self._boxes, *self.body.boxes(), _LEAST_DISC, far, result)
             return result
         cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         for k in range(len(body.low)):
@@ -158,6 +158,12 @@ class ObstacleLookahead:
                 d = box_distance(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
                 np.minimum(result, d.min(axis=-1) - radius, out=result)
         return result
+
+
+@lru_cache(maxsize=4)
+def _round(parts: tuple[Part, ...]) -> Mask:
+    """(P,) which parts are round; scenes that differ in poses have the same."""
+    return np.array([type(part.geometry).__name__ in _ROUND for part in parts], dtype=bool)
 
 
 def _pairs(pose: Array, pieces: Array) -> int:

@@ -84,8 +84,9 @@ class PlanarFootprint:
             inside = (boxes[:, None, 0] >= boxes[None, :, 0]).all(axis=2)
             inside &= (boxes[:, None, 1] <= boxes[None, :, 1]).all(axis=2) & ~np.eye(len(index), dtype=bool)
             boxes = boxes[~(inside & ~(inside.T & (index[:, None] < index))).any(axis=1)]
-            middle, half = boxes.mean(axis=1)[:, :2], 0.5 * (boxes[:, 1] - boxes[:, 0])[:, :2]
-            self._boxes = middle, half, boxes[:, 0, 2], boxes[:, 1, 2]
+            middle, half = boxes.mean(axis=1)[:, :2].copy(), 0.5 * (boxes[:, 1, :2] - boxes[:, 0, :2])
+            self._corner = np.hypot(*(np.abs(middle) + half).T)  # radii about the base's origin that hold them
+            self._boxes = middle, half, boxes[:, 0, 2].copy(), boxes[:, 1, 2].copy()
         return self._boxes
 
     @property
@@ -132,7 +133,12 @@ class PlanarFootprint:
     def reach(self, low: float = -np.inf, high: float = np.inf) -> float:
         """Radius [m] about the base's origin of a disc that holds the boxes between two heights [m]."""
         at = (self.low <= high) & (self.high >= low)
-        return float(np.hypot(*(np.abs(self.middle[at]) + self.half[at]).T).max(initial=0.0))
+        return float(self._corner[at].max(initial=0.0))
+
+    def reaches(self, low: Array, high: Array) -> Array:
+        """(M,) such radii [m] for several pairs of heights (M,) [m]."""
+        at = (self.low <= high[:, None]) & (self.high >= low[:, None])
+        return np.where(at, self._corner, 0.0).max(axis=1, initial=0.0)
 
     def outlines(self) -> Array:
         """How far [m] each body reaches from the base's origin: (bodies, DIRECTIONS + 2) all around, up, and down."""

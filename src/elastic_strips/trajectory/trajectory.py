@@ -130,6 +130,12 @@ class Trajectory(Summary):
         a = self.a[i] + s * (self.a[i + 1] - self.a[i])
         return ReferenceState(float(t), coordinates, v, a)
 
+    def coordinates_at(self, times: Array) -> Array:
+        """(K, nv) coordinate rows of the references at times (K,) [s]; see :meth:`at`."""
+        i = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
+        s = np.clip((times - self.time[i]) / (self.time[i + 1] - self.time[i]), 0.0, 1.0)
+        return self.robot.space.integrate(self.coordinates[i], s[:, None] * self.steps[i])
+
     def tail(self, t: float) -> Trajectory:
         """What is left from time ``t`` [s] on, along the same arcs; the whole of it where ``t`` is before the start.
 

@@ -10,11 +10,12 @@ from drivable import limits_of, most_used
 
 from elastic_strips.collision import Forecast
 from elastic_strips.control import Controller, DriveParams
-from elastic_strips.control.evasion import EvasivePlanner, lattice, motion_to, roll_to_rest
+from elastic_strips.control.evasion import _LONGER, EvasivePlanner, motion_to
 from elastic_strips.control.lookahead import ObstacleLookahead
 from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
 from elastic_strips.control.prediction import predict
 from elastic_strips.control.progress import reconnect
+from elastic_strips.control.rollout import RollOuts, Targets, lattice
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.native import kernel, twin
 from elastic_strips.planning import straight_line
@@ -73,12 +74,94 @@ def test_rollouts_are_where_the_motions_are(jackal_box):
     limits = limits_for(jackal_box)
     start = some_state(jackal_box, limits, 1)
     kinds = lattice(limits).different
-    _, poses, rest = roll_to_rest(limits, start, kinds, np.full(len(kinds), 0.3), part=PART, dt=0.1)
+    _, poses, rest = RollOuts(limits, part=PART, dt=0.1).to_rest(start, kinds, np.full(len(kinds), 0.3))
     for target, pose, end in zip(kinds, poses, rest, strict=True):
         motion = motion_to(jackal_box, limits, start, target, part=PART, duration=0.3, dt=0.02)
         assert motion is not None
         assert motion.duration == pytest.approx(end, abs=0.03)
         np.testing.assert_allclose(pose[-1], motion.coordinates[-1], atol=0.05)
+
+
+def some_rollouts(rolling: RollOuts, limits: MotionLimits, start: ReferenceState) -> list[np.ndarray]:
+    """Of a whole lattice; of motions to rest, held for several times; and of one manoeuvre."""
+    targets = lattice(limits)
+    kinds = targets.different
+    time, pose, rest = rolling.to_rest(start, kinds, np.linspace(0.0, 1.3, len(kinds)))
+    return [rolling.poses(start, targets, horizon=3.0), time, pose, rest]
+
+
+@pytest.mark.skipif(kernel() is None, reason="no native kernel")
+@pytest.mark.parametrize("name", ["jackal_box", "silvermate", "rover"])
+def test_rollouts_are_those_of_the_twin(name, request):
+    robot = request.getfixturevalue(name)
+    limits = limits_for(robot)
+    native = RollOuts(limits, part=PART, dt=0.15)
+    with twin():
+        readable = RollOuts(limits, part=PART, dt=0.15)
+    for seed in range(4):
+        start = some_state(robot, limits, seed)
+        both = zip(some_rollouts(native, limits, start), some_rollouts(readable, limits, start), strict=True)
+        for mine, own in both:
+            np.testing.assert_allclose(mine, own, rtol=0.0, atol=1e-12)
+
+
+def test_rollouts_keep_the_limits_and_reach_their_targets(jackal_box):
+    """Speeds of the base between poses: those of the first target, then of the second, and no change too fast."""
+    limits, dt = limits_for(jackal_box), 0.05
+    start = some_state(jackal_box, limits, 2)
+    first, second = np.array([[0.9, 0.5]]), np.array([[-0.4, -0.4]])
+    targets = Targets(first, second, np.array([1.5]), np.zeros(1, dtype=np.intp))
+    pose = RollOuts(limits, part=PART, dt=dt).poses(start, targets, horizon=4.0)[0]
+    step = np.diff(np.vstack([start.coordinates[:3], pose]), axis=0)
+    turn = step[:, 2] / dt
+    middle = pose[:, 2] - 0.5 * step[:, 2]
+    speed = (np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]) / dt
+    rims = limits.to_drive(np.column_stack([speed, 0.0 * speed, turn]))
+    np.testing.assert_allclose(rims[round(1.5 / dt) - 1], first[0], atol=1e-9)
+    np.testing.assert_allclose(rims[-1], second[0], atol=1e-9)
+    assert (np.abs(np.diff(rims, axis=0)) <= PART * limits.drive_acceleration * dt + 1e-9).all()
+    assert np.abs(np.cos(middle) * step[:, 1] - np.sin(middle) * step[:, 0]).max() < 1e-12
+
+
+@pytest.fixture
+def crowded(silvermate: RobotModel) -> tuple[EvasivePlanner, ReferenceState]:
+    """A planner that has looked at what comes from several sides, between what stands."""
+    limits = limits_for(silvermate)
+    planner = EvasivePlanner(silvermate, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
+    comers = [
+        Cylinder(0.3, 1.2, at=(x, y, 0.6), name=f"comer-{k}", motion=Twist((vx, vy, 0.0)))
+        for k, (x, y, vx, vy) in enumerate([(2.5, 0.2, -0.9, 0.0), (-0.6, -0.4, 0.0, 1.1)])
+    ]
+    walls = [Box((6.0, 0.2, 1.0), at=(0.0, y, 0.5), name=f"wall-{y}") for y in (-1.6, 1.9)]
+    scene = Scene([*comers, *walls, Box((0.4, 0.4, 1.0), at=(1.5, -0.9, 0.5), name="post")])
+    coordinates = silvermate.space.to_coordinates(silvermate.home())
+    v = np.zeros(silvermate.nv)
+    v[0] = 0.4
+    start = ReferenceState(0.1, coordinates, v, np.zeros(silvermate.nv))
+    strip = straight_line(silvermate, silvermate.home(), silvermate.home(x=6.0), spacing=0.2)
+    assert planner.look(scene, predict(scene, ObstacleAssumptions()), start, strip)
+    return planner, start
+
+
+def test_shorter_ways_to_the_best_manoeuvre_lead_to_it(crowded):
+    """What stands is asked for as few as will do, and longer times only where the shortest does not do."""
+    planner, start = crowded
+    free = np.column_stack(
+        [planner._free(start, planner._kinds, np.full(len(planner._kinds), 0.1 + t), after=1.0) for t in _LONGER]
+    )
+    np.testing.assert_array_equal(planner._held(start), np.where(free.any(axis=1), free.argmax(axis=1), -1))
+    assert free[:, 0].any()
+    assert (~free[:, 0] & free.any(axis=1)).any()
+    assert not free.any(axis=1).all()
+    pose = planner._rolling.poses(start, planner._lattice, horizon=3.0)
+    cost = planner._risk(pose) + planner._to_go(pose[:, -1])
+    risen = cost + planner._standing_risk(pose)
+    assert (risen > cost).any()
+    best = np.argsort(cost, kind="stable")[:60]
+    for better in (np.inf, float(np.median(risen[best]))):
+        expected = best[np.argsort(risen[best], kind="stable")]
+        expected = expected[risen[expected] < better]
+        assert list(planner._in_order(pose, cost, best, better)) == expected.tolist()
 
 
 def test_separations_from_above(jackal_box):

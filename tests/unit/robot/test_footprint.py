@@ -58,6 +58,8 @@ def test_the_boxes_hold_the_bodies(name, request, rng):
             assert (held.all(axis=1) & (footprint.low < low[2] + 1e-9) & (footprint.high > high[2] - 1e-9)).any()
         assert footprint.reach() >= footprint.inner
         assert footprint.reach(low=1e3) == 0.0
+        heights = np.array([[-np.inf, np.inf], [0.0, 0.2], [0.5, 0.6], [1e3, 1e4]])
+        np.testing.assert_array_equal(footprint.reaches(*heights.T), [footprint.reach(*z) for z in heights.tolist()])
         assert footprint.height <= footprint.high.max() + 1e-9
 
 

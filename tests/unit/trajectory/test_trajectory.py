@@ -42,6 +42,14 @@ def test_before_the_start_and_after_the_end(motion):
     np.testing.assert_array_equal(motion.at(motion.time[7]).coordinates, motion.coordinates[7])
 
 
+def test_many_references_at_once(motion):
+    times = np.linspace(motion.start_time - 0.5, motion.end_time + 0.5, 40)
+    expected = [motion.at(float(t)).coordinates for t in times]
+    np.testing.assert_allclose(motion.coordinates_at(times), expected, rtol=0.0, atol=1e-12)
+    early = motion.tail(motion.start_time + 0.3 * (motion.time[1] - motion.time[0]))
+    np.testing.assert_allclose(early.coordinates_at(early.time), early.coordinates, rtol=0.0, atol=1e-12)
+
+
 def test_what_a_tail_keeps(robot, motion, rng):
     t = motion.start_time + 0.4 * motion.duration
     tail = motion.tail(t)
