@@ -50,6 +50,7 @@ class BodySet:
     radius: Array
     skin: float = 0.0
     _kept: list[_native.Bodies] = field(default_factory=list, init=False, repr=False)
+    _radii: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -154,10 +155,13 @@ class MotionBounds:
         tree = bodies.tree
         self.bodies = bodies
         self.planar: bool = tree.space.planar
-        nv = tree.space.nv
-        self.radius: Array = np.zeros((nv, len(bodies)))
-        for g in range(len(bodies)):
-            self._chain(g)
+        if not bodies._radii:  # walked once
+            self.radius: Array = np.zeros((tree.space.nv, len(bodies)))
+            for g in range(len(bodies)):
+                self._chain(g)
+            self.radius.setflags(write=False)
+            bodies._radii.append(self.radius)
+        self.radius = bodies._radii[0]
 
     def _chain(self, g: int) -> None:
         """Walk from the body to the root, adding up how far the body can be from each joint's origin."""

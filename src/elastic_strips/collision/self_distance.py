@@ -106,7 +106,7 @@ class SelfProximity:
         if module is not None and native_bodies is not None:
             self.native = module.SelfPairs(native_bodies, pairs)
         self._allocate(0)
-        self._functors = [ShapePair.of(bodies.geometries[i], bodies.geometries[k]) for i, k in pairs]
+        self._functors: dict[int, ShapePair] = {}  # made when the twin first asks
         self._solver = PairSolver()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
 
@@ -235,6 +235,8 @@ class SelfProximity:
         for k, s in enumerate(pair.tolist()):
             one.setTransform(r1[k], t1[k])
             two.setTransform(r2[k], t2[k])
+            if s not in functors:
+                functors[s] = ShapePair.of(*(self.bodies.geometries[k] for k in self.pairs[s]))
             yield ask(functors[s], one, two)
 
     def travel(self, v: Array) -> Array:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from math import ceil, floor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -232,31 +234,43 @@ def owner_map(
         local = around @ rotation
         if part.geometry is None:
             for box, shift in part.boxes:
-                _fill(owner, whose, support(box, local), at + rotation @ np.asarray(shift), around, low, resolution)
+                _fill(owner, whose, support(box, local), at + rotation @ np.asarray(shift), low, resolution)
         else:
-            _fill(owner, whose, support(part.geometry, local), at, around, low, resolution)
+            _fill(owner, whose, support(part.geometry, local), at, low, resolution)
     return owner
 
 
 _UPRIGHT = 1e-9  # a half plane whose normal has a smaller part along y bounds x alone
 
 
-def _fill(owner: Indices, whose: int, reach: Array, at: Array, around: Array, low: Array, resolution: float) -> None:
-    """Give the cells within half a cell of an outline, with the supports ``reach`` about ``at``, to ``whose``."""
-    quarter = DIRECTIONS // 4
-    extent = reach[[0, quarter, 2 * quarter, 3 * quarter]] + 0.5 * resolution  # towards x, y, -x, -y
-    first = np.maximum(np.ceil((at[:2] - extent[2:] - low) / resolution).astype(int), 0)
-    last = np.minimum(np.floor((at[:2] + extent[:2] - low) / resolution).astype(int), np.array(owner.shape) - 1)
-    if (last < first).any():
-        return
-    x = low[0] + resolution * np.arange(first[0], last[0] + 1) - at[0]
-    y = low[1] + resolution * np.arange(first[1], last[1] + 1) - at[1]
-    room = (reach + 0.5 * resolution)[:, None] - around[:, :1] * x  # (directions, columns): dy·y is at most that
+@cache
+def _half_planes() -> tuple[Indices, tuple[tuple[Mask, Array, Array], ...]]:
+    """Directions towards x, y, -x, -y; and those that bound y from above, from below and not at all: which they are,
+    the factor of their supports and the slope along x."""
+    around, quarter = outline_directions(), DIRECTIONS // 4
     up, down = around[:, 1] > _UPRIGHT, around[:, 1] < -_UPRIGHT
-    highest = (room[up] / around[up, 1, None]).min(axis=0)[:, None]
-    lowest = (room[down] / around[down, 1, None]).max(axis=0)[:, None]
-    inside = (y >= lowest) & (y <= highest) & (room[~(up | down)] >= 0.0).all(axis=0)[:, None]
-    owner[first[0] : last[0] + 1, first[1] : last[1] + 1][inside] = whose
+    sides = []
+    for which, scale in ((up, around[:, 1]), (down, around[:, 1]), (~(up | down), np.ones(DIRECTIONS))):
+        sides.append((which, 1.0 / scale[which, None], around[which, :1] / scale[which, None]))
+    return quarter * np.arange(4), tuple(sides)
+
+
+def _fill(owner: Indices, whose: int, reach: Array, at: Array, low: Array, resolution: float) -> None:
+    """Give the cells within half a cell of an outline, with the supports ``reach`` about ``at``, to ``whose``."""
+    axes, sides = _half_planes()
+    reach = reach + 0.5 * resolution
+    right, upper, left, lower = reach[axes].tolist()
+    x0, y0 = (at[:2] - low).tolist()
+    i, last = max(ceil((x0 - left) / resolution), 0), min(floor((x0 + right) / resolution), owner.shape[0] - 1)
+    j, top = max(ceil((y0 - lower) / resolution), 0), min(floor((y0 + upper) / resolution), owner.shape[1] - 1)
+    if last < i or top < j:
+        return
+    x, y = resolution * np.arange(i, last + 1) - x0, resolution * np.arange(j, top + 1) - y0
+    above, below, upright = (reach[which, None] * factor - slope * x for which, factor, slope in sides)
+    inside = (y >= below.max(axis=0)[:, None]) & (y <= above.min(axis=0)[:, None])
+    if len(upright):
+        inside &= (upright >= 0.0).all(axis=0)[:, None]
+    owner[i : last + 1, j : top + 1][inside] = whose
 
 
 def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, resolution: float) -> Array:
