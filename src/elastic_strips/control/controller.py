@@ -33,7 +33,7 @@ from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
 from .params import DriveParams
-from .process_priority import keep_memory
+from .process_priority import keep_memory, undisturbed
 from .replanning import Replanner
 from .strip_timer import PlanOutcome, PlanResult
 from .supervisor import RunLog
@@ -335,7 +335,8 @@ class Controller(ControlLoop[Scene]):
         allowed = self.pace.latency
         self.pace.begin(self.sensing_took)
         try:
-            self._plan(t)
+            with undisturbed():
+                self._plan(t)
         except ElasticStripsError as error:
             executor.reject(f"{type(error).__name__}: {error}")
             executor.log("fault", str(error))

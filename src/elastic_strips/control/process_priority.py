@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 _PRIORITY = 10  # above the kernel's default of 1, below its own threads
 _NICE = -15
@@ -18,6 +19,18 @@ def keep_memory() -> None:
     gc.unfreeze()
     gc.collect()
     gc.freeze()
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Garbage collection waits meanwhile: the next one comes after it, not in the middle of a tick."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def raise_priority() -> str:

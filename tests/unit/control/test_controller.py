@@ -345,3 +345,30 @@ def test_what_is_made_before_the_first_step_is_not_looked_through_in_a_tick(silv
         controller.warm_up()
         assert gc.get_freeze_count() > 0.9 * (gc.get_freeze_count() + len(gc.get_objects()))
         gc.unfreeze()
+
+
+def test_the_collector_waits_for_the_end_of_a_tick(silvermate, monkeypatch):
+    """However often it is due."""
+    inside, collected = [False], []
+    with Controller(silvermate, silvermate.home(), silvermate.home(x=2.5), Scene([])) as controller:
+        tick, ticks = controller.plan_tick, []
+
+        def watched(*arguments):
+            inside[0] = True
+            ticks.append(arguments)
+            try:
+                return tick(*arguments)
+            finally:
+                inside[0] = False
+
+        monkeypatch.setattr(controller, "plan_tick", watched)
+        before, look = gc.get_threshold(), lambda phase, info: collected.append(inside[0])
+        gc.callbacks.append(look)
+        gc.set_threshold(1)
+        try:
+            drive(controller, Wheels(silvermate), 20, still())
+        finally:
+            gc.set_threshold(*before)
+            gc.callbacks.remove(look)
+    assert ticks and collected and not any(collected)
+    assert gc.isenabled()
