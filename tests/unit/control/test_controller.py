@@ -370,5 +370,7 @@ def test_the_collector_waits_for_the_end_of_a_tick(silvermate, monkeypatch):
         finally:
             gc.set_threshold(*before)
             gc.callbacks.remove(look)
-    assert ticks and collected and not any(collected)
+    assert ticks
+    assert collected
+    assert not any(collected)
     assert gc.isenabled()
