@@ -14,6 +14,9 @@ _KEPT = 20
 """Durations of ticks that are remembered."""
 _QUANTILE, _RESERVE = 0.9, 1.1
 """Most ticks are to be in time; those that are not cost one motion, and the held one goes on meanwhile."""
+_WAITS = 0.4
+"""Part of the time until a motion begins that what can wait for the next tick may take: certificate and timing of what
+comes out of it need the rest."""
 
 
 class Pace:
@@ -71,8 +74,8 @@ class Pace:
         return seconds
 
     def has(self, seconds: float, *, waits: bool = False) -> bool:
-        """Whether the tick has so much time left [s]; for what can wait for the next one it has half as much."""
-        end = self._began + 0.5 * (self._end - self._began) if waits else self._end
+        """Whether the tick has so much time left [s]; for what can wait for the next one it has less (`_WAITS`)."""
+        end = self._began + _WAITS * (self._end - self._began) if waits else self._end
         return self.meter is None or self.meter() + seconds <= end
 
     def reading(self) -> float:

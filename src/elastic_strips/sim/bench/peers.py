@@ -2,7 +2,7 @@
 
 The robot goes to them as a URDF of the very convex pieces that are planned with here, its base as three joints, with
 an SRDF of the pairs that count; the scenes as boxes, balls, cylinders and meshes. A program of a few lines for each
-(``peer_programs``) reads that, plans, and writes the paths and what they took. What a path is worth is measured here.
+(``_peer_programs``) reads that, plans, and writes the paths and what they took. What a path is worth is measured here.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from elastic_strips.strip import Deformer, Strip, displacement
 from .measure import Figures, Note, head, percentiles, silent
 from .plan import push_nearest, recover
 
-PROGRAMS = Path(__file__).parent / "peer_programs"
+PROGRAMS = Path(__file__).parent / "_peer_programs"
 REQUIREMENTS = {
     "ompl": ("ompl>=2.0.1,<3", "coal>=3.0.3,<4", "pin>=4.1,<5"),
     "roboplan": ("roboplan>=0.6,<0.8",),
