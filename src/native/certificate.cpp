@@ -275,6 +275,19 @@ void self_drift(const Tree& tree, const double* coordinates, const double* befor
 
 namespace {
 
+// Of intervals within a segment each, those that bounds (N, pairs) at its two nodes leave open.
+std::vector<Interval> still_open(std::vector<Interval> todo, const double* bound, std::size_t pairs, double clearance) {
+  std::size_t kept = 0;
+  for (Interval x : todo) {
+    const double* at = bound + static_cast<std::size_t>(x.low) * pairs + static_cast<std::size_t>(x.pair);
+    x.d_low = at[0];
+    x.d_high = at[pairs];
+    if (x.open(clearance)) todo[kept++] = x;
+  }
+  todo.resize(kept);
+  return todo;
+}
+
 void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
                   SelfDistances& d) {
   const std::size_t k = node * d.pairs + pair;
@@ -292,12 +305,10 @@ void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std:
   const double* T = frames.at(pairs.planar() ? 1 : 0, node);
   const Vec3 n = -pairs.solver().normal(), t(T[3], T[7], T[11]);
   const Vec3 a = pairs.solver().first() - t, b = pairs.solver().second() - t;
-  for (int i = 0; i < 3; ++i) {
-    const Vec3 axis(T[i], T[4 + i], T[8 + i]);
-    d.direction[3 * k + i] = axis.dot(n);
-    d.first[3 * k + i] = axis.dot(a);
-    d.second[3 * k + i] = axis.dot(b);
-  }
+  const Mat3 R = Eigen::Map<const Mat3, 0, Eigen::OuterStride<4>>(T).transpose();
+  Eigen::Map<Vec3>(d.direction + 3 * k) = R * n;
+  Eigen::Map<Vec3>(d.first + 3 * k) = R * a;
+  Eigen::Map<Vec3>(d.second + 3 * k) = R * b;
 }
 
 }  // namespace
@@ -337,43 +348,27 @@ std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tr
       self_refine_at(pairs, frames, s + end, p, x.travel + 2.0 * clearance - other + kMargin, d);
     }
   }
-  std::size_t kept = 0;
-  for (Interval x : todo) {
-    const std::size_t s = static_cast<std::size_t>(x.low), p = static_cast<std::size_t>(x.pair);
-    x.d_low = d.bound[s * d.pairs + p];
-    x.d_high = d.bound[(s + 1) * d.pairs + p];
-    if (x.open(clearance)) todo[kept++] = x;
-  }
-  todo.resize(kept);
-  return todo;
+  return still_open(std::move(todo), d.bound, d.pairs, clearance);
 }
 
 void colliding_nodes(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
                      Distances& d, std::int8_t* states, StripSearch& search, Counts& counts) {
   const double clearance = search.clearance();
-  std::vector<std::int64_t> node, body, part;
+  const std::size_t last = d.nodes - 2;
+  narrow.begin();
   for (std::size_t n = 0; n < d.nodes; ++n) {
     for (std::size_t g = 0; g < d.bodies; ++g) {
       const double* bound = d.bound + d.index(n, g, 0);
       for (std::size_t p = 0; p < d.parts; ++p) {
         if (bound[p] > clearance) continue;
-        node.push_back(static_cast<std::int64_t>(n));
-        body.push_back(static_cast<std::int64_t>(g));
-        part.push_back(static_cast<std::int64_t>(p));
+        refine_at(narrow, frames, poses, moving, n, g, p, clearance + kMargin, d, counts);
+        if (bound[p] > clearance) continue;
+        states[std::min(n, last)] = 2;
+        states[n == 0 ? 0 : n - 1] = 2;
+        search.worst.note(static_cast<double>(std::min(n, last)), static_cast<std::int64_t>(g * d.parts + p), bound[p],
+                          true);
       }
     }
-  }
-  const std::vector<double> reach(node.size(), clearance + kMargin);
-  counts =
-      refine_at(narrow, frames, poses, moving, node.data(), body.data(), part.data(), reach.data(), node.size(), d);
-  const std::size_t last = d.nodes - 2;
-  for (std::size_t k = 0; k < node.size(); ++k) {
-    const std::size_t n = static_cast<std::size_t>(node[k]);
-    const double bound = d.bound[d.index(n, body[k], part[k])];
-    if (bound > clearance) continue;
-    states[std::min(n, last)] = 2;
-    states[n == 0 ? 0 : n - 1] = 2;
-    search.worst.note(static_cast<double>(std::min(n, last)), body[k] * d.parts + part[k], bound, true);
   }
 }
 
@@ -383,7 +378,6 @@ std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, 
                                      Counts& counts) {
   const Tree& tree = narrow.bodies->tree;
   std::vector<Interval> todo;
-  std::vector<std::int64_t> node, body, part;
   for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
     if (states[s] != 0) continue;
     for (std::size_t g = 0; g < d.bodies; ++g) {
@@ -398,35 +392,25 @@ std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, 
         if (here[p] + there[p] > travel + 2.0 * clearance) continue;
         const double low = static_cast<double>(s);
         todo.push_back({static_cast<std::int64_t>(g * d.parts + p), low, low + 1.0, 0.0, 0.0, travel, true, true});
-        node.push_back(static_cast<std::int64_t>(s));
-        body.push_back(static_cast<std::int64_t>(g));
-        part.push_back(static_cast<std::int64_t>(p));
       }
     }
   }
   // what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
-  std::vector<double> reach(todo.size());
-  std::vector<std::int64_t> at(todo.size());
+  std::vector<double> reach;
+  narrow.begin();
   for (std::size_t end = 0; end < 2; ++end) {
-    for (std::size_t k = 0; k < todo.size(); ++k) {
-      const double other = d.bound[d.index(node[k] + 1 - end, body[k], part[k])];
-      reach[k] = todo[k].travel + 2.0 * clearance - other + kMargin;
-      at[k] = node[k] + static_cast<std::int64_t>(end);
+    reach.clear();
+    for (const Interval& x : todo) {
+      const std::size_t other = static_cast<std::size_t>(x.low) + 1 - end, pair = static_cast<std::size_t>(x.pair);
+      reach.push_back(x.travel + 2.0 * clearance - d.bound[other * d.bodies * d.parts + pair] + kMargin);
     }
-    const Counts more =
-        refine_at(narrow, frames, poses, moving, at.data(), body.data(), part.data(), reach.data(), todo.size(), d);
-    counts.pairs += more.pairs;
-    counts.queries += more.queries;
+    for (std::size_t k = 0; k < todo.size(); ++k) {
+      const std::size_t node = static_cast<std::size_t>(todo[k].low) + end,
+                        pair = static_cast<std::size_t>(todo[k].pair);
+      refine_at(narrow, frames, poses, moving, node, pair / d.parts, pair % d.parts, reach[k], d, counts);
+    }
   }
-  std::size_t kept = 0;
-  for (std::size_t k = 0; k < todo.size(); ++k) {
-    Interval x = todo[k];
-    x.d_low = d.bound[d.index(node[k], body[k], part[k])];
-    x.d_high = d.bound[d.index(node[k] + 1, body[k], part[k])];
-    if (x.open(clearance)) todo[kept++] = x;
-  }
-  todo.resize(kept);
-  return todo;
+  return still_open(std::move(todo), d.bound, d.bodies * d.parts, clearance);
 }
 
 Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, const Frames& frames, std::size_t nodes,

@@ -489,11 +489,6 @@ void bind_timing(nb::module_& m) {
              const Grid view{grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
              braked(view, start, part, x.data());
            });
-  unlocked(m, "used_limits",
-           [](Reals time, Reals y, Reals v, Reals a, Reals speed, Reals acceleration, Same<double> most) {
-             used_limits(time.data(), y.data(), v.data(), a.data(), time.size(), speed.size(), speed.data(),
-                         acceleration.data(), most.data());
-           });
 }
 
 }  // namespace

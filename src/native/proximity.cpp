@@ -76,10 +76,8 @@ void measure(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, 
   d.exact[k] = found.distance - uncertainty;
   d.bound[k] = d.exact[k] - kGjkExcess;
   d.since[k] = 0.0;
-  for (int i = 0; i < 3; ++i) {
-    d.direction[3 * k + i] = found.direction[i];
-    d.witness[3 * k + i] = found.witness[i];
-  }
+  Eigen::Map<Vec3>(d.direction + 3 * k) = found.direction;
+  Eigen::Map<Vec3>(d.witness + 3 * k) = found.witness;
 }
 
 }  // namespace
@@ -106,20 +104,13 @@ Counts refine(Narrowphase& narrow, const Frames& frames, const PartPoses& poses,
   return counts;
 }
 
-Counts refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
-                 const std::int64_t* node, const std::int64_t* body, const std::int64_t* part, const double* reach,
-                 std::size_t count, Distances& d) {
-  Counts counts;
-  narrow.begin();
-  for (std::size_t k = 0; k < count; ++k) {
-    const std::size_t n = static_cast<std::size_t>(node[k]), g = static_cast<std::size_t>(body[k]);
-    const std::size_t p = static_cast<std::size_t>(part[k]), at = d.index(n, g, p);
-    if (!(d.bound[at] < reach[k] && d.since[at] > 0.0)) continue;
-    Vec3 one, two;
-    narrow.bodies->ends_at(frames, n, g, one, two);
-    measure(narrow, frames, poses, moving, n, g, p, one, two, reach[k], d, counts);
-  }
-  return counts;
+void refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
+               std::size_t node, std::size_t body, std::size_t part, double reach, Distances& d, Counts& counts) {
+  const std::size_t at = d.index(node, body, part);
+  if (!(d.bound[at] < reach && d.since[at] > 0.0)) return;
+  Vec3 one, two;
+  narrow.bodies->ends_at(frames, node, body, one, two);
+  measure(narrow, frames, poses, moving, node, body, part, one, two, reach, d, counts);
 }
 
 }  // namespace strips

@@ -40,9 +40,9 @@ std::vector<std::int64_t> follow(const Bodies& bodies, const Frames& frames, con
 Counts refine(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving, double influence,
               Distances& distances);
 
-// Make single pairs exact whose bound is below their `reach` and may be stale.
-Counts refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
-                 const std::int64_t* node, const std::int64_t* body, const std::int64_t* part, const double* reach,
-                 std::size_t count, Distances& distances);
+// Make a single pair exact whose bound is below `reach` and may be stale; `narrow` has begun.
+void refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
+               std::size_t node, std::size_t body, std::size_t part, double reach, Distances& distances,
+               Counts& counts);
 
 }  // namespace strips

@@ -45,11 +45,9 @@ void place(const Tree& tree, const double* coordinates, std::size_t n, double* T
       const double* P = T + (tree.parents[i] * capacity + node) * 12;
       const double* o = &tree.offset[i * 16];
       double f[12];
-      for (int r = 0; r < 3; ++r) {
-        for (int c = 0; c < 4; ++c) {
-          f[4 * r + c] =
-              P[4 * r] * o[c] + P[4 * r + 1] * o[4 + c] + P[4 * r + 2] * o[8 + c] + (c == 3 ? P[4 * r + 3] : 0.0);
-        }
+      for (int k = 0; k < 12; ++k) {
+        const double *row = P + k / 4 * 4, *column = o + k % 4;
+        f[k] = row[0] * column[0] + row[1] * column[4] + row[2] * column[8] + (k % 4 == 3 ? row[3] : 0.0);
       }
       if (tree.prismatic[i]) {
         for (int r = 0; r < 3; ++r) f[4 * r + 3] += f[4 * r + 2] * q[k];

@@ -1,5 +1,6 @@
 #include "system.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -39,18 +40,16 @@ double add_elastic(System& s, bool planar, const double* v, const double* weight
       Block3 first, second;
       difference_jacobians(u, first, second);
       const Vec3 w(weight[0], weight[1], weight[2]), pull = w.cwiseProduct(Vec3(u[0], u[1], u[2]));
-      const Vec3 f0 = first.transpose() * pull, f1 = second.transpose() * pull;
       const Block3 W0 = w.asDiagonal() * first, W1 = w.asDiagonal() * second;
-      const Block3 A = first.transpose() * W0, B = second.transpose() * W1, C = first.transpose() * W1;
-      for (int r = 0; r < 3; ++r) {
-        here[r] -= f0[r];
-        there[r] -= f1[r];
-        for (int c = 0; c < 3; ++c) {
-          D0[r * nv + c] += A(r, c);
-          D1[r * nv + c] += B(r, c);
-          U[r * nv + c] += C(r, c);
-        }
-      }
+      const Eigen::OuterStride<> stride(nv);
+      const auto add = [&](double* block, const Block3& more) {
+        Eigen::Map<Block3, 0, Eigen::OuterStride<>>(block, stride) += more;
+      };
+      Eigen::Map<Vec3>(here) -= first.transpose() * pull;
+      Eigen::Map<Vec3>(there) -= second.transpose() * pull;
+      add(D0, first.transpose() * W0);
+      add(D1, second.transpose() * W1);
+      add(U, first.transpose() * W1);
     }
     for (int k = b; k < nv; ++k) {
       const double pull = weight[k] * u[k];
@@ -143,75 +142,31 @@ double add_posture(System& s, const double* coordinates, const double* target, c
 }
 
 bool solve(const System& s, const double* damping, double* delta) {
-  const int nv = s.nv;
-  const std::size_t n = s.nodes, block = static_cast<std::size_t>(nv) * nv;
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::Index nv = s.nv;
+  const std::size_t n = s.nodes;
+  const auto part = [&](std::size_t node) { return Eigen::Map<Eigen::VectorXd>(delta + node * nv, nv); };
   std::fill(delta, delta + n * nv, 0.0);
   if (n < 3) return true;
-  const std::size_t inner = n - 2;
-  std::vector<double> L(inner * block), W(inner * block);  // L Lᵀ of each block; W = L⁻¹ U
-  for (std::size_t i = 0; i < inner; ++i) {
-    double *l = &L[i * block], *x = delta + (i + 1) * nv;
-    const double* D = s.diagonal + (i + 1) * block;
-    for (int r = 0; r < nv; ++r) {
-      for (int c = 0; c <= r; ++c) l[r * nv + c] = D[c * nv + r];
-      l[r * nv + r] += damping[r];
-      x[r] = s.force[(i + 1) * nv + r];
+  std::vector<Eigen::LLT<Matrix>> L(n);  // L Lᵀ of each inner block, and L⁻¹ U
+  std::vector<Matrix> W(n);
+  for (std::size_t i = 1; i + 1 < n; ++i) {
+    Matrix D = Eigen::Map<const Matrix>(s.diagonal + i * nv * nv, nv, nv);
+    D.diagonal() += Eigen::Map<const Eigen::VectorXd>(damping, nv);
+    part(i) = Eigen::Map<const Eigen::VectorXd>(s.force + i * nv, nv);
+    if (i > 1) {
+      D.noalias() -= W[i - 1].transpose() * W[i - 1];
+      part(i).noalias() -= W[i - 1].transpose() * part(i - 1);
     }
-    if (i > 0) {
-      const double *w = &W[(i - 1) * block], *before = x - nv;
-      for (int k = 0; k < nv; ++k) {
-        const double* row = w + k * nv;
-        for (int r = 0; r < nv; ++r) {
-          const double scaled = row[r];
-          if (scaled == 0.0) continue;
-          for (int c = 0; c <= r; ++c) l[r * nv + c] -= scaled * row[c];
-          x[r] -= scaled * before[k];
-        }
-      }
-    }
-    for (int r = 0; r < nv; ++r) {  // Cholesky, and the forward solve on the way
-      double* row = l + r * nv;
-      for (int c = 0; c < r; ++c) {
-        const double* other = l + c * nv;
-        double sum = row[c];
-        for (int k = 0; k < c; ++k) sum -= row[k] * other[k];
-        row[c] = sum / other[c];
-        x[r] -= row[c] * x[c];
-      }
-      double sum = row[r];
-      for (int k = 0; k < r; ++k) sum -= row[k] * row[k];
-      if (!(sum > 0.0) || !std::isfinite(sum)) return false;
-      row[r] = std::sqrt(sum);
-      x[r] /= row[r];
-    }
-    if (i + 1 < inner) {
-      double* w = &W[i * block];
-      const double* U = s.upper + (i + 1) * block;
-      std::copy(U, U + block, w);
-      for (int r = 0; r < nv; ++r) {
-        for (int k = 0; k < r; ++k) {
-          const double scaled = l[r * nv + k];
-          if (scaled == 0.0) continue;
-          for (int c = 0; c < nv; ++c) w[r * nv + c] -= scaled * w[k * nv + c];
-        }
-        const double inverse = 1.0 / l[r * nv + r];
-        for (int c = 0; c < nv; ++c) w[r * nv + c] *= inverse;
-      }
-    }
+    if (!D.allFinite() || L[i].compute(D).info() != Eigen::Success) return false;
+    auto x = part(i);
+    L[i].matrixL().solveInPlace(x);
+    if (i + 2 < n) W[i] = L[i].matrixL().solve(Eigen::Map<const Matrix>(s.upper + i * nv * nv, nv, nv));
   }
-  for (std::size_t i = inner; i-- > 0;) {
-    double* x = delta + (i + 1) * nv;
-    const double* l = &L[i * block];
-    if (i + 1 < inner) {
-      const double *w = &W[i * block], *after = x + nv;
-      for (int r = 0; r < nv; ++r) {
-        for (int c = 0; c < nv; ++c) x[r] -= w[r * nv + c] * after[c];
-      }
-    }
-    for (int r = nv; r-- > 0;) {
-      x[r] /= l[r * nv + r];
-      for (int k = 0; k < r; ++k) x[k] -= l[r * nv + k] * x[r];
-    }
+  for (std::size_t i = n - 2; i > 0; --i) {
+    auto x = part(i);
+    if (i + 2 < n) x.noalias() -= W[i] * part(i + 1);
+    L[i].matrixU().solveInPlace(x);
   }
   return std::all_of(delta, delta + n * nv, [](double x) { return std::isfinite(x); });
 }

@@ -233,26 +233,4 @@ void braked(const Grid& grid, double start, double part, double* x) {
   }
 }
 
-void used_limits(const double* time, const double* y, const double* v, const double* a, std::size_t count,
-                 std::size_t size, const double* speed, const double* acceleration, double* most) {
-  std::fill(most, most + 5, 0.0);
-  const auto worse = [](double& so_far, double value) {
-    if (so_far == so_far && !(value <= so_far)) so_far = value;  // what is no number stays
-  };
-  for (std::size_t k = 0; k < size; ++k) {
-    double before = 0.0;  // mean velocity of the step before
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t at = i * size + k;
-      worse(most[0], std::abs(v[at]) / speed[k]);
-      worse(most[2], std::abs(a[at]) / acceleration[k]);
-      if (i + 1 == count) break;
-      const double h = time[i + 1] - time[i], mean = (y[at + size] - y[at]) / h;
-      worse(most[1], std::abs(mean) / speed[k]);
-      worse(most[3], std::abs((v[at + size] - v[at]) / h) / acceleration[k]);
-      if (i > 0) worse(most[4], std::abs(2.0 * (mean - before) / (h + time[i] - time[i - 1])) / acceleration[k]);
-      before = mean;
-    }
-  }
-}
-
 }  // namespace strips

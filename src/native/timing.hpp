@@ -42,9 +42,4 @@ bool fastest(const Grid& grid, const double* bound, double start, double* x);
 // Squared path speeds (G) that fall from `start` with a part of the hardest braking there is; from 0 on, 0.
 void braked(const Grid& grid, double start, double part, double* x);
 
-// Largest parts of limits (m) that samples (M, m) at `time` (M) use: speed, and that between samples; acceleration, as
-// change of velocity, and as bend of the travel.
-void used_limits(const double* time, const double* y, const double* v, const double* a, std::size_t count,
-                 std::size_t size, const double* speed, const double* acceleration, double* most);
-
 }  // namespace strips

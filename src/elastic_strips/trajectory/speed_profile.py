@@ -18,10 +18,6 @@ from elastic_strips.work import count_work
 TOLERANCE = 1e-3
 """Part of a limit by which a sample may exceed it."""
 
-_LIMITS = (
-    "speed", "speed between samples", "acceleration", "change of velocity", "acceleration between samples",
-)  # fmt: skip
-
 _RATES = np.array([1e-9, -1.0])  # of (acceleration, squared speed): the largest squared speed
 
 
@@ -191,28 +187,18 @@ def rate_bounds(a: Array, b: Array) -> tuple[Array, Array]:
 
 def broken_limit(time: Array, y: Array, v: Array, a: Array, speed: Array, acceleration: Array) -> str:
     """Which limit samples (M, m) break, by their own rates or by those of their differences; empty where none."""
-    if (native := kernel()) is not None:
-        most = np.empty(len(_LIMITS))
-        native.used_limits(time, y, v, a, speed, acceleration, most)
-    else:
-        most = _used_limits(time, y, v, a, speed, acceleration)
-    for what, value in zip(_LIMITS, most.tolist(), strict=True):
-        if not value <= 1.0 + TOLERANCE:  # so that a value that is not a number is caught too
-            return f"the {what} would be {value:.4f} of its limit"
-    return ""
-
-
-def _used_limits(time: Array, y: Array, v: Array, a: Array, speed: Array, acceleration: Array) -> Array:
-    """The largest part that samples use of each of `_LIMITS`."""
     h = np.diff(time)[:, None]
     mean, change = np.diff(y, axis=0) / h, np.diff(v, axis=0) / h
     bend = 2.0 * np.diff(mean, axis=0) / (h[1:] + h[:-1])
-    return np.array(
-        [
-            (np.abs(v).max(axis=0) / speed).max(),
-            (np.abs(mean).max(axis=0) / speed).max(),
-            (np.abs(a).max(axis=0) / acceleration).max(),
-            (np.abs(change).max(axis=0) / acceleration).max(),
-            (np.abs(bend) / acceleration).max(initial=0.0),
-        ]
-    )
+    used = {
+        "speed": np.abs(v) / speed,
+        "speed between samples": np.abs(mean) / speed,
+        "acceleration": np.abs(a) / acceleration,
+        "change of velocity": np.abs(change) / acceleration,
+        "acceleration between samples": np.abs(bend) / acceleration,
+    }
+    for what, parts in used.items():
+        value = float(parts.max(initial=0.0))
+        if not value <= 1.0 + TOLERANCE:  # so that a value that is not a number is caught too
+            return f"the {what} would be {value:.4f} of its limit"
+    return ""
