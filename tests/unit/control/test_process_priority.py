@@ -21,3 +21,15 @@ def test_it_says_what_it_could_do():
     assert (real_time == "True") == said.startswith("SCHED_FIFO")
     assert (nice == "-15") == said.startswith("nice")
     assert said in ("SCHED_FIFO 10", "nice -15", "ordinary priority")
+
+
+_KEEPS = """
+import ompl.geometric as og, ompl.base as ob
+from elastic_strips.control.process_priority import keep_memory
+setup = og.SimpleSetup(ob.RealVectorStateSpace(2))
+keep_memory()
+"""
+
+
+def test_what_is_kept_is_let_go_at_the_end():
+    assert subprocess.run([sys.executable, "-c", _KEEPS], capture_output=True, text=True, check=True).stderr == ""
