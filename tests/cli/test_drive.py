@@ -82,7 +82,15 @@ def test_methods_and_sensors(short: Path, tmp_path: Path, capsys: pytest.Capture
     assert json.loads((tmp_path / "d.json").read_text())["sensors"] == ["laser"]
     short.write_text(own.replace("at: [1.2, 0.6, 0.5]", "at: [1.2, 1.0, 0.5]"))  # for a base that minds no arm
     assert end_of("drive", str(short), "--method", "vfh", "--json", "d.json") == 0
+    assert json.loads((tmp_path / "d.json").read_text())["max_constraint_error_rad"] is None
     assert json.loads((tmp_path / "d.json").read_text())["method"] == "vfh"
+
+
+def test_a_level_hand(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short.write_text(SHORT.replace("bridge-arm", "silvermate"))
+    assert end_of("drive", str(short), "--level", "hand_frame", "--json", "d.json") == 0
+    assert "off level by at most" in capsys.readouterr().out
+    assert json.loads((tmp_path / "d.json").read_text())["max_constraint_error_rad"] < 0.1
 
 
 def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -105,6 +113,8 @@ def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["drive", "case-1", "--method", "vhf"], "'vfh'"),
         (["drive", "case-1", "--method", "vfh", "--fault", "scene_late@1"], "are of the strip"),
         (["drive", "case-1", "--method", "vfh", "--no-evade"], "are of the strip"),
+        (["drive", "case-1", "--method", "vfh", "--level", "hand_frame"], "are of the strip"),
+        (["drive", "case-1", "--level", "hand_fram"], "did you mean 'hand_frame'"),
         (["drive", "case-1", "--compute", "fast"], "'free', 'work', or a finite factor"),
         (["drive", "case-1", "--log", "l.jsonl"], "--log is of --realtime"),
         (["drive", "case-1", "--realtime", "--compute", "2"], "takes its own time"),

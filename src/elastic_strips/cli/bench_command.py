@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import degrees
 from pathlib import Path
 from typing import TypeVar
 
@@ -168,6 +169,7 @@ def robots(
 @click.option(
     "--alternatives", type=click.IntRange(1, 10), default=1, show_default=True, help="Strips that are kept at hand."
 )
+@options.level_option
 @click.option("--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True, help="What steers.")
 @options.sensors_option
 @options.compute_option
@@ -181,6 +183,7 @@ def drive(
     plant: str,
     evade: bool | None,
     alternatives: int,
+    level: str,
     method: str,
     sensors: str | None,
     compute: str | None,
@@ -198,6 +201,7 @@ def drive(
             plant=plant,
             evade=evade is not False,
             alternatives=alternatives,
+            level=level,
             method=method,
             sensors=config,
             compute=_compute(compute),
@@ -557,6 +561,12 @@ def _drive_rows(figures: Figures) -> None:
         _row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
         if figures["tracking_m"]["p50"] is not None:
             _row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
+        off = figures["constraint_rad"]
+        if off["p50"] is not None:
+            _row(
+                "off level",
+                f"p50 {degrees(off['p50']):.1f}, max {degrees(off['max']):.1f}°, at the worst of each run",
+            )
         _row("planning tick", f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, "
              f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
         ticks = figures["ticks"]

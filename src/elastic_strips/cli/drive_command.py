@@ -60,6 +60,7 @@ _COMPUTING = {
     "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
 )  # fmt: skip
+@options.level_option
 @options.compute_option
 @click.option(
     "--realtime", is_flag=True,
@@ -93,6 +94,7 @@ def drive(
     time_limit: float | None,
     evade: bool | None,
     alternatives: int,
+    level: str,
     compute: str | None,
     realtime: bool,
     log: str | None,
@@ -118,9 +120,10 @@ def drive(
     model = problem.load_robot(robot, "default", base)
     number = problem.seed if seed is None else seed
     wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
-    if method != STRIP and (wrong or evade is not None or alternatives > 1 or compute or log):
+    if method != STRIP and (wrong or evade is not None or alternatives > 1 or level or compute or log):
         raise click.UsageError(
-            f"--disturb, --evade, --alternatives, --compute and --log are of the strip; --method {method} has none"
+            "--disturb, --evade, --alternatives, --level, --compute and --log are of the strip; "
+            f"--method {method} has none"
         )
     evades, apart = evade is not False, realtime and method == STRIP
     if apart and (compute or plant != PLANTS[0]):
@@ -145,12 +148,12 @@ def drive(
         if apart:
             driven = make_realtime(
                 problem, robot=model, seed=number, sensors=config, evade=evades, alternatives=alternatives,
-                faults=wrong, watch=watch, log=log,
+                level=level, faults=wrong, watch=watch, log=log,
             )  # fmt: skip
         else:
             if method == STRIP:
                 make = partial(
-                    make_simulation, problem, evade=evades, alternatives=alternatives, faults=wrong,
+                    make_simulation, problem, evade=evades, alternatives=alternatives, level=level, faults=wrong,
                     compute=compute or "1",
                 )  # fmt: skip
             else:
@@ -229,6 +232,8 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
             str(result.compute), f"computing charged × {result.compute:g}" if isinstance(result.compute, float) else ""
         )
     )
+    if outcome.constraint_error is not None:
+        click.echo(f"  off level by at most {np.degrees(outcome.constraint_error):.1f}°")
     if outcome.sensors:
         click.echo(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:

@@ -86,6 +86,11 @@ sensors_option = click.option(
     "the Silvermate's, or TIAGo's laser; or those of a file (docs/sensors.md).",
 )  # fmt: skip
 
+level_option = click.option(
+    "--level", metavar="FRAME", default="",
+    help="A frame of the robot that stays as level as it is at the start: a tray, or a hand with a cup.",
+)  # fmt: skip
+
 browser_option = click.option(
     "--no-browser", is_flag=True, help="Print the address of the picture; do not open the default browser."
 )

@@ -132,7 +132,8 @@ class DriveParams(Checked):
         assumptions: of the obstacles.
         monitor: when what is assumed of robot and inputs counts as broken.
         evasion: how the robot gets out of the way of what moves, where anything does; None: it only brakes and waits.
-        constraint: what the strip has to satisfy besides its goal.
+        constraint: what the strip has to satisfy besides its goal: strips are planned so that they do, and are drawn to
+            it while they give way. What cannot be satisfied does not stop the robot.
         backward: whether plans may lead straight backwards; not for robots that see only ahead of them.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ from .strip_timer import PlanResult
 
 _STANDING = 0.05
 """Obstacles slower than this [m/s] count as static for a planner."""
-_TIMEOUT = 4.0
+_FIRST_TIMEOUT, _TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of those while the robot waits
 _BERTH, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
 
@@ -72,10 +73,30 @@ class Replanner:
         Raises:
             ConfigurationError: start or goal is not valid, or in collision.
         """
-        return plan_report(
-            self.robot, standing(scene), start, goal, seed=self.seed, params=self.deform, path=path, grid=self.grid,
-            backward=self.params.backward,
+        return self._planned(standing(scene), start, goal, self.seed, _FIRST_TIMEOUT, path=path)
+
+    def _planned(
+        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, seed: int, timeout: float, *,
+        path: npt.ArrayLike | None = None, line: bool = True,
+    ) -> PlanReport:  # fmt: skip
+        """A plan that satisfies the drive's constraint; where there is none, one that does not, and says so."""
+        plan = partial(
+            plan_report, self.robot, scene, start, goal, seed=seed, params=self.deform, path=path, line=line,
+            grid=self.grid, backward=self.params.backward,
         )  # fmt: skip
+        constraint = self.params.constraint
+        if constraint is None:
+            return plan(timeout=timeout)
+        try:
+            report = plan(timeout=0.5 * timeout, constraint=constraint)
+        except ConfigurationError as error:  # start or goal does not satisfy it, or is wrong for both
+            why = str(error)
+        else:
+            if report.certified:
+                return report
+            why = report.reason
+        report = plan(timeout=0.5 * timeout)
+        return replace(report, reason=f"{report.reason}; it does not satisfy the constraint, for: {why}")
 
     def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
         """Check the strip of a tick.
@@ -127,10 +148,7 @@ class Replanner:
         for width in widths:
             around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
             try:
-                report = plan_report(
-                    self.robot, around, start, goal, seed=self.seed + self.count, params=self.deform,
-                    timeout=_TIMEOUT / len(widths), line=False, grid=self.grid, backward=self.params.backward,
-                )  # fmt: skip
+                report = self._planned(around, start, goal, self.seed + self.count, _TIMEOUT / len(widths), line=False)
             except ElasticStripsError as error:
                 reason = f"failed: {error}"
                 continue
@@ -203,7 +221,9 @@ class SwitchingReplanner(Replanner):
     ) -> PlanReport:
         """Plan several strips and return the cheapest; where there are none, as :meth:`Replanner.plan`."""
         first = super().plan(scene, start, goal, path=path)
-        self.family = StripSet(self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed)
+        self.family = StripSet(
+            self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed, constraint=self.params.constraint
+        )
         try:
             found = self.family.plan(standing(scene, _SLOW), start)
         except ConfigurationError:  # something slow blocks start or goal, and may go away

@@ -1,5 +1,6 @@
 """Planning: an initial strip, or several on different sides of the obstacles, and sets of them kept in a scene."""
 
+from .approach import ApproachReport, plan_approach
 from .goals import BasePose, Goal, GoalSearch, HandPose, find_goals
 from .grid_path import grid_path
 from .homotopy.alternatives import Alternative
@@ -12,6 +13,7 @@ from .straight import plan_straight
 
 __all__ = [
     "Alternative",
+    "ApproachReport",
     "BasePose",
     "Goal",
     "GoalSearch",
@@ -25,6 +27,7 @@ __all__ = [
     "grid_path",
     "ompl_path",
     "plan",
+    "plan_approach",
     "plan_report",
     "plan_straight",
     "straight_line",

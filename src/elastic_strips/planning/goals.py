@@ -344,14 +344,14 @@ class _Search:
 
 def goal_configurations(
     robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, seed: int,
-    params: DeformParams | None,
+    params: DeformParams | None, count: int = _ENOUGH,
 ) -> Array:  # fmt: skip
     """Configurations (K, nq) of a goal, to be planned to one after the other.
 
     Raises:
         GoalError: none is free; the message says why, and ``search`` of the error has it as data.
     """
-    search = find_goals(robot, scene, start, goal, seed=seed, params=params)
+    search = find_goals(robot, scene, start, goal, seed=seed, params=params, count=count)
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations

@@ -261,14 +261,14 @@ def line_strip(problem: PlanningProblem) -> Strip:
         problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes,
         backward=problem.backward,
     )  # fmt: skip
-    return Strip.from_coordinates(problem.robot, rows, ends=problem.endpoints)
+    return Strip.from_coordinates(problem.robot, problem.satisfying(rows), ends=problem.endpoints)
 
 
 def path_strip(problem: PlanningProblem, rows: Array) -> Strip:
     """A planner's rows (N, nv) as a strip between start and goal; drivable for a differential drive."""
     if problem.robot.base_kind is BaseKind.DIFF_DRIVE:
         rows, _ = project_rolling(problem.robot.space, rows)
-    return Strip.from_coordinates(problem.robot, rows, ends=problem.endpoints)
+    return Strip.from_coordinates(problem.robot, problem.satisfying(rows), ends=problem.endpoints)
 
 
 def relax_path(
@@ -291,7 +291,7 @@ def relax_path(
         nonlocal clearest, since
         since = 0 if report.node_clearance > clearest + _GAIN else since + 1
         clearest = max(clearest, report.node_clearance)
-        return report.usable or (stuck is not None and since >= stuck) or over()
+        return (report.usable and not problem.missed(report)) or (stuck is not None and since >= stuck) or over()
 
     report = deformer.settle(strip, scene, max_ticks=_MOST_TICKS, until=ended, watch=watch)
     for _ in range(_EXTRA_TICKS):
@@ -300,7 +300,7 @@ def relax_path(
         further = deformer.step(report.strip, scene)
         if watch is not None:
             watch(further)
-        if not further.usable or further.node_clearance <= report.node_clearance:
+        if not further.usable or further.node_clearance <= report.node_clearance or problem.missed(further):
             break
         report = replace(further, ticks=report.ticks + 1, reason=report.reason)
     return report
@@ -353,7 +353,8 @@ class PathSearch:
             report = deformer.assess(strip, scene)
             for tick in range(1, _LINE_TICKS + 1 if relax else 1):
                 deep = report.node_clearance < _LINE_DEPTH[min(tick, len(_LINE_DEPTH)) - 1]
-                if report.usable or deep or self.problem.deadline.over():
+                done = report.usable and not self.problem.missed(report)
+                if done or deep or self.problem.deadline.over():
                     break  # deep: nodes on both sides of an obstacle, which more ticks would not bring together
                 step = deformer.step(report.strip, scene, nodes=tick > 3)
                 report = replace(step, ticks=tick)

@@ -13,7 +13,7 @@ from elastic_strips.robot import Kinematics
 
 from .ompl_planner import OMPL_LOCK, seed_ompl
 from .problem import Deadline
-from .validity import ValidityChecker
+from .validity import Checker
 
 PLANNERS = ("LBKPIECE1", "LBKPIECE1", "LBKPIECE1", "RRTConnect")
 """What searches, in turns: the first is the better one in tight places, the last where there is room."""
@@ -23,8 +23,7 @@ _SHORTCUTS = 60  # most tries to shorten a path
 
 
 def search_joints(
-    valid: ValidityChecker, endpoints: Array, *, seed: int, planner: str, step: float, timeout: float,
-    deadline: Deadline,
+    valid: Checker, endpoints: Array, *, seed: int, planner: str, step: float, timeout: float, deadline: Deadline,
 ) -> Array | None:  # fmt: skip
     """Corners (K, nv) of a path between two configurations (2, nv) with the same base, or None.
 
@@ -50,7 +49,7 @@ def search_joints(
 
 
 def _search(
-    valid: ValidityChecker, endpoints: Array, seed: int, planner: str, step: float, timeout: float,
+    valid: Checker, endpoints: Array, seed: int, planner: str, step: float, timeout: float,
     over: Callable[[], bool],
 ) -> Array | None:  # fmt: skip
     from ompl import base as ob
@@ -107,7 +106,7 @@ def _search(
     return shortened(valid, corners, scale, step, seed, over)
 
 
-def _hand_motion(valid: ValidityChecker, coordinates: Array) -> Array:
+def _hand_motion(valid: Checker, coordinates: Array) -> Array:
     """(3, nv) how the body that the joints can move farthest moves with each coordinate [m] about a configuration."""
     bounds = valid.bounds
     kin = Kinematics(bounds.bodies.tree, 1)
@@ -118,7 +117,12 @@ def _hand_motion(valid: ValidityChecker, coordinates: Array) -> Array:
 
 
 def shortened(
-    valid: ValidityChecker, corners: Array, scale: Array, step: float, seed: int, over: Callable[[], bool]
+    valid: Checker,
+    corners: Array,
+    scale: Array,
+    step: float,
+    seed: int,
+    over: Callable[[], bool],
 ) -> Array:
     """A path (K, nv) without detours: between two places on it, straight, wherever that is valid and shorter."""
     rng = np.random.default_rng(seed)

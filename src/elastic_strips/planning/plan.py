@@ -16,9 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.robot import RobotModel
+from elastic_strips.errors import GoalError
+from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, OrientationConstraint, Strip
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_count
 
@@ -30,7 +32,7 @@ from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, rows_
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
 from .problem import Deadline, PlanningProblem
-from .validity import ValidityChecker
+from .validity import SatisfyingChecker, ValidityChecker
 
 _log = logging.getLogger(__name__)
 _FINEST = 4.0  # times as many samples on an edge as usual, at most
@@ -111,6 +113,7 @@ def plan_report(
     path: npt.ArrayLike | None = None,
     grid: bool = True,
     backward: bool = True,
+    constraint: OrientationConstraint | None = None,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
     """Plan an initial strip, or several that pass the obstacles on different sides, and report how it went.
@@ -138,12 +141,14 @@ def plan_report(
         grid: whether to try what :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
         backward: whether a differential drive may go the straight line backwards, where it turns less then. Paths over
             the grid always go forwards; those of OMPL, the last resort, may back up.
+        constraint: what every configuration on the way, between the nodes too, has to satisfy within its tolerance,
+            such as a hand that stays level; a deformer brings its own.
         watch: called with every tick's report.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
-        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
-            pair, or the distance.
+        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
+            satisfy the constraint; names the pair, or the distance.
         GoalError: no configuration reaches the goal, or none that touches nothing.
         ParameterError: a count, seed, timeout or bounds outside their range, or a path of another
             shape.
@@ -153,11 +158,16 @@ def plan_report(
         deadline = Deadline(timeout)
         asked = deformer.params if isinstance(deformer, Deformer) else params
         goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked)
+        if isinstance(deformer, Deformer) and deformer.constraint is not None:
+            constraint = deformer.constraint.constraint
+        if constraint is not None:
+            goals = _satisfying(robot, goals, constraint)
         for k, q in enumerate(goals):
             left = max(deadline.left, _LEAST_SHARE) / min(_IN_TURNS, len(goals) - k)
             report = plan_report(
                 robot, scene, start, q, count=count, seed=seed, params=params, timeout=left, bounds=bounds,
-                deformer=deformer, line=line, path=path, grid=grid, backward=backward, watch=watch,
+                deformer=deformer, line=line, path=path, grid=grid, backward=backward, constraint=constraint,
+                watch=watch,
             )  # fmt: skip
             if report.certified or deadline.over():
                 break
@@ -165,7 +175,7 @@ def plan_report(
     configuration = cast("npt.ArrayLike", goal)
     problem = PlanningProblem(
         robot, scene, start, configuration, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout,
-        backward=backward,
+        backward=backward, constraint=constraint,
     )  # fmt: skip
     if count > 1:
         return _several(problem, count, line, path, grid, watch)
@@ -182,6 +192,20 @@ def plan_report(
     if report is None and problem.region is None:
         report = search.of_the_joints()
     return report or search.with_ompl() or search.failed()
+
+
+def _satisfying(robot: RobotModel, goals: Array, constraint: OrientationConstraint) -> Array:
+    """The configurations (K, nq) of a goal that satisfy a constraint."""
+    kin = Kinematics(robot.tree, len(goals))
+    kin.update(robot.space.to_coordinates(goals))
+    off = ConstraintForce(robot, constraint).errors(kin)
+    if off.min() > constraint.tolerance:
+        raise GoalError(
+            f"goal: none of its {len(goals)} configurations satisfies the constraint: {constraint.frame!r} is at least "
+            f"{off.min():.3f} rad off, {constraint.tolerance:g} are allowed (tolerance); a HandPose may say how it is "
+            "turned"
+        )
+    return goals[off <= constraint.tolerance]
 
 
 def _several(
@@ -289,12 +313,14 @@ class _Search(PathSearch):
         margin = max(min(_MARGIN, 0.5 * problem.room), params.clearance)
         valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=bounds)
         ends = self.robot.space.to_coordinates(problem.endpoints)
+        satisfying = None if problem.constraint is None else SatisfyingChecker(valid, problem.constraint)
         while not self.deadline.over():
             attempt = self.attempts
             self.attempts += 1
             with self.timed("planner"):
                 corners = search_joints(
-                    valid, ends, seed=problem.seed + 7919 * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
+                    satisfying if satisfying is not None and attempt % 2 else valid, ends,
+                    seed=problem.seed + 7919 * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
                     step=step, timeout=seconds, deadline=self.deadline,
                 )  # fmt: skip
             if corners is None:
@@ -410,6 +436,7 @@ def plan(
     params: DeformParams | None = None,
     timeout: float = 10.0,
     bounds: npt.ArrayLike | None = None,
+    constraint: OrientationConstraint | None = None,
 ) -> Strip:
     """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else the
     grid's or OMPL's path.
@@ -418,9 +445,11 @@ def plan(
     report on it says where it is broken; :func:`plan_report` has the details.
 
     Args:
-        robot, scene, start, goal, seed, params, timeout, bounds: as in :func:`plan_report`.
+        robot, scene, start, goal, seed, params, timeout, bounds, constraint: as in :func:`plan_report`.
 
     Raises:
         RobotError, SceneError, ConfigurationError, GoalError, ParameterError: as :func:`plan_report`.
     """
-    return plan_report(robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds).strip
+    return plan_report(
+        robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds, constraint=constraint
+    ).strip

@@ -16,7 +16,8 @@ from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, S
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, SceneError
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import OrientationConstraint, Strip
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
@@ -79,8 +80,10 @@ class PlanningProblem:
         seed: of random numbers.
         timeout: longest time for everything [s].
         backward: whether the straight line may be driven backwards.
+        constraint: what every configuration on the way has to satisfy, or None; a deformer brings its own.
 
     Attributes:
+        constraint: the same, as a force on strips.
         endpoints: (2, nq) start and goal.
         region: where the base is looked for; None for a fixed base.
         deadline: when the time is over.
@@ -90,8 +93,8 @@ class PlanningProblem:
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
-        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds; names the
-            pair, or the distance.
+        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
+            satisfy the constraint; names the pair, or the distance.
         ParameterError: a seed, timeout or bounds outside its range, or something that is no deformer of this robot.
     """
 
@@ -101,7 +104,7 @@ class PlanningProblem:
     def __init__(
         self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *,
         params: DeformParams | None = None, deformer: Deformer | None = None, bounds: npt.ArrayLike | None = None,
-        seed: int = 0, timeout: float = 10.0, backward: bool = True,
+        seed: int = 0, timeout: float = 10.0, backward: bool = True, constraint: OrientationConstraint | None = None,
     ) -> None:  # fmt: skip
         self.seed: int = check_count("seed", seed)
         self.backward: bool = backward
@@ -117,7 +120,8 @@ class PlanningProblem:
         self.robot: RobotModel = robot
         self.scene: Scene = scene
         own = DeformParams() if robot.space.planar else ARM
-        self.deformer: Deformer = deformer or Deformer(robot, own if params is None else params)
+        self.deformer: Deformer = deformer or Deformer(robot, own if params is None else params, constraint=constraint)
+        self.constraint: ConstraintForce | None = self.deformer.constraint
         self.params: DeformParams = self.deformer.params
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
         nearest = nearest_things(robot, scene, (self.start, self.goal), self.params, self.deformer.workspace.bounds)
@@ -130,14 +134,32 @@ class PlanningProblem:
         self.room: float = min((near.distance for near in nearest if near.bound == "clearance"), default=np.inf)
         self.endpoints: Array = np.stack((self.start, self.goal))
         self.region: Region | None = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
+        if self.constraint is not None:
+            self.constraint.check(robot, self.endpoints, ("start", "goal"))
         if self.region is None and bounds is not None:
             raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
         self.spacing: float = min(_SPACING, self.params.max_spacing)
 
+    def satisfying(self, coordinates: Array) -> Array:
+        """Rows (N, nv), the inner ones moved to where they satisfy the constraint if there is one."""
+        if self.constraint is None:
+            return coordinates
+        rows, _ = self.constraint.project(coordinates)
+        rows[[0, -1]] = coordinates[[0, -1]]
+        return rows
+
+    def missed(self, report: DeformReport) -> str:
+        """Where a strip does not satisfy the constraint, and by how much; empty where it does."""
+        return "" if self.constraint is None else self.constraint.missed(report.strip)
+
     def failure(self, report: DeformReport) -> str:
-        """Why a relaxed strip is of no use; empty where it is certified and its base keeps to the bounds."""
+        """Why a relaxed strip is of no use; empty where it is certified, its base keeps to the bounds, and it satisfies
+        the constraint if there is one."""
         if not report.usable:
             return report.reason
+        missed = self.missed(report)
+        if missed:
+            return missed
         aside = 0.0 if self.region is None else self.region.left_by(report.strip)
         return f"the base leaves the bounds by {aside:.3f} m" if aside > 0.0 else ""
 

@@ -17,12 +17,14 @@ from elastic_strips.collision.narrowphase import native_part
 from elastic_strips.native import kernel
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
+from elastic_strips.strip.constraint import ConstraintForce
 
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
 _MAX_PAIRED = 400
 _REACH = 2.0  # [m] that a robot extends from its base, at most
+_JUMP = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
 
 
 class ValidityChecker:
@@ -166,6 +168,57 @@ class ValidityChecker:
             if callback.data.result.isCollision():
                 return True
         return False
+
+
+class SatisfyingChecker:
+    """Checks configurations after the joints have moved to where they satisfy a constraint.
+
+    A planner of the joints asks about straight motions, on which nothing satisfies it; what is meant is the motion that
+    these are projected to, and the rows of its path are projected likewise.
+
+    Args:
+        valid: says what is valid.
+        constraint: what has to be satisfied.
+    """
+
+    def __init__(self, valid: ValidityChecker, constraint: ConstraintForce) -> None:
+        self.robot: RobotModel = valid.robot
+        self.bounds: MotionBounds = valid.bounds
+        self._valid, self._constraint = valid, constraint
+
+    def at(self, coordinates: Array) -> bool:
+        """Whether the configuration that these coordinates (nv,) are projected to is valid."""
+        return self._all(coordinates[None], np.inf)
+
+    def motion(self, a: Array, b: Array, step: float) -> bool:
+        """As :meth:`ValidityChecker.motion`, of the motion that the straight one is projected to."""
+        space = self.robot.space
+        v = space.difference(a, b)
+        count = max(1, math.ceil(float(self.bounds.travel(v[None]).max(initial=0.0)) / step))
+        rows = space.integrate(a[None], np.arange(count + 1)[:, None] / count * v)
+        return self._all(rows, _JUMP * step)
+
+    def in_chart(self, row: Array, unit: Array) -> Callable[[Sequence[float], Sequence[float], float], bool]:
+        """As :meth:`ValidityChecker.in_chart`."""
+        one, two = row.copy(), row.copy()
+
+        def motion(a: Sequence[float], b: Sequence[float], step: float) -> bool:
+            one[-len(unit) :], two[-len(unit) :] = np.multiply(a, unit), np.multiply(b, unit)
+            return self.motion(one, two, step)
+
+        return motion
+
+    def _all(self, coordinates: Array, jump: float) -> bool:
+        """Whether rows (N, nv) are valid once projected, and no point moves further than ``jump`` [m] between two."""
+        rows, off = self._constraint.project(coordinates)
+        if off.max() > 0.5 * self._constraint.constraint.tolerance:
+            return False
+        if self.bounds.travel(self.robot.space.difference(rows[:-1], rows[1:])).max(initial=0.0) > jump:
+            return False
+        return all(self._valid.at(row) for row in rows)
+
+
+Checker = ValidityChecker | SatisfyingChecker
 
 
 def _grown(geometry: coal.CollisionGeometry, margin: float) -> coal.CollisionGeometry:

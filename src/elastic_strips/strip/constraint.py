@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -9,12 +10,18 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.errors import ParameterError, RobotError, nearest_name
+from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.validation import Bound, Positive, check_array, check_fields
 
 from .solver import System
+from .strip import Strip
+
+_PART = 0.01  # [rad] that joints turn between looks along a segment
+_PROJECTIONS = 30  # Newton's steps, at most
+_ASIDE, _LONGEST = 1e-3, 0.3  # damping, and what a step turns a joint at most [rad]
+_WITHIN = 0.2  # of the tolerance: so exactly rows are projected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +96,7 @@ class ConstraintForce:
         frame = robot.model.frames[_frame(robot, constraint.frame)]
         self.constraint: OrientationConstraint = constraint
         self.active: bool = True
+        self._robot = robot
         self._joint = int(frame.parentJoint)
         if self._joint == 0:
             raise RobotError(f"constraint: no joint of {robot.name!r} moves frame {constraint.frame!r}")
@@ -96,16 +104,20 @@ class ConstraintForce:
         self._axis = robot.tree.align[self._joint].T @ (frame.placement.rotation @ (axis / np.linalg.norm(axis)))
         direction = np.asarray(constraint.direction, dtype=float)
         self._target = direction / np.linalg.norm(direction)
+        self._support = robot.tree.support[self._joint].astype(bool)
+        self._turns = self._support.astype(float)
+        self._turns[robot.tree.coordinate_index[robot.tree.prismatic]] = 0.0
+        if robot.space.planar:
+            self._turns[:2] = 0.0
+            self._turns[2] = np.hypot(*self._target[:2]) > 0.0  # turns about the target do not count
 
     def push(self, system: System, kin: Kinematics) -> None:
         """Add force and matrix of V = Σ ½ k ‖a − t‖², a the axis and t its target, if the constraint is active."""
         if not self.active:
             return
         n, gain = kin.n, self.constraint.gain
-        a = self._in_world(kin)
-        off = a - self._target
-        turning = kin.J[:n, :, 3:] * kin.tree.support[self._joint][:, None]  # (N, nv, 3)
-        rows = np.cross(turning, a[:, None, :]).transpose(0, 2, 1).reshape(3 * n, -1)  # ∂a/∂q, three rows a node
+        off, turns = self._off(kin)
+        rows = turns.reshape(3 * n, -1)
         system.add_rows(np.repeat(np.arange(n), 3), rows, -gain * off.reshape(-1), np.full(3 * n, gain))
         system.energies["constraint"] = 0.5 * gain * float((off**2).sum())
 
@@ -113,6 +125,79 @@ class ConstraintForce:
         """(N,) angle [rad] by which each node misses the constraint."""
         a = self._in_world(kin)
         return np.arctan2(np.linalg.norm(np.cross(a, self._target), axis=1), a @ self._target)
+
+    def bound(self, strip: Strip) -> tuple[float, int]:
+        """By how much [rad] a strip misses the constraint at most anywhere, between its nodes too; and the segment.
+
+        The axis turns by no more than the joints that turn it do together.
+        """
+        space, rows = self._robot.space, strip.coordinates
+        v = space.difference(rows[:-1], rows[1:])
+        turn = np.abs(v) @ self._turns
+        parts = np.maximum(np.ceil(turn / _PART).astype(int), 1)
+        segment = np.repeat(np.arange(len(parts)), parts)
+        share = (np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[segment]
+        kin = Kinematics(self._robot.tree, len(segment) + 1)
+        kin.update(np.vstack((space.integrate(rows[segment], share[:, None] * v[segment]), rows[-1:])))
+        off = self.errors(kin)
+        most = 0.5 * (off[:-1] + off[1:] + (turn / parts)[segment])
+        worst = int(np.argmax(most))
+        return float(most[worst]), int(segment[worst])
+
+    def missed(self, strip: Strip) -> str:
+        """Where a strip misses the constraint, between its nodes too, and by how much; empty where it does not."""
+        off, segment = self.bound(strip)
+        most = self.constraint.tolerance
+        if off <= most:
+            return ""
+        return (
+            f"segment {segment}: {self.constraint.frame} is up to {off:.3f} rad off, {most:g} are allowed (tolerance)"
+        )
+
+    def check(self, robot: RobotModel, q: Array, what: Sequence[str]) -> None:
+        """Refuse configurations (K, nq) that do not satisfy the constraint.
+
+        Raises:
+            ConfigurationError: names it, and by how much it misses.
+        """
+        kin = Kinematics(robot.tree, len(q))
+        kin.update(robot.space.to_coordinates(q))
+        for name, off in zip(what, self.errors(kin), strict=True):
+            if off > self.constraint.tolerance:
+                raise ConfigurationError(
+                    f"{name} does not satisfy the constraint: {self.constraint.frame!r} is {off:.3f} rad off, "
+                    f"{self.constraint.tolerance:g} are allowed (tolerance)"
+                )
+
+    def project(self, coordinates: Array) -> tuple[Array, Array]:
+        """Rows (N, nv) that satisfy the constraint, by the least motion of the joints, and by how much (N,) [rad] each
+        misses it still.
+
+        The base stays: where it drives is a matter of the path.
+        """
+        space, b = self._robot.space, self._robot.space.base_nv
+        rows = coordinates.copy()
+        kin = Kinematics(self._robot.tree, len(rows))
+        for _ in range(_PROJECTIONS):
+            kin.update(rows)
+            angle = self.errors(kin)
+            todo = angle > _WITHIN * self.constraint.tolerance
+            if not todo.any():
+                break
+            off, turns = self._off(kin)
+            J = turns[todo][:, :, b:]  # (K, 3, n)
+            step = np.linalg.solve(J @ J.transpose(0, 2, 1) + _ASIDE * np.eye(3), off[todo][:, :, None])
+            move = -(J.transpose(0, 2, 1) @ step)[:, :, 0]
+            longest = np.abs(move).max(axis=1, keepdims=True)
+            rows[todo, b:] += move * np.minimum(1.0, _LONGEST / np.maximum(longest, _LONGEST))
+            np.clip(rows, space.lower, space.upper, out=rows)
+        return rows, angle
+
+    def _off(self, kin: Kinematics) -> tuple[Array, Array]:
+        """By how much the axis misses its target, (N, 3), and the derivatives of that, (N, 3, nv)."""
+        a = self._in_world(kin)
+        turning = kin.J[: kin.n, :, 3:] * self._support[:, None]  # (N, nv, 3)
+        return a - self._target, np.cross(turning, a[:, None, :]).transpose(0, 2, 1)
 
     def _in_world(self, kin: Kinematics) -> Array:
         """(N, 3) the axis in the world."""

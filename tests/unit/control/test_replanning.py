@@ -12,6 +12,8 @@ from elastic_strips.collision import BrokenSegment
 from elastic_strips.control import DriveParams
 from elastic_strips.control.replanning import Replanner, standing
 from elastic_strips.scene import Box, Cylinder, Scene, Twist
+from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip.constraint import ConstraintForce
 
 SCENE = Scene(
     [
@@ -68,6 +70,20 @@ def test_a_strip_that_recovers_is_kept(replanner):
     replanner.watch(0.7, proposal(None, accepted=True), SCENE, at_rest=False)
     assert not replanner.halted
     assert replanner.watch(0.8, proposal("crate", accepted=True), SCENE, at_rest=True) == ""
+
+
+def test_what_cannot_be_satisfied_does_not_stop_the_robot(silvermate):
+    start, goal = silvermate.home(), silvermate.home(x=5.0)
+    level = OrientationConstraint.from_configuration(silvermate, start, "hand_frame")
+    replanner = Replanner(silvermate, DriveParams(constraint=level), seed=0, grid=True)
+    strip, text = replanner.plan_anew(SCENE, start, goal)
+    assert strip is not None
+    assert "constraint" not in text
+    assert ConstraintForce(silvermate, level).missed(strip) == ""
+    tilted = silvermate.home(x=5.0, joints={"arm_6_joint": 1.0})
+    strip, text = replanner.plan_anew(SCENE, start, tilted)
+    assert strip is not None
+    assert "it does not satisfy the constraint, for: goal does not satisfy" in text
 
 
 def test_a_goal_in_collision_is_no_crash(replanner, silvermate):

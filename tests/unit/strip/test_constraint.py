@@ -9,7 +9,7 @@ from brute_force import random_coordinates
 
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.robot import Kinematics
-from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip import OrientationConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.solver import System
 
@@ -98,3 +98,44 @@ def test_unknown_frames_are_named(silvermate):
         ConstraintForce(silvermate, OrientationConstraint(frame="hand_fram"))
     with pytest.raises(RobotError, match="hand_fram"):
         OrientationConstraint.from_configuration(silvermate, silvermate.home(), "hand_fram")
+
+
+def test_rows_are_projected_by_the_joints_alone(silvermate, rng):
+    constraint = OrientationConstraint(frame="hand_frame", tolerance=0.05)
+    force = ConstraintForce(silvermate, constraint)
+    home = silvermate.space.to_coordinates(silvermate.home())
+    rows = home + np.r_[np.full(3, 1.0), np.full(silvermate.nv - 3, 0.4)] * rng.uniform(-1.0, 1.0, (20, silvermate.nv))
+    rows, off = force.project(np.vstack((rows, home)))
+    assert off.max() < 0.05
+    kin = Kinematics(silvermate.tree, len(rows))
+    kin.update(rows)
+    np.testing.assert_allclose(force.errors(kin), off, atol=1e-12)
+    space = silvermate.space
+    assert (rows >= space.lower).all()
+    assert (rows <= space.upper).all()
+    again, _ = force.project(rows)
+    np.testing.assert_array_equal(again, rows)  # what satisfies it stays
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.3, 1.0, 0.2)])
+def test_the_bound_holds_between_nodes_too(silvermate, rng, direction):
+    force = ConstraintForce(silvermate, OrientationConstraint(frame="hand_frame", direction=direction))
+    for _ in range(20):
+        strip = Strip.from_coordinates(silvermate, random_coordinates(silvermate, rng, 3))
+        bound, segment = force.bound(strip)
+        fine = silvermate.space.to_coordinates(strip.sample(0.02))
+        kin = Kinematics(silvermate.tree, len(fine))
+        kin.update(fine)
+        seen = float(force.errors(kin).max())
+        assert seen <= bound + 1e-9
+        assert bound <= seen + 0.05
+        assert segment in (0, 1)
+
+
+def test_turning_on_the_spot_keeps_a_level_hand_level(silvermate):
+    force = ConstraintForce(
+        silvermate, OrientationConstraint.from_configuration(silvermate, silvermate.home(), "hand_frame")
+    )
+    strip = Strip(silvermate, np.stack((silvermate.home(), silvermate.home(yaw=3.0))))
+    assert force.bound(strip)[0] < 1e-6
+    assert force.missed(strip) == ""

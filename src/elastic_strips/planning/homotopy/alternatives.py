@@ -202,7 +202,7 @@ class AlternativesSearch(PathSearch):
         problem = self.problem
         for _ in range(_FURTHER_TICKS):
             further = problem.deformer.step(report.strip, problem.scene)
-            if not further.usable:
+            if not further.usable or problem.missed(further):
                 break
             report = replace(further, ticks=report.ticks + 1)
             if further.moved < problem.params.rest_step or problem.deadline.over():

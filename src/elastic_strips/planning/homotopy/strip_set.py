@@ -14,7 +14,7 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, OrientationConstraint, Strip
 from elastic_strips.strip.report import SLIP_LIMIT
 from elastic_strips.strip.solver import project_rolling
 from elastic_strips.summary import Summary
@@ -59,8 +59,10 @@ class StripSetParams(Checked):
 class _Member:
     """One strip with the workspace that deforms it."""
 
-    def __init__(self, robot: RobotModel, params: DeformParams, found: Alternative) -> None:
-        self.deformer = Deformer(robot, params)
+    def __init__(
+        self, robot: RobotModel, params: DeformParams, constraint: OrientationConstraint | None, found: Alternative
+    ) -> None:
+        self.deformer = Deformer(robot, params, constraint=constraint)
         self.report, self.homotopy_class, self.method = found.report, found.homotopy_class, found.method
         self.origin = found.strip.coordinates[0].copy()  # where the robot was when it was planned
         self.broken = self.better = 0  # ticks in a row, of those in which it was deformed
@@ -133,18 +135,20 @@ class StripSet:
         params: of the set; the defaults where None.
         deform: of the deformation; the default preset where None.
         seed: of the planner.
+        constraint: what the strips are to satisfy besides; those that are planned do.
     """
 
     def __init__(
         self, robot: RobotModel, goal: npt.ArrayLike, *, params: StripSetParams | None = None,
-        deform: DeformParams | None = None, seed: int = 0,
+        deform: DeformParams | None = None, seed: int = 0, constraint: OrientationConstraint | None = None,
     ) -> None:  # fmt: skip
         self.robot: RobotModel = robot
         self.params: StripSetParams = params or StripSetParams()
         self.deform: DeformParams = deform or DeformParams()
         self.goal: Array = robot.check_q(goal, what="goal")
         self.seed: int = check_count("seed", seed)
-        self._planner = Deformer(robot, self.deform)
+        self._constraint = constraint
+        self._planner = Deformer(robot, self.deform, constraint=constraint)
         self._members: list[_Member] = []
         self._current: _Member | None = None
         self._turn = self._since_plan = self._calls = self._futile = 0
@@ -360,7 +364,7 @@ class StripSet:
                 raise
             events.append(f"could not replan: {error}")
             return
-        new = [_Member(robot, self.deform, a) for a in found.alternatives]
+        new = [_Member(robot, self.deform, self._constraint, a) for a in found.alternatives]
         if new:
             events.append(f"{'replanned' if self._calls > 1 else 'planned'}: {found.reason}")
         elif not keep:

@@ -59,6 +59,7 @@ class _DriveTask:
     sensors: SensorConfig | None = None
     compute: str = "1"
     alternatives: int = 1
+    level: str = ""
     root: str = ""  # the house's data, for a pair in it
 
     def problem(self, robot: RobotModel) -> Scenario:
@@ -83,6 +84,7 @@ def _drive_once(task: _DriveTask) -> Figures:
     if task.method == STRIP:
         options |= {
             "evade": task.evade, "faults": faults, "compute": task.compute, "alternatives": task.alternatives,
+            "level": task.level,
         }  # fmt: skip
     if task.fault == "viewer_killed":
         options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
@@ -132,6 +134,7 @@ def _drive_once(task: _DriveTask) -> Figures:
         "limit_excess": dict(evaluation.excess),
         "max_lateral_slip": evaluation.max_lateral_slip_m,
         "tracking_m": outcome.tracking_error,
+        "constraint_rad": outcome.constraint_error,
         "physical_contacts": list(outcome.physical_contacts),
         "tick_ms": result.statistics.percentiles(),
         "ticks": _ticks(result),
@@ -179,6 +182,7 @@ def bench_drive(
     sensors: SensorConfig | None = None,
     compute: str = "1",
     alternatives: int = 1,
+    level: str = "",
     time_limit: float = 90.0,
     root: str | Path = "",
     processes: int | None = None,
@@ -189,7 +193,7 @@ def bench_drive(
         robot: name or URDF file.
         seeds: of the runs.
         step: told of each finished run.
-        scenario, plant, evade, method, sensors, compute, alternatives, time_limit: of the drive.
+        scenario, plant, evade, method, sensors, compute, alternatives, level, time_limit: of the drive.
         root: folder that holds ``house``: its pairs are driven then.
         processes: runs at once.
 
@@ -202,7 +206,7 @@ def bench_drive(
     tasks = [
         _DriveTask(
             scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors, compute=compute,
-            alternatives=alternatives, time_limit=time_limit, root=str(root),
+            alternatives=alternatives, level=level, time_limit=time_limit, root=str(root),
         )
         for seed in seeds
     ]  # fmt: skip
@@ -225,6 +229,7 @@ def bench_drive(
         "plant": plant,
         "evade": evade,
         "alternatives": alternatives,
+        "level": level,
         "method": method,
         "compute": compute if method == STRIP else "free",
         "sensors": [] if sensors is None else list(sensors.names),
@@ -305,6 +310,7 @@ def _summary(runs: list[Figures]) -> Figures:
         "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),
         "time_s": percentiles([r["time_s"] for r in done if r["reached"]]),
         "tracking_m": percentiles([r["tracking_m"] for r in done if r["tracking_m"] is not None]),
+        "constraint_rad": percentiles([r["constraint_rad"] for r in done if r["constraint_rad"] is not None]),
         "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
         "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
         "ticks": _tick_figures(done),

@@ -21,7 +21,7 @@ from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
 from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.planning import StripSetParams
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import World
 from elastic_strips.sim import Perception, PerceptionParams, SensorPerception, base_simulation
 from elastic_strips.sim.baselines import BASE_METHODS, BaseController
@@ -36,6 +36,8 @@ from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
+from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.summary import Summary
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_choice, check_count, check_type
@@ -63,6 +65,7 @@ class DriveOutcome(Summary):
         physical_contacts: contacts in a physical plant, without wheels and casters on the floor.
         unseen: touched obstacles that had not been in a laser's view.
         seen_collisions: contacts at speed with obstacles that were in view, or known; see `unseen_contacts`.
+        constraint_error: by how much [rad] the robot missed the drive's constraint at most; None without one.
     """
 
     scenario: Scenario
@@ -77,6 +80,7 @@ class DriveOutcome(Summary):
     physical_contacts: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     seen_collisions: int = 0
+    constraint_error: float | None = None
 
     def _summary(self) -> dict[str, object]:
         clearance = f"{self.evaluation.min_clearance_m:.3f} m"
@@ -109,6 +113,7 @@ def make_simulation(
     evade: bool = True,
     sensors: SensorConfig | None = None,
     alternatives: int = 1,
+    level: str = "",
     params: DriveParams | None = None,
     faults: Iterable[Fault] = (),
     perception: PerceptionParams | None = None,
@@ -128,6 +133,7 @@ def make_simulation(
         sensors: simulated sensors, from which alone the scene is estimated; a known scene where None.
         alternatives: number of strips on different sides of the obstacles that are deformed in parallel; the robot
             switches to another one where its strip is given up.
+        level: a frame of the robot that is to stay as level as it is at the start; none where empty.
         params: of the drive; the defaults with the scenario's parameters of the strip where None.
         faults: injected faults.
         perception: noise and delay of a known scene.
@@ -137,7 +143,7 @@ def make_simulation(
         InputError: start or goal in collision, an unknown plant, …
     """
     problem = _Problem.of(scenario, robot, seed, plant)
-    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, params)
+    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
     return simulation(
         problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
         plant=problem.machine, perception=perception if seen is None else seen, faults=faults, seed=problem.seed,
@@ -153,6 +159,7 @@ def make_realtime(
     evade: bool = True,
     sensors: SensorConfig | None = None,
     alternatives: int = 1,
+    level: str = "",
     params: DriveParams | None = None,
     faults: Iterable[Fault] = (),
     watch: Callable[[RealtimeSimulation], object] | None = None,
@@ -162,7 +169,7 @@ def make_realtime(
     """As :func:`make_simulation`, but against the wall clock: machine and executor run in processes of their own.
 
     Args:
-        scenario, robot, seed, evade, sensors, alternatives, params, faults: as of :func:`make_simulation`.
+        scenario, robot, seed, evade, sensors, alternatives, level, params, faults: as of :func:`make_simulation`.
         watch, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
         log: file that the executor writes while it drives; a temporary one where None.
 
@@ -170,7 +177,7 @@ def make_realtime(
         InputError: start or goal in collision, …
     """
     problem = _Problem.of(scenario, robot, seed, "kinematic")
-    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, params)
+    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
     model, limits = problem.robot, problem.limits
     world, machine, rng = prepare(model, problem.world, limits, None, problem.seed, shared=seen is not None)
     senses: Perception = NoisyGroundTruth(world, params.assumptions, PerceptionParams(), rng) if seen is None else seen
@@ -205,6 +212,7 @@ def _planned_with(
     evade: bool,
     sensors: SensorConfig | None,
     alternatives: int,
+    level: str,
     params: DriveParams | None,
 ) -> tuple[DriveParams, Perception | None, Replanner | None]:
     """Parameters, the perception where sensors are given, and the replanner where it is not the usual one."""
@@ -216,6 +224,9 @@ def _planned_with(
         params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
         if sensors is not None:
             params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE, backward=sensors.all_round)
+    if level:
+        constraint = OrientationConstraint.from_configuration(problem.robot, problem.start, level)
+        params = replace(params, constraint=constraint)
     seen = None
     if sensors is not None:
         seen = SensorPerception(problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed)
@@ -311,7 +322,19 @@ def conclude(scenario: Scenario, driven: _Driven, result: DriveResult, *, plant:
         physical_contacts=touched, sensors=() if suite is None else suite.config.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
+        constraint_error=_missed(driven, result),
     )  # fmt: skip
+
+
+def _missed(driven: _Driven, result: DriveResult) -> float | None:
+    """By how much [rad] the true robot missed the drive's constraint at most."""
+    constraint = getattr(driven.params, "constraint", None)
+    if constraint is None:
+        return None
+    rows = result.record.control.coordinates
+    kin = Kinematics(driven.robot.tree, len(rows))
+    kin.update(rows)
+    return float(ConstraintForce(driven.robot, constraint).errors(kin).max())
 
 
 def drive_scenario(
@@ -383,6 +406,7 @@ def drive_document(outcome: DriveOutcome) -> Document:
         "max_lateral_slip": evaluation.max_lateral_slip_m,
         "limit_excess": figures["excess"],
         "max_tracking_error_m": outcome.tracking_error,
+        "max_constraint_error_rad": outcome.constraint_error,
         "protective_separation_m": outcome.separation,
         "events": [{"time_s": e.time, "kind": e.kind, "reason": e.reason} for e in result.events],
         "wall_s": result.seconds,

@@ -6,11 +6,12 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
-from elastic_strips.scene import Box, Obstacle, Scene
+from elastic_strips.scene import Box, Obstacle, Scene, Sphere
 from elastic_strips.sim import SensorPerception, Simulation
 from elastic_strips.sim.baselines import BaseController
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_base_simulation, make_simulation
@@ -41,6 +42,34 @@ def test_the_laser_is_all_that_the_planner_knows(silvermate):
     assert (outcome.sensors, outcome.unseen) == (("laser",), ())
     assert outcome.separation is not None
     assert outcome.separation > 0.0
+
+
+def test_a_hand_stays_level_all_the_way(silvermate):
+    """A ball hangs where the arm comes by."""
+    ball = Sphere(0.2, at=(1.5, 0.15, 1.15), name="ball")
+    outcome = drive_scenario(scenario(ball), robot=silvermate, level="hand_frame", time_limit=40.0)
+    assert outcome.reached, outcome.result.reason
+    assert not outcome.evaluation.contacts
+    assert outcome.constraint_error is not None
+    assert outcome.constraint_error < 0.02
+    free = drive_scenario(scenario(ball), robot=silvermate, time_limit=40.0)
+    assert free.constraint_error is None
+    start, (model, data) = silvermate.home(), (silvermate.model, silvermate.model.createData())
+    frame = model.getFrameId("hand_frame")
+
+    def tilt(q: np.ndarray) -> float:
+        pin.forwardKinematics(model, data, q)
+        up = pin.updateFramePlacement(model, data, frame).rotation @ axis
+        return float(np.arccos(np.clip(up[2], -1.0, 1.0)))
+
+    pin.forwardKinematics(model, data, start)
+    axis = pin.updateFramePlacement(model, data, frame).rotation.T @ (0.0, 0.0, 1.0)
+    kept, tilted = (
+        max(tilt(q) for q in silvermate.space.from_coordinates(o.result.record.control.coordinates[::10]))
+        for o in (outcome, free)
+    )
+    assert kept <= outcome.constraint_error + 1e-9
+    assert kept < 0.02 < tilted
 
 
 def test_who_sees_ahead_only_does_not_drive_backwards(silvermate):

@@ -1,0 +1,123 @@
+"""Approaches: a drive to before a place that the hand is to reach, and from there straight to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy.typing as npt
+
+from elastic_strips.errors import ConfigurationError, ParameterError
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.inverse_kinematics import PoseSolver
+from elastic_strips.scene import Scene
+from elastic_strips.strip import DeformParams, OrientationConstraint
+from elastic_strips.summary import Summary
+from elastic_strips.validation import check_array, check_choice
+
+from .goals import HandPose, goal_configurations
+from .plan import PlanReport, plan_report
+from .problem import Deadline
+from .straight import plan_straight
+
+_COUNT = 24  # configurations that are tried, at most
+_AXES = ("hand", "world")
+_SAID = 3  # reasons, at most
+_IN_TURNS, _LEAST = 3, 0.1  # configurations share the time that is left, and most often have this [s]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ApproachReport(Summary):
+    """How the hand gets to a place.
+
+    Attributes:
+        certified: whether there are both strips, and both are certified.
+        drive: plan of the strip to where the hand stands before the place; the last that was tried, or None.
+        reach: plan of the hand's straight motion from there to the place; the last that was tried, or None.
+        reason: what happened, for people.
+    """
+
+    certified: bool
+    drive: PlanReport | None
+    reach: PlanReport | None
+    reason: str
+
+    def _summary(self) -> dict[str, object]:
+        return {"certified": self.certified, "reason": self.reason}
+
+
+def plan_approach(
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    places: HandPose | Sequence[HandPose],
+    by: npt.ArrayLike,
+    *,
+    axes: str = "hand",
+    beyond: Scene | None = None,
+    params: DeformParams | None = None,
+    near: DeformParams | None = None,
+    constraint: OrientationConstraint | None = None,
+    seed: int = 0,
+    timeout: float = 10.0,
+) -> ApproachReport:
+    """A drive to before a place, from any side that is free, and the hand's straight way to it.
+
+    Args:
+        robot: the robot, with what it holds.
+        scene: the obstacles about the place, without what is to be grasped there.
+        start: configuration (nq,).
+        places: where the hand's frame is to come to, or several of which any will do; all of the same frame.
+        by: (3,) the hand's straight motion to the place [m].
+        axes: of that motion: the hand's own, as it is turned at the place (``"hand"``), or those of the ``"world"``.
+        beyond: the obstacles while the robot drives, with what is to be grasped; those of ``scene`` where None.
+        params: of the drive, with the clearances to prove; as of :func:`plan_report` where None.
+        near: of the reach; as of :func:`plan_straight` where None.
+        constraint: what the drive has to satisfy, as of :func:`plan_report`.
+        seed: of random numbers.
+        timeout: longest time [s], exceeded by the search for configurations and one drive's plan at most.
+
+    Raises:
+        RobotError, SceneError: not a robot, or not a scene; an unknown frame.
+        ConfigurationError: the start is not sound, in collision or too close.
+        GoalError: no configuration has the hand at a place, or none that touches nothing.
+        ParameterError: places of several frames or of none, other axes, or ``by`` is not three numbers.
+    """
+    goals = [places] if isinstance(places, HandPose) else list(places)
+    frames = {goal.frame for goal in goals if isinstance(goal, HandPose)}
+    if len(frames) != 1 or not all(isinstance(goal, HandPose) for goal in goals):
+        raise ParameterError("places must be HandPoses of one frame, at least one")
+    check_choice("axes", axes, _AXES)
+    motion, frame = check_array("by", by, (3,)), frames.pop()
+    solver, deadline = PoseSolver(robot, frame), Deadline(timeout)
+    beyond = scene if beyond is None else beyond
+    drive = reach = None
+    reasons: list[str] = []
+    found = goal_configurations(robot, scene, start, goals, seed=seed, params=near, count=_COUNT)
+    for k, q in enumerate(found):
+        if k and deadline.over():
+            reasons.append("the time is over")
+            break
+        turn = solver.place(robot.space.to_coordinates(q)[None])[1][0]
+        offset = turn @ motion if axes == "hand" else motion
+        away = plan_straight(robot, scene, q, frame, -offset, params=near)
+        reach = replace(away, strip=away.strip.reversed(), initial=away.initial.reversed())
+        if not away.certified:
+            reasons.append(away.reason)
+            continue
+        left = max(deadline.left, _LEAST)
+        try:
+            drive = plan_report(
+                robot, beyond, start, away.strip.q[-1], params=params, constraint=constraint, seed=seed,
+                timeout=left / min(_IN_TURNS, len(found) - k),
+            )  # fmt: skip
+        except ConfigurationError as error:
+            if str(error).startswith("start"):
+                raise
+            reasons.append(f"before the place: {error}")
+            continue
+        if drive.certified:
+            return ApproachReport(True, drive, reach, f"configuration {k + 1} of {len(found)}; {drive.reason}")
+        reasons.append(drive.reason)
+    said = "; ".join(dict.fromkeys(reasons[-_SAID:]))
+    return ApproachReport(False, drive, reach, f"none of {len(found)} configurations has a way to it: {said}")
