@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Callable
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -73,12 +76,14 @@ def _search(
 
     motion = valid.in_chart(endpoints[0], 1.0 / scale)
 
+    numbers = itemgetter(*range(count)) if count > 1 else lambda state: (state[0],)  # in half of a slice's time
+
     def row(state: Any) -> Array:
-        return np.concatenate((endpoints[0, :b], state[0:count] / scale))
+        return np.concatenate((endpoints[0, :b], np.divide(numbers(state), scale)))
 
     class Motions(ob.MotionValidator):
         def checkMotion(self, one: Any, two: Any) -> bool:
-            return motion(one[0:count], two[0:count], step)
+            return motion(numbers(one), numbers(two), step)
 
     projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
     cells = np.abs(projection) @ ((high - low) * scale) / _CELLS
@@ -125,31 +130,33 @@ def shortened(
     over: Callable[[], bool],
 ) -> Array:
     """A path (K, nv) without detours: between two places on it, straight, wherever that is valid and shorter."""
-    rng = np.random.default_rng(seed)
     b = corners.shape[1] - len(scale)
     corners = corners[np.r_[True, (np.diff(corners, axis=0) != 0.0).any(axis=1)]]
-    for attempt in range(_SHORTCUTS):
+    along = _along(corners[:, b:] * scale)
+    tries = [(0.0, 1.0), *np.sort(np.random.default_rng(seed).random((_SHORTCUTS - 1, 2)), axis=1).tolist()]
+    for first, last in tries:
         if len(corners) < 3 or over():
             break
-        lengths = np.linalg.norm(np.diff(corners[:, b:], axis=0) * scale, axis=1)
-        along = np.r_[0.0, np.cumsum(lengths)]
-        if attempt == 0:
-            places = np.array([0.0, along[-1]])
-        else:
-            places = np.sort(rng.uniform(0.0, along[-1], 2))
-        i, j = (min(int(np.searchsorted(along, p, side="right")) - 1, len(lengths) - 1) for p in places)
+        places = first * along[-1], last * along[-1]
+        i, j = (min(bisect_right(along, p) - 1, len(along) - 2) for p in places)
         if i == j:
             continue
         one, two = (
-            corners[k] + (p - along[k]) / max(lengths[k], 1e-12) * (corners[k + 1] - corners[k])
+            corners[k] + (p - along[k]) / max(along[k + 1] - along[k], 1e-12) * (corners[k + 1] - corners[k])
             for k, p in ((i, places[0]), (j, places[1]))
         )
-        if np.linalg.norm((two - one)[b:] * scale) > 0.98 * (places[1] - places[0]):
+        if math.dist(two[b:] * scale, one[b:] * scale) > 0.98 * (places[1] - places[0]):
             continue
         if valid.motion(one, two, step):
             corners = np.vstack((corners[: i + 1], one, two, corners[j + 1 :]))
             corners = corners[np.r_[True, np.abs(np.diff(corners, axis=0)).max(axis=1) > 1e-12]]
+            along = _along(corners[:, b:] * scale)
     return corners
+
+
+def _along(points: Array) -> list[float]:
+    """Lengths along a path (K, n), from its start to each of its corners."""
+    return [0.0, *np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)).tolist()]
 
 
 def divided(corners: Array, spacing: float) -> Array:
