@@ -358,13 +358,19 @@ def house(
 @click.option("--stride", type=click.IntRange(1, 1000), default=1, show_default=True, help="Every so many problems.")
 @click.option("--timeout", type=options.Finite(0.01, 600), default=2.0, show_default=True, help="For each [s].")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
+@click.option(
+    "--base", type=click.Choice([kind.value for kind in BaseKind]), default="fixed", show_default=True,
+    help="One that can move starts two metres off.",
+)  # fmt: skip
 @_json_runs
-def mbm(root: str, robot: str, stride: int, timeout: float, seed: int, json_file: str | None) -> None:
+def mbm(
+    root: str, robot: str, stride: int, timeout: float, seed: int, base: str, json_file: str | None
+) -> None:  # fmt: skip
     """Plan MotionBenchMaker's problems of the Fetch or the Panda: how many are certified, how fast, how clear."""
     with options.LateProgress("planning", 350 // stride) as bar:
-        figures = bench_mbm(root, robot, bar.step, stride=stride, timeout=timeout, seed=seed)
+        figures = bench_mbm(root, robot, bar.step, stride=stride, timeout=timeout, seed=seed, base=base)
     valid, total = figures["valid"], figures["total"]
-    click.echo(f"{robot}, {total} problems, {total - valid} with a start or goal in collision")
+    click.echo(f"{robot} ({base}), {total} problems, {total - valid} with a start or goal in collision")
     share = 100.0 * figures["certified"] / max(valid, 1)
     _row("certified", f"{figures['certified']} of {valid} ({share:.1f} %) within {timeout:g} s")
     ms = figures["ms"]

@@ -255,6 +255,28 @@ def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, st
         yield rows_along(problem, path, tucked_rows), " with the arm tucked"
 
 
+def staged_rows(problem: PlanningProblem, path: Array, drive: Array, before: Array, after: Array) -> Array:
+    """Rows (N, nv) of the joints where the base stands, along a path of the base, and of the joints again.
+
+    Args:
+        problem: start and goal, and how many nodes there may be.
+        path: (K, 2) of the base [m].
+        drive: (2, nv) coordinates at its ends.
+        before, after: rows from the start to the first of these, and from the last to the goal.
+    """
+    first, last = problem.robot.space.from_coordinates(drive)
+    spacing, most = problem.spacing, problem.params.max_nodes - len(before) - len(after) + 2
+    for _ in range(7):
+        rows = waypoint_rows(problem.robot, first, last, path, spacing=spacing)
+        if len(rows) <= most:
+            break
+        spacing *= 1.02 * len(rows) / max(most, 2)
+    whole = np.vstack((before[:-1], rows, after[1:]))
+    if len(whole) > problem.params.max_nodes:
+        whole = whole[np.linspace(0, len(whole) - 1, problem.params.max_nodes).round().astype(int)]
+    return whole
+
+
 def line_strip(problem: PlanningProblem) -> Strip:
     """The straight line as a strip."""
     rows = straight_line(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import cast
 
 import numpy as np
@@ -28,11 +29,11 @@ from .goals import Goal, goal_configurations, is_goal_region
 from .grid_path import MOST_CELLS, grid_path
 from .homotopy.alternatives import Alternative, AlternativesSearch
 from .homotopy.classes import ObstacleCluster
-from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, rows_along
+from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, rows_along, staged_rows
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
 from .problem import Deadline, PlanningProblem
-from .validity import SatisfyingChecker, ValidityChecker
+from .validity import Checker, SatisfyingChecker, ValidityChecker
 
 _log = logging.getLogger(__name__)
 _FINEST = 4.0  # times as many samples on an edge as usual, at most
@@ -47,6 +48,8 @@ _IN_TURNS = 3  # configurations of a goal share the time that is left
 _STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
 _SPACING = 0.3  # [m or rad] of the nodes along a path of the joints
 _MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
+_STAGINGS = 2  # tries of each posture
+_STAGE = 0.6  # [s] longest search for a path of the joints at either end of a drive
 _FIRST_SEARCH, _LONGER = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
 _WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
 
@@ -242,6 +245,7 @@ class _Search(PathSearch):
         self.box: tuple[Array, Array] | None = None  # where the base was last looked for
         self.paths: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
         self.relaxed_paths: set[float | None] = set()
+        self.staged = False  # whether a path was tried on which joints and base move one after the other
         self.put_off = False  # whether a path is longer than others should be looked for first
         self.calls = self.searches = 0  # of OMPL
         self.fineness = 1.0
@@ -280,6 +284,8 @@ class _Search(PathSearch):
             self.relaxed_paths.add(inner)
             for rows, what in path_rows(problem, path):
                 report = self.relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
+                if report is None and not over():
+                    report = self.in_stages(path)
                 if report is not None or over():
                     return report
         return None
@@ -305,15 +311,66 @@ class _Search(PathSearch):
         self.reasons.append(none)
         return None
 
+    def _validity(self) -> tuple[ValidityChecker, SatisfyingChecker | None]:
+        """What the joints' paths are checked by, and with the constraint where there is one."""
+        margin = max(min(_MARGIN, 0.5 * self.problem.room), self.params.clearance)
+        valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=self.deformer.workspace.bounds)
+        constraint = self.problem.constraint
+        return valid, None if constraint is None else SatisfyingChecker(valid, constraint)
+
+    def in_stages(self, path: Array) -> PlanReport | None:
+        """A path (K, 2) of the base in one posture; before and after it, where the base stands, the joints find theirs.
+
+        It is tried once, and where start and goal differ in more than where the base is.
+        """
+        problem, space = self.problem, self.robot.space
+        b, ends = space.base_nv, space.to_coordinates(problem.endpoints)
+        home = space.to_coordinates(self.robot.home_q)
+        if self.staged or np.array_equal(ends[0, b:], ends[1, b:]):
+            return None
+        self.staged = True
+        valid, satisfying = self._validity()
+        postures = ("as at the start", ends[0, b:]), ("at home", home[b:]), ("as at the goal", ends[1, b:])
+        for attempt, (what, joints) in product(range(_STAGINGS), postures):
+            drive = ends.copy()
+            drive[:, b:] = joints
+            if not (valid.at(drive[0]) and valid.at(drive[1])):
+                continue
+            stages: list[Array] = []
+            for pair in ((ends[0], drive[0]), (drive[1], ends[1])):
+                self.attempts += 1
+                with self.timed("planner"):
+                    stage = self._stand(satisfying or valid, np.stack(pair), attempt)
+                if stage is None:
+                    break
+                stages.append(stage)
+            if self.deadline.over():
+                break
+            if len(stages) < 2:
+                self.reasons.append(f"OMPL found no path of the joints from or to where they are {what}")
+                continue
+            rows = staged_rows(problem, path, drive, stages[0], stages[1])
+            report = self.relaxed(rows, "grid", f"grid's path, the joints {what}, and their own before and after,")
+            if report is not None:
+                return report
+        return None
+
+    def _stand(self, valid: Checker, ends: Array, attempt: int) -> Array | None:
+        """Rows (N, nv) between two configurations (2, nv) with the same base, by the joints alone."""
+        if np.array_equal(ends[0], ends[1]):
+            return ends[:1]
+        corners = search_joints(
+            valid, ends, seed=self.problem.seed + 7919 * attempt, planner=PLANNERS[0], step=_STEP * 0.5**attempt,
+            timeout=min(_STAGE, self.deadline.left), deadline=self.deadline,
+        )  # fmt: skip
+        return None if corners is None else divided(corners, _SPACING)
+
     def of_the_joints(self) -> PlanReport | None:
         """Paths of the joints alone, the base as it stands; ever longer searches, and looked at ever more closely."""
-        problem, params = self.problem, self.params
-        bounds = self.deformer.workspace.bounds
+        problem = self.problem
         futile, step, seconds = 0, _STEP, _FIRST_SEARCH
-        margin = max(min(_MARGIN, 0.5 * problem.room), params.clearance)
-        valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=bounds)
+        valid, satisfying = self._validity()
         ends = self.robot.space.to_coordinates(problem.endpoints)
-        satisfying = None if problem.constraint is None else SatisfyingChecker(valid, problem.constraint)
         while not self.deadline.over():
             attempt = self.attempts
             self.attempts += 1

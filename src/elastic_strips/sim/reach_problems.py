@@ -39,12 +39,17 @@ class ReachProblem(Summary):
     goal: Array
     joints: tuple[str, ...]
 
-    def ends(self, robot: RobotModel) -> tuple[Array, Array]:
-        """Start and goal as configurations (nq,), without the rounding by which a value is beyond its limit."""
+    def ends(self, robot: RobotModel, off: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array]:
+        """Start and goal as configurations (nq,), without the rounding by which a value is beyond its limit.
+
+        A base that can move starts ``off`` [m] of where the problem has it.
+        """
         start, goal = (
             robot.home(joints=dict(zip(self.joints, values.tolist(), strict=True)))
             for values in (self.start, self.goal)
         )
+        if robot.space.planar:
+            start[:2] += off
         return start, goal
 
 

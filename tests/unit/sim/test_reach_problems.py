@@ -103,3 +103,15 @@ def test_what_is_missing_or_no_gzip_is_named(gantry_urdf, tmp_path):
 def test_some_of_the_real_ones_are_planned(robot):
     figures = bench_mbm(shared_data("mbm"), robot, stride=90, timeout=30.0)
     assert figures["certified"] == figures["valid"] >= 3
+
+
+def test_a_base_begins_two_metres_off(gantry_urdf, tmp_path):
+    behind = ["behind", "box", [0.5, 0.5, 2.0], [-2.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]
+    root = _write(tmp_path, gantry_urdf, [_problem(0, [1.0, 0.1], [FAR]), _problem(1, [1.0, 0.1], [FAR, behind])])
+    robot, (problem, _) = load_mbm(root, "panda", base="omni")
+    start, goal = problem.ends(robot, (-2.0, 0.5))
+    np.testing.assert_allclose(start[:2], (-2.0, 0.5))
+    np.testing.assert_allclose(goal[:2], (0.0, 0.0))
+    figures = bench_mbm(root, "panda", base="omni", timeout=30.0)
+    assert figures["base"] == "omni"
+    assert (figures["valid"], figures["certified"]) == (2, 2)

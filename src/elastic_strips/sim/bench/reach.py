@@ -15,15 +15,19 @@ from elastic_strips.strip import strip_clearance
 
 from .measure import Figures, Note, head, percentiles, silent
 
+_OFF = 2.0  # [m] that a base begins off where it is to stand
+_TURNS = tuple(k * np.pi / 4.0 for k in (0, 1, -1, 2, -2, 3, -3, 4))  # [rad] from straight behind
+
 
 def bench_mbm(
     root: str | os.PathLike[str], robot: str, step: Note = silent, *, stride: int = 1, timeout: float = 2.0,
-    seed: int = 0,
+    seed: int = 0, base: str = "fixed",
 ) -> Figures:  # fmt: skip
     """Plan the problems: how many of the valid ones are certified, how fast, how long and how clear.
 
     A problem is not valid where its start or goal is in collision. One problem that is not counted is planned first.
-    The time is all of :func:`plan_report`, from robot and scene to a certified strip.
+    The time is all of :func:`plan_report`, from robot and scene to a certified strip. A base that can move begins two
+    metres off: behind where it is to stand, or in the next of eight directions in which nothing is in the way.
 
     Args:
         root: folder with ``mbm``.
@@ -32,11 +36,12 @@ def bench_mbm(
         stride: every so many problems alone.
         timeout: longest time for each [s].
         seed: of the planner's random numbers.
+        base: ``"fixed"``, ``"diff_drive"`` or ``"omni"``.
 
     Raises:
         ScenarioError, RobotError: the data is missing or not sound.
     """
-    model, problems = load_mbm(root, robot)
+    model, problems = load_mbm(root, robot, base=base)
     chosen = problems[::stride]
     _plan(model, problems[-1], timeout, seed)
     runs: list[Figures] = []
@@ -53,6 +58,7 @@ def bench_mbm(
     }
     return {
         **head("mbm", robot=robot),
+        "base": base,
         "total": len(runs), "valid": len(valid), "certified": len(good), "timeout_s": timeout, "seed": seed,
         "ms": {**percentiles(ms), "mean": float(np.mean(ms)) if ms else None, "quartiles": _quartiles(ms)},
         "by_the_line": sum(r["method"] == "line" for r in good),
@@ -72,12 +78,18 @@ def _quartiles(ms: list[float]) -> list[float] | None:
 
 def _plan(model: RobotModel, problem: ReachProblem, timeout: float, seed: int) -> Figures:
     run: Figures = {"name": problem.name, "kind": problem.kind}
-    try:
-        began = perf_counter()
-        report = plan_report(model, problem.scene, *problem.ends(model), timeout=timeout, seed=seed)
-        seconds = perf_counter() - began
-    except ConfigurationError as error:
-        return {**run, "valid": False, "certified": False, "method": "none", "reason": str(error)}
+    reason, turns = "", _TURNS if model.space.planar else (0.0,)
+    for turn in turns:
+        off = (-_OFF * float(np.cos(turn)), -_OFF * float(np.sin(turn)))
+        try:
+            began = perf_counter()
+            report = plan_report(model, problem.scene, *problem.ends(model, off), timeout=timeout, seed=seed)
+            seconds = perf_counter() - began
+            break
+        except ConfigurationError as error:
+            reason = reason or str(error)
+    else:
+        return {**run, "valid": False, "certified": False, "method": "none", "reason": reason}
     rows = model.space.to_coordinates(report.strip.q)
     clearance = strip_clearance(report.strip, problem.scene) if report.certified else None
     return {
