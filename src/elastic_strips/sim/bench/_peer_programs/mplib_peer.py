@@ -24,7 +24,8 @@ def collision_object(k, item):
         shape = fcl.Cylinder(size[0], size[1])
     else:
         shape = fcl.load_mesh_as_Convex(str(folder / item["mesh"]), np.ones(3))
-    return fcl.FCLObject(f"obstacle{k}", mplib.Pose(), [shape], [mplib.Pose(np.array(item["pose"]))])
+    shapes, poses = [fcl.CollisionObject(shape)], [mplib.Pose(np.array(item["pose"]))]
+    return fcl.FCLObject(f"obstacle{k}", mplib.Pose(), shapes, poses)
 
 
 runs = []

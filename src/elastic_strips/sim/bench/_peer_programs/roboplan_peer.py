@@ -7,7 +7,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from roboplan.core import Box, Cylinder, JointConfiguration, Mesh, Scene, Sphere  # pyright: ignore[reportMissingImports]
+from roboplan.core import (  # pyright: ignore[reportMissingImports]
+    Box,
+    Cylinder,
+    JointConfiguration,
+    Mesh,
+    Scene,
+    Sphere,
+    loadUrdfSceneDescription,
+)
 from roboplan.rrt import RRT, RRTOptions  # pyright: ignore[reportMissingImports]
 
 folder = Path(sys.argv[1])
@@ -16,12 +24,8 @@ color = np.array([0.5, 0.5, 0.5, 1.0])
 
 
 def scene_with(obstacles):
-    scene = Scene(
-        "peer",
-        urdf=(folder / "robot.urdf").read_text(),
-        srdf=(folder / "robot.srdf").read_text(),
-        package_paths=[folder],
-    )
+    scene = Scene("peer", loadUrdfSceneDescription(folder / "robot.urdf", [folder]))
+    scene.importSrdf((folder / "robot.srdf").read_text())
     for k, item in enumerate(obstacles):
         name, pose, size = f"obstacle{k}", np.array(item["pose"]), item["size"]
         if item["shape"] == "box":
