@@ -17,7 +17,7 @@ from elastic_strips.validation import check_array, check_choice
 
 from .goals import HandPose, goal_configurations
 from .plan import PlanReport, plan_report
-from .problem import Deadline
+from .problem import Deadline, PlanningProblem
 from .straight import plan_straight
 
 _COUNT = 24  # configurations that are tried, at most
@@ -33,7 +33,8 @@ class ApproachReport(Summary):
     Attributes:
         certified: whether there are both strips, and both are certified.
         drive: plan of the strip to where the hand stands before the place; the last that was tried, or None.
-        reach: plan of the hand's straight motion from there to the place; the last that was tried, or None.
+        reach: plan of the hand's straight motion from there to the place; of the last that was tried and is not
+            certified the motion back, or None.
         reason: what happened, for people.
     """
 
@@ -79,7 +80,7 @@ def plan_approach(
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
-        ConfigurationError: the start is not sound, in collision or too close.
+        ConfigurationError: the start is not sound, in collision or too close, or does not satisfy the constraint.
         GoalError: no configuration has the hand at a place, or none that touches nothing.
         ParameterError: places of several frames or of none, other axes, or ``by`` is not three numbers.
     """
@@ -91,6 +92,7 @@ def plan_approach(
     motion, frame = check_array("by", by, (3,)), frames.pop()
     solver, deadline = PoseSolver(robot, frame), Deadline(timeout)
     beyond = scene if beyond is None else beyond
+    PlanningProblem(robot, beyond, start, start, params=params, constraint=constraint)  # refuses what is wrong with it
     drive = reach = None
     reasons: list[str] = []
     found = goal_configurations(robot, scene, start, goals, seed=seed, params=near, count=_COUNT)
@@ -101,10 +103,12 @@ def plan_approach(
         turn = solver.place(robot.space.to_coordinates(q)[None])[1][0]
         offset = turn @ motion if axes == "hand" else motion
         away = plan_straight(robot, scene, q, frame, -offset, params=near)
-        reach = replace(away, strip=away.strip.reversed(), initial=away.initial.reversed())
+        reach = away
         if not away.certified:
             reasons.append(away.reason)
             continue
+        there = away.strip.reversed()
+        reach = replace(away, strip=there, initial=there, report=replace(away.report, strip=there))
         left = max(deadline.left, _LEAST)
         try:
             drive = plan_report(
@@ -112,8 +116,6 @@ def plan_approach(
                 timeout=left / min(_IN_TURNS, len(found) - k),
             )  # fmt: skip
         except ConfigurationError as error:
-            if str(error).startswith("start"):
-                raise
             reasons.append(f"before the place: {error}")
             continue
         if drive.certified:

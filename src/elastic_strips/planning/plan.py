@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import GoalError
-from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, OrientationConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
@@ -145,7 +145,7 @@ def plan_report(
         backward: whether a differential drive may go the straight line backwards, where it turns less then. Paths over
             the grid always go forwards; those of OMPL, the last resort, may back up.
         constraint: what every configuration on the way, between the nodes too, has to satisfy within its tolerance,
-            such as a hand that stays level; a deformer brings its own.
+            such as a hand that stays level; not beside a deformer, which brings its own.
         watch: called with every tick's report.
 
     Raises:
@@ -161,10 +161,11 @@ def plan_report(
         deadline = Deadline(timeout)
         asked = deformer.params if isinstance(deformer, Deformer) else params
         goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked)
-        if isinstance(deformer, Deformer) and deformer.constraint is not None:
-            constraint = deformer.constraint.constraint
+        force = deformer.constraint if isinstance(deformer, Deformer) else None
         if constraint is not None:
-            goals = _satisfying(robot, goals, constraint)
+            force = ConstraintForce(robot, constraint)
+        if force is not None:
+            goals = _satisfying(robot, goals, force)
         for k, q in enumerate(goals):
             left = max(deadline.left, _LEAST_SHARE) / min(_IN_TURNS, len(goals) - k)
             report = plan_report(
@@ -197,11 +198,9 @@ def plan_report(
     return report or search.with_ompl() or search.failed()
 
 
-def _satisfying(robot: RobotModel, goals: Array, constraint: OrientationConstraint) -> Array:
+def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce) -> Array:
     """The configurations (K, nq) of a goal that satisfy a constraint."""
-    kin = Kinematics(robot.tree, len(goals))
-    kin.update(robot.space.to_coordinates(goals))
-    off = ConstraintForce(robot, constraint).errors(kin)
+    off, constraint = force.errors_at(robot.space.to_coordinates(goals)), force.constraint
     if off.min() > constraint.tolerance:
         raise GoalError(
             f"goal: none of its {len(goals)} configurations satisfies the constraint: {constraint.frame!r} is at least "
@@ -334,7 +333,9 @@ class _Search(PathSearch):
         for attempt, (what, joints) in product(range(_STAGINGS), postures):
             drive = ends.copy()
             drive[:, b:] = joints
-            if not (valid.at(drive[0]) and valid.at(drive[1])):
+            constraint = problem.constraint
+            missed = constraint is not None and constraint.errors_at(drive).max() > constraint.constraint.tolerance
+            if missed or not (valid.at(drive[0]) and valid.at(drive[1])):
                 continue
             stages: list[Array] = []
             for pair in ((ends[0], drive[0]), (drive[1], ends[1])):

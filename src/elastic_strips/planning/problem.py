@@ -80,7 +80,8 @@ class PlanningProblem:
         seed: of random numbers.
         timeout: longest time for everything [s].
         backward: whether the straight line may be driven backwards.
-        constraint: what every configuration on the way has to satisfy, or None; a deformer brings its own.
+        constraint: what every configuration on the way has to satisfy, or None; not beside a deformer, which brings its
+            own.
 
     Attributes:
         constraint: the same, as a force on strips.
@@ -95,7 +96,8 @@ class PlanningProblem:
         RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
             satisfy the constraint; names the pair, or the distance.
-        ParameterError: a seed, timeout or bounds outside its range, or something that is no deformer of this robot.
+        ParameterError: a seed, timeout or bounds outside its range, something that is no deformer of this robot, or a
+            constraint beside a deformer.
     """
 
     start: Array
@@ -117,6 +119,8 @@ class PlanningProblem:
             raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
         if deformer is not None and not robot.same_as(deformer.robot):
             raise ParameterError(f"deformer is of robot {deformer.robot.name!r}; it must be of {robot.name!r}")
+        if deformer is not None and constraint is not None:
+            raise ParameterError("constraint: a deformer brings its own: Deformer(robot, params, constraint=…)")
         self.robot: RobotModel = robot
         self.scene: Scene = scene
         own = DeformParams() if robot.space.planar else ARM
@@ -135,7 +139,7 @@ class PlanningProblem:
         self.endpoints: Array = np.stack((self.start, self.goal))
         self.region: Region | None = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
         if self.constraint is not None:
-            self.constraint.check(robot, self.endpoints, ("start", "goal"))
+            self.constraint.check(self.endpoints, ("start", "goal"))
         if self.region is None and bounds is not None:
             raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
         self.spacing: float = min(_SPACING, self.params.max_spacing)

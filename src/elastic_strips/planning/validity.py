@@ -149,13 +149,7 @@ class ValidityChecker:
         if self.native is not None:
             self.native.chart(row, unit)
             return self.native.motion_in_chart
-        one, two = row.copy(), row.copy()
-
-        def motion(a: Sequence[float], b: Sequence[float], step: float) -> bool:
-            one[-len(unit) :], two[-len(unit) :] = np.multiply(a, unit), np.multiply(b, unit)
-            return self.motion(one, two, step)
-
-        return motion
+        return _in_chart(self.motion, row, unit)
 
     def _hits_tree(self) -> bool:
         assert self._manager is not None
@@ -200,13 +194,7 @@ class SatisfyingChecker:
 
     def in_chart(self, row: Array, unit: Array) -> Callable[[Sequence[float], Sequence[float], float], bool]:
         """As :meth:`ValidityChecker.in_chart`."""
-        one, two = row.copy(), row.copy()
-
-        def motion(a: Sequence[float], b: Sequence[float], step: float) -> bool:
-            one[-len(unit) :], two[-len(unit) :] = np.multiply(a, unit), np.multiply(b, unit)
-            return self.motion(one, two, step)
-
-        return motion
+        return _in_chart(self.motion, row, unit)
 
     def _all(self, coordinates: Array, jump: float) -> bool:
         """Whether rows (N, nv) are valid once projected, and no point moves further than ``jump`` [m] between two."""
@@ -219,6 +207,19 @@ class SatisfyingChecker:
 
 
 Checker = ValidityChecker | SatisfyingChecker
+
+
+def _in_chart(
+    motion: Callable[[Array, Array, float], bool], row: Array, unit: Array
+) -> Callable[[Sequence[float], Sequence[float], float], bool]:
+    """``motion`` of coordinates, for states that are the last of these in units of their own."""
+    one, two = row.copy(), row.copy()
+
+    def of_states(a: Sequence[float], b: Sequence[float], step: float) -> bool:
+        one[-len(unit) :], two[-len(unit) :] = np.multiply(a, unit), np.multiply(b, unit)
+        return motion(one, two, step)
+
+    return of_states
 
 
 def _grown(geometry: coal.CollisionGeometry, margin: float) -> coal.CollisionGeometry:

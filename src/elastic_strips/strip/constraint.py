@@ -126,6 +126,12 @@ class ConstraintForce:
         a = self._in_world(kin)
         return np.arctan2(np.linalg.norm(np.cross(a, self._target), axis=1), a @ self._target)
 
+    def errors_at(self, coordinates: Array) -> Array:
+        """(N,) angle [rad] by which coordinate rows (N, nv) miss the constraint."""
+        kin = Kinematics(self._robot.tree, len(coordinates))
+        kin.update(coordinates)
+        return self.errors(kin)
+
     def bound(self, strip: Strip) -> tuple[float, int]:
         """By how much [rad] a strip misses the constraint at most anywhere, between its nodes too; and the segment.
 
@@ -137,9 +143,7 @@ class ConstraintForce:
         parts = np.maximum(np.ceil(turn / _PART).astype(int), 1)
         segment = np.repeat(np.arange(len(parts)), parts)
         share = (np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[segment]
-        kin = Kinematics(self._robot.tree, len(segment) + 1)
-        kin.update(np.vstack((space.integrate(rows[segment], share[:, None] * v[segment]), rows[-1:])))
-        off = self.errors(kin)
+        off = self.errors_at(np.vstack((space.integrate(rows[segment], share[:, None] * v[segment]), rows[-1:])))
         most = 0.5 * (off[:-1] + off[1:] + (turn / parts)[segment])
         worst = int(np.argmax(most))
         return float(most[worst]), int(segment[worst])
@@ -154,15 +158,13 @@ class ConstraintForce:
             f"segment {segment}: {self.constraint.frame} is up to {off:.3f} rad off, {most:g} are allowed (tolerance)"
         )
 
-    def check(self, robot: RobotModel, q: Array, what: Sequence[str]) -> None:
+    def check(self, q: Array, what: Sequence[str]) -> None:
         """Refuse configurations (K, nq) that do not satisfy the constraint.
 
         Raises:
             ConfigurationError: names it, and by how much it misses.
         """
-        kin = Kinematics(robot.tree, len(q))
-        kin.update(robot.space.to_coordinates(q))
-        for name, off in zip(what, self.errors(kin), strict=True):
+        for name, off in zip(what, self.errors_at(self._robot.space.to_coordinates(q)), strict=True):
             if off > self.constraint.tolerance:
                 raise ConfigurationError(
                     f"{name} does not satisfy the constraint: {self.constraint.frame!r} is {off:.3f} rad off, "
@@ -178,11 +180,11 @@ class ConstraintForce:
         space, b = self._robot.space, self._robot.space.base_nv
         rows = coordinates.copy()
         kin = Kinematics(self._robot.tree, len(rows))
-        for _ in range(_PROJECTIONS):
+        for k in range(_PROJECTIONS + 1):
             kin.update(rows)
             angle = self.errors(kin)
             todo = angle > _WITHIN * self.constraint.tolerance
-            if not todo.any():
+            if not todo.any() or k == _PROJECTIONS:
                 break
             off, turns = self._off(kin)
             J = turns[todo][:, :, b:]  # (K, 3, n)

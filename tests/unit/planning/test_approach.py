@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from brute_force import link_distances
 
-from elastic_strips.errors import GoalError, ParameterError, RobotError
+from elastic_strips.errors import ConfigurationError, GoalError, ParameterError, RobotError
 from elastic_strips.planning import BasePose, HandPose, plan_approach
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Scene
@@ -53,6 +53,7 @@ def test_the_hand_goes_straight_to_the_place(silvermate, axes):
     drive, reach = report.drive.strip, report.reach.strip
     np.testing.assert_array_equal(drive.q[0], silvermate.home())
     np.testing.assert_array_equal(drive.q[-1], reach.q[0])
+    assert report.reach.report.strip is reach
     first, last = placed(silvermate, reach.q[0]), placed(silvermate, reach.q[-1])
     np.testing.assert_allclose(last.translation, at, atol=2e-4)
     way = last.translation - first.translation
@@ -101,5 +102,7 @@ def test_wrong_input_is_refused(silvermate):
         plan_approach(silvermate, scene, start, one, (0.1, 0.0))
     with pytest.raises(RobotError, match="did you mean"):
         plan_approach(silvermate, scene, start, HandPose("hand_fram", (2.0, 0.0, 0.9)), by)
+    with pytest.raises(ConfigurationError, match="start is in collision"):
+        plan_approach(silvermate, scene, start, one, by, beyond=Scene([Box((1.0, 1.0, 1.0), at=(0.0, 0.0, 0.5))]))
     with pytest.raises(GoalError, match="out of reach"):
         plan_approach(silvermate, scene, start, HandPose(HAND, (2.0, 0.0, 9.0)), by)

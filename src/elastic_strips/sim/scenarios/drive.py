@@ -21,7 +21,7 @@ from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
 from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.planning import StripSetParams
-from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
 from elastic_strips.sim import Perception, PerceptionParams, SensorPerception, base_simulation
 from elastic_strips.sim.baselines import BASE_METHODS, BaseController
@@ -331,10 +331,7 @@ def _missed(driven: _Driven, result: DriveResult) -> float | None:
     constraint = getattr(driven.params, "constraint", None)
     if constraint is None:
         return None
-    rows = result.record.control.coordinates
-    kin = Kinematics(driven.robot.tree, len(rows))
-    kin.update(rows)
-    return float(ConstraintForce(driven.robot, constraint).errors(kin).max())
+    return float(ConstraintForce(driven.robot, constraint).errors_at(result.record.control.coordinates).max())
 
 
 def drive_scenario(
