@@ -14,12 +14,15 @@ import argparse
 import contextlib
 import io
 import json
+import os
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -55,6 +58,17 @@ class Findings:
     walks: Figures = field(default_factory=Figures)
     seconds: float = 0.0
 
+    def add(self, other: Findings) -> None:
+        self.proofs += other.proofs
+        self.unproven += other.unproven
+        self.refused += other.refused
+        self.false += other.false
+        self.tampered += other.tampered
+        self.taken += other.taken
+        self.intervals += other.intervals
+        self.walks.add(other.walks)
+        self.seconds += other.seconds
+
     @property
     def wrong(self) -> list[str]:
         return [*self.refused, *self.false, *self.taken]
@@ -68,7 +82,7 @@ class Findings:
             f"\n\n{self.proofs} proofs taken ({self.intervals} intervals), {len(self.refused)} refused by the checker, "
             f"{len(self.false)} of paths that touch; {self.unproven} paths have none; {self.walks.samples} samples; "
             f"{sum(self.tampered.values())} files tampered with, {len(self.taken)} taken that are not true; "
-            f"{self.seconds:.0f} s"
+            f"{self.seconds:.0f} s of a core"
         )
 
 
@@ -94,7 +108,8 @@ def _drop_obstacle(rng: np.random.Generator, header: Parts, parts: Parts) -> Non
 def _other_robot(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
     """A link is longer, or a body thinner."""
     robot = header["robot"]
-    if rng.random() < 0.5:
+    joints = len(robot["joints"]) - robot["planar"]
+    if joints and rng.random() < 0.5:
         joint = robot["joints"][int(rng.integers(robot["planar"], len(robot["joints"])))]
         joint["offset"][int(rng.integers(3))][3] += float(rng.normal() * 0.1)
     else:
@@ -178,7 +193,6 @@ class Study:
             scene = self.attack.scene(int(self.rng.integers(1, 5)))
             for _ in range(10):
                 done += self.one(scene, tampered)
-        self.findings.seconds = process_time()
 
     def one(self, scene: Scene, tampered: float) -> bool:
         rng, findings, walker = self.rng, self.findings, self.attack.checker
@@ -229,16 +243,29 @@ class Study:
             findings.taken.append(f"{self.name}: {name}, and touches")
 
 
-def run_all(proofs: int, tampered: int, seed: int, *, each: int = 1000) -> Findings:
-    """So many proofs of as many robots as it takes, and about so many files tampered with."""
-    findings = Findings()
-    for k in range(max(1, -(-proofs // each))):
-        with tempfile.TemporaryDirectory() as folder:
-            study = Study(1000 * seed + k, findings, Path(folder))
-            study.run(min(each, proofs), tampered / proofs)
-        if (k + 1) % 5 == 0:
-            print(f"{findings.proofs} proofs, {len(findings.wrong)} wrong", file=sys.stderr, flush=True)
+def run_robot(seed: int, proofs: int, tampered: float) -> Findings:
+    """So many proofs of one robot, of which a share is tampered with."""
+    began, findings = process_time(), Findings()
+    with tempfile.TemporaryDirectory() as folder:
+        Study(seed, findings, Path(folder)).run(proofs, tampered)
+    findings.seconds = process_time() - began
     return findings
+
+
+def run_all(proofs: int, tampered: int, seed: int, processes: int = 1, *, each: int = 1000) -> Findings:
+    """So many proofs of as many robots as it takes, and about so many files tampered with."""
+    total = Findings()
+    works = [(1000 * seed + k, min(each, proofs), tampered / proofs) for k in range(max(1, -(-proofs // each)))]
+    if processes <= 1:
+        for work in works:
+            total.add(run_robot(*work))
+        return total
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        for k, ended in enumerate(as_completed([pool.submit(run_robot, *work) for work in works])):
+            total.add(ended.result())
+            if (k + 1) % 5 == 0:
+                print(f"{total.proofs} proofs, {len(total.wrong)} wrong", file=sys.stderr, flush=True)
+    return total
 
 
 def main() -> None:
@@ -247,8 +274,9 @@ def main() -> None:
     parser.add_argument("--tampered", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--each", type=int, default=1000, help="proofs a robot")
+    parser.add_argument("--processes", type=int, default=min(2, os.cpu_count() or 1))
     given = parser.parse_args()
-    findings = run_all(given.proofs, given.tampered, given.seed, each=given.each)
+    findings = run_all(given.proofs, given.tampered, given.seed, given.processes, each=given.each)
     for line in findings.wrong[:50]:
         print(line)
     print(findings.table())

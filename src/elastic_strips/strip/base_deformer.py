@@ -179,6 +179,14 @@ class Workspace:
         self.kin.update(coordinates)
         self._distances(scene)
 
+    def try_joints(self, coordinates: Array) -> None:
+        """Make nodes (N, nv) current for the distances of the robot's own links alone; to be replaced."""
+        self._strip = None
+        self.kin.update(coordinates)
+        self.clock.mark("kinematics")
+        self.self_pairs.update(self.kin)
+        self.clock.mark("self-collision")
+
     def edit(self, coordinates: Array, source: Indices, scene: Scene) -> None:
         """Make nodes (N, nv) current, whose node i was node ``source[i]`` (−1: none), with what is known."""
         self.obstacles.remap(source)

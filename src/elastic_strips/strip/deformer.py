@@ -27,6 +27,7 @@ from .forces import (
     repulsive_magnitude,
 )
 from .params import DeformParams
+from .recovery import Intrusions, hold_joints, own_distances_to_keep
 from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
 from .resampling import node_spacing, resample
 from .solver import BandedSolver, System, project_rolling
@@ -42,6 +43,7 @@ _FIRM, _ROOM = 250.0, 0.004  # gain of the stiff layer in ``settle``, and what i
 _FLAT, _SLIGHT = 10, 5e-4  # at rest in ``settle``: so many ticks that lower the energy by less than this part of it
 _LOSS = 1e-3  # what a strip may lose of its clearance [m] in ``settle``
 _FELT = 0.98  # part of the influence distance up to which clearance is kept in ``settle``
+_HOLDS = 2  # times that a step is solved again for the robot's own links
 _SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
 
 
@@ -222,8 +224,14 @@ class Deformer(BaseDeformer[DeformReport]):
         before = work.coordinates.copy()
         if not keep:
             self._trust = 1.0
-        coordinates, slip, energies, forces = self._update()
-        moved = work.move(coordinates, scene)
+        if keep or self._descends:
+            coordinates, slip, energies, forces = self._update()
+        else:
+            intrusions = Intrusions.of(work.kin, work.obstacles, self.params.clearance)
+            coordinates, slip, energies, forces = self._update(intrusions)
+            coordinates, slip = self._apart(before, intrusions, coordinates, slip)
+        moved = float(np.abs(coordinates - before).max(initial=0.0))
+        work.replace(coordinates, scene)
         if self._descends:
             coordinates, slip = self._lower(before, coordinates, slip, sum(energies.values()), scene)
             moved = float(np.abs(coordinates - before).max(initial=0.0))
@@ -234,6 +242,27 @@ class Deformer(BaseDeformer[DeformReport]):
             self._trust = min(1.0, 2.0 * self._trust)
         self._proven = _is_proven(result)
         return result
+
+    def _apart(self, before: Array, intrusions: Intrusions, coordinates: Array, slip: float) -> tuple[Array, float]:
+        """A broken strip's step, with its rolling residual: where it would bring the robot's own links together it is
+        solved again with the joints of those nodes stiff, so that the base gives way instead.
+
+        Links meet by the joints alone, and beyond the self influence distance no force tells of it: an arm that an
+        obstacle pushes would go through the body, and come back over many ticks.
+        """
+        work, b = self.workspace, self.robot.space.base_nv
+        pairs = work.self_pairs
+        if b == 0 or len(pairs.pairs) == 0:
+            return coordinates, slip
+        least, held = own_distances_to_keep(pairs, self.params.self_clearance), np.zeros(len(before), dtype=bool)
+        for _ in range(_HOLDS):
+            work.try_joints(coordinates)
+            lost = (pairs.bound < least).any(axis=1) & ~held
+            if not lost.any():
+                break
+            held |= hold_joints(self._system, b, lost)
+            coordinates, slip = self._stepped(before, intrusions)
+        return coordinates, slip
 
     def _lower(
         self, before: Array, coordinates: Array, slip: float, energy: float, scene: Scene
@@ -290,16 +319,23 @@ class Deformer(BaseDeformer[DeformReport]):
         self.clock.mark("forces")
         return forces
 
-    def _update(self) -> tuple[Array, float, dict[str, float], StripForces]:
+    def _update(self, intrusions: Intrusions | None = None) -> tuple[Array, float, dict[str, float], StripForces]:
         """Where the forces move the nodes: coordinates (N, nv), rolling residual [m], energies, external forces."""
+        forces = self._assemble()
+        moved, residual = self._stepped(self.workspace.coordinates, intrusions)
+        return moved, residual, dict(self._system.energies), forces
+
+    def _stepped(self, coordinates: Array, intrusions: Intrusions | None) -> tuple[Array, float]:
+        """Where the system's step leads from nodes (N, nv), no farther than needed where something is in the strip; and
+        the rolling residual [m]."""
         params, space = self.params, self.robot.space
-        forces, system = self._assemble(), self._system
-        coordinates = self.workspace.coordinates
-        delta = self._solver.solve(system, _BOLD * self._damping if self._descends else self._damping)
+        delta = self._solver.solve(self._system, _BOLD * self._damping if self._descends else self._damping)
         largest = float(np.abs(delta * self._step_lever).max(initial=0.0))
         limit = self._trust * params.max_step
         if largest > limit:
             delta *= limit / largest
+        if intrusions is not None:
+            delta *= intrusions.share(delta)
         self.clock.mark("solve")
         moved = space.integrate(coordinates, delta)
         np.clip(moved, space.lower, space.upper, out=moved)
@@ -307,7 +343,7 @@ class Deformer(BaseDeformer[DeformReport]):
         if self._rolling:
             moved, residual = project_rolling(space, moved)
         self.clock.mark("rolling")
-        return moved, residual, dict(system.energies), forces
+        return moved, residual
 
     def _straight(self, coordinates: Array) -> Array:
         """(N, nv) as many nodes on the straight line between the ends."""
