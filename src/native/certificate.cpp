@@ -326,10 +326,11 @@ void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, st
 }
 
 std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
-                                const double* v, double clearance, SelfDistances& d) {
+                                const double* v, const std::int8_t* states, double clearance, SelfDistances& d) {
   std::vector<Interval> todo;
   std::vector<double> travel(d.pairs);
   for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
+    if (states[s] < 0) continue;  // it is known to be certified
     std::fill(travel.begin(), travel.end(), 0.0);
     for (int k = tree.base_nv(); k < tree.nv; ++k) {
       const double speed = std::abs(v[s * tree.nv + k]);

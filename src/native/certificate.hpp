@@ -182,7 +182,7 @@ void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, st
 
 // Intervals (segment, self pair) that the nodes' distances leave open, once these have been made exact enough.
 std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
-                                const double* v, double clearance, SelfDistances& distances);
+                                const double* v, const std::int8_t* states, double clearance, SelfDistances& distances);
 
 // A node that is itself too close decides both its segments.
 void colliding_nodes(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,

@@ -319,7 +319,8 @@ void bind_self(nb::module_& m) {
              StripSearch search(clearance, states.data());
              self.counts = {};
              const Tree& tree = self.bodies().tree;
-             const std::vector<Interval> todo = open_self(self, frames, tree, radius.data(), v.data(), clearance, view);
+             const std::vector<Interval> todo =
+                 open_self(self, frames, tree, radius.data(), v.data(), states.data(), clearance, view);
              Bisection bisection(tree, frames, coordinates.data(), v.data());
              return bisected(bisection, self, todo, search, depth, {});
            });

@@ -32,6 +32,7 @@ _MOST_SAMPLES = 256
 """Most configurations of one segment about which obstacles are looked for."""
 _REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
 _UNLIMITED = 60
+_KNOWN = np.int8(-1)  # a segment that is certified already, while others are looked at
 
 
 class Certifier:
@@ -64,8 +65,9 @@ class Certifier:
         self._between = Kinematics(bodies.tree, 64)
 
     def certify(
-        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene
-    ) -> Certificate:
+        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene,
+        known: Mask | None = None,
+    ) -> Certificate:  # fmt: skip
         """Certify the segments between the nodes of ``kin``.
 
         Args:
@@ -74,8 +76,12 @@ class Certifier:
             clearance: required distance [m], > 0, to obstacles.
             self_clearance: required distance [m], > 0, between the robot's own links.
             scene: the snapshot, as last given to the obstacle proximity.
+            known: (N−1,) segments that are certified with these very clearances, scene and ends; the others are
+                looked at.
         """
         states = np.zeros(kin.n - 1, dtype=np.int8)
+        if known is not None:
+            states[known] = _KNOWN
         travel = self.bounds.travel(v)
         looked = self._look_along(kin, v, travel, clearance, scene)
         worst: list[BrokenSegment] = []
@@ -91,10 +97,9 @@ class Certifier:
         )
         native = self._certify_native(kin, v, searches, states)
         if native is not None:
-            worst.sort(key=lambda b: (not b.certain, b.clearance))
-            return Certificate(clearance, states == 0, states, worst[0] if worst else None, looked + native)
+            return _certificate(clearance, states, worst, looked + native)
         self._colliding_nodes(kin, searches[0])
-        todos = self._open_obstacles(kin, v, travel, clearance, states), self._open_self(kin, v, self_clearance)
+        todos = self._open_obstacles(kin, v, travel, clearance, states), self._open_self(kin, v, self_clearance, states)
         self._bisection.begin(kin, v)
         for search, todo in zip(searches, todos, strict=True):
             if todo is None or len(todo) == 0:
@@ -104,9 +109,7 @@ class Certifier:
             left = self._bisection.run(search.pairs, todo, search, self.max_depth)
             if len(left):
                 search.report(left.low, left.pair, np.minimum(left.d_low, left.d_high), certain=False)
-        worst.sort(key=lambda b: (not b.certain, b.clearance))
-        checks = looked + self._bisection.checks
-        return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
+        return _certificate(clearance, states, worst, looked + self._bisection.checks)
 
     def _certify_native(
         self, kin: Kinematics, v: Array, searches: tuple[_StripSearch, _StripSearch], states: npt.NDArray[np.int8]
@@ -189,12 +192,14 @@ class Certifier:
         todo = OpenIntervals.of_segments(body * bound.shape[2] + part, segment, d_low, d_high, tight)
         return todo.take(todo.open(clearance))
 
-    def _open_self(self, kin: Kinematics, v: Array, clearance: float) -> OpenIntervals | None:
+    def _open_self(
+        self, kin: Kinematics, v: Array, clearance: float, states: npt.NDArray[np.int8]
+    ) -> OpenIntervals | None:
         proximity, bound = self.self_pairs, self.self_pairs.bound
         if bound.shape[1] == 0:
             return None
         travel = proximity.travel(v)
-        segment, pair = nonzero(~(bound[:-1] + bound[1:] > travel + 2.0 * clearance))
+        segment, pair = nonzero(~(bound[:-1] + bound[1:] > travel + 2.0 * clearance) & (states != _KNOWN)[:, None])
         if len(segment) == 0:
             return None
         travel = travel[segment, pair]
@@ -225,6 +230,14 @@ class Certifier:
         reach = clearance + 0.5 * np.repeat(longest[long] / counts, counts) + 1e-6
         self.obstacles.look_between(kin, self._between, reach)
         return len(s)
+
+
+def _certificate(
+    clearance: float, states: npt.NDArray[np.int8], worst: list[BrokenSegment], checks: int
+) -> Certificate:
+    worst.sort(key=lambda b: (not b.certain, b.clearance))
+    states[states == _KNOWN] = SegmentState.CERTIFIED
+    return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
 
 
 class _StripSearch:

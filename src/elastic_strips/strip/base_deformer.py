@@ -10,7 +10,7 @@ from typing import Generic
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.collision import (
     BodySet,
     Certificate,
@@ -201,13 +201,14 @@ class Workspace:
         self.self_pairs.update(self.kin)
         self.clock.mark("self-collision")
 
-    def certify(self, scene: Scene) -> Certificate:
-        """Certify the segments between the current nodes."""
+    def certify(self, scene: Scene, known: Mask | None = None) -> Certificate:
+        """Certify the segments between the current nodes, but for those (N−1,) that are known to be certified."""
         v = self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
         params = self.params
         certificate = self.certifier.certify(
-            self.kin, v, clearance=params.clearance, self_clearance=params.self_clearance, scene=scene
-        )
+            self.kin, v, clearance=params.clearance, self_clearance=params.self_clearance, scene=scene,
+            known=known,
+        )  # fmt: skip
         self.clock.mark("certificate")
         return certificate
 

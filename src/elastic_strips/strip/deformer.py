@@ -29,7 +29,7 @@ from .forces import (
 from .params import DeformParams
 from .recovery import Intrusions, hold_joints, own_distances_to_keep
 from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
-from .resampling import node_spacing, resample
+from .resampling import kept_segments, node_spacing, resample
 from .solver import BandedSolver, System, project_rolling
 from .strip import Strip
 
@@ -360,24 +360,22 @@ class Deformer(BaseDeformer[DeformReport]):
         """
         space, work = self.robot.space, self.workspace
         self._trust = max(0.5 * self._trust, 0.05)
+        if self._retries:
+            half, slip = space.integrate(before, 0.5 * space.difference(before, coordinates)), 0.0
+            if self._rolling:
+                half, slip = project_rolling(space, half)
+            work.replace(half, scene)
+            certificate = work.certify(scene)
+            if certificate.certified and slip <= SLIP_LIMIT:
+                return replace(full, certificate=certificate, slip=slip)
+            self._trust = max(0.5 * self._trust, 0.05)
         work.replace(before, scene)
         stays = work.certify(scene)
-        if not stays.certified:
-            self._trust = 1.0
-            work.replace(coordinates, scene)  # the obstacle came too near: the full step leads away
-            return full
-        if not self._retries:
+        if stays.certified:
             return replace(full, certificate=stays, slip=0.0)
-        half, slip = space.integrate(before, 0.5 * space.difference(before, coordinates)), 0.0
-        if self._rolling:
-            half, slip = project_rolling(space, half)
-        work.replace(half, scene)
-        certificate = work.certify(scene)
-        if certificate.certified and slip <= SLIP_LIMIT:
-            return replace(full, certificate=certificate, slip=slip)
-        self._trust = max(0.5 * self._trust, 0.05)
-        work.replace(before, scene)
-        return replace(full, certificate=stays, slip=0.0)
+        self._trust = 1.0
+        work.replace(coordinates, scene)  # the obstacle came too near: the full step leads away
+        return full
 
     def _resample(self, scene: Scene, result: TickResult) -> TickResult:
         params, space, work = self.params, self.robot.space, self.workspace
@@ -412,8 +410,11 @@ class Deformer(BaseDeformer[DeformReport]):
             old = np.maximum.accumulate(source)[:-1]  # which segment each was a part of
             self._fallen = []
             self._pieces = (self._pieces * np.bincount(old, minlength=len(self._pieces)))[old]
+        known = None
+        if work.prediction is None:  # what moves on is elsewhere when other nodes are reached
+            known = kept_segments(before, coordinates, source, result.certificate.segments)
         work.edit(coordinates, source, scene)
-        edited = replace(result, certificate=work.certify(scene), slip=slip)
+        edited = replace(result, certificate=work.certify(scene, known), slip=slip)
         if proven and not _is_proven(edited):  # the removed nodes were needed
             self._needed = _NEEDED_FOR
             work.replace(before, scene)

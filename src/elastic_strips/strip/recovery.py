@@ -55,7 +55,7 @@ def own_distances_to_keep(pairs: SelfProximity, self_clearance: float) -> Array:
 
 def hold_joints(system: System, base_nv: int, lost: Mask) -> Mask:
     """Make the joints stiff at and about the nodes ``lost`` (N,), so that the base gives way there; which those are."""
-    about = np.convolve(lost, np.ones(2 * _ASIDE + 1), "same") > 0.0
+    about = np.convolve(lost, np.ones(2 * _ASIDE + 1))[_ASIDE:-_ASIDE] > 0.0
     joints = np.arange(base_nv, system.force.shape[1])
     system.diagonal[np.flatnonzero(about)[:, None], joints, joints] += _HELD
     return about

@@ -72,3 +72,15 @@ def resample(
     rows = coordinates[source]
     rows[source < 0] = space.interpolate(coordinates[segment], coordinates[segment + 1], part)
     return rows, source
+
+
+def kept_segments(before: Array, coordinates: Array, source: Indices, which: Mask) -> Mask:
+    """(M−1,) segments of edited nodes that are segments of the nodes before, to the last bit, and among ``which``.
+
+    Args:
+        before: (N, nv) nodes before; coordinates: (M, nv) now.
+        source: (M,) which node before each was, −1 for a new one.
+        which: (N−1,) segments before.
+    """
+    stays = (source >= 0) & (coordinates == before[source]).all(axis=1)
+    return stays[:-1] & stays[1:] & (np.diff(source) == 1) & which[source[:-1]]

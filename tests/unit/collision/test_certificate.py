@@ -270,6 +270,27 @@ def test_the_certificate_after_a_deformation_is_the_one_of_a_fresh_workspace(sil
         assert not disagree.any()
 
 
+def test_what_is_known_is_not_looked_at_again(silvermate):
+    """With and without the kernel: the rest is decided as ever, and what is said to be known stays certified."""
+    scene = Scene([Box((0.4, 0.4, 1.0), at=(2.0, 0.45, 0.5)), Cylinder(0.1, 1.0, at=(4.0, 0.0, 0.5))])
+    strip = drive(silvermate, *np.linspace(0.0, 6.0, 13))
+    work = Deformer(silvermate).workspace
+    work.load(strip, scene)
+    whole = work.certify(scene)
+    assert 0 < whole.segments.sum() < len(strip) - 1
+    some = whole.segments & (np.arange(len(strip) - 1) % 2 == 0)
+    work.load(strip, scene)
+    part = work.certify(scene, some)
+    np.testing.assert_array_equal(part.segments, whole.segments)
+    np.testing.assert_array_equal(part.states, whole.states)
+    assert part.broken == whole.broken
+    between = Scene([Cylinder(0.05, 0.5, at=(3.0, 0.0, 0.25), name="post")])
+    strip = drive(silvermate, 0.0, 2.0, 4.0, 6.0)
+    work.load(strip, between)
+    assert work.certify(between).segments.tolist() == [True, False, True]
+    assert work.certify(between, np.array([True, True, False])).certified
+
+
 def test_a_clearance_beyond_the_paper_presets_reach(silvermate):
     """The paper preset measures links up to 0.3 m: a larger clearance must not be certified from what was not seen."""
     deformer = PaperDeformer(silvermate, PaperParams(clearance=0.5))

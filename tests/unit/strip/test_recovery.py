@@ -65,6 +65,22 @@ def test_without_it_the_arm_does_go_through_the_body(tiago_omni, broken, monkeyp
     assert min(least) < -1e-3
 
 
+def test_what_a_tick_divides_or_joins_is_certified_anew(tiago_omni, broken, monkeypatch):
+    """Segments that stay keep what a tick found of them, all others are looked at: no more is certified than is true,
+    while the arm goes through the body and nodes come where it does."""
+    monkeypatch.setattr(Deformer, "_apart", lambda self, before, intrusions, coordinates, slip: (coordinates, slip))
+    changed = 0
+    for strip, scene in broken:
+        deformer = Deformer(tiago_omni)
+        for _ in range(4):
+            report = deformer.step(strip, scene)
+            changed += len(report.strip) != len(strip) and not report.certified
+            strip = report.strip
+            fresh = Deformer(tiago_omni).certify(strip, scene)
+            assert not (report.certificate.segments & ~fresh.segments).any()
+    assert changed > 0
+
+
 def test_a_step_goes_as_far_as_what_is_in_the_strip_asks(tiago_omni, broken, monkeypatch):
     for strip, scene in broken:
         near = Deformer(tiago_omni).step(strip, scene, nodes=False)
@@ -103,6 +119,13 @@ def test_held_joints_leave_the_way_to_the_base():
     delta = BandedSolver().solve(system, np.full(4, 1e-3))
     assert delta[4, 0] == pytest.approx(1.0, rel=0.01)
     assert abs(delta[4, 3]) < 0.01
+
+
+@pytest.mark.parametrize("nodes", [2, 3, 4, 5])
+def test_short_strips_are_held_too(nodes):
+    system, lost = System(nodes, 4), np.zeros(nodes, dtype=bool)
+    lost[1] = True
+    assert hold_joints(system, 3, lost).tolist() == [True] * min(nodes, 4) + [False] * (nodes - 4)
 
 
 def test_what_is_not_broken_takes_steps_as_ever(tiago_omni, broken, monkeypatch):
