@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from elastic_strips.errors import ParameterError
@@ -186,6 +186,22 @@ class DriveParams(Checked):
     goal_position: Positive = 0.05
     goal_angle: Positive = 0.05
     time_limit: Positive = 120.0
+
+    @staticmethod
+    def standing(**changes: object) -> DriveParams:
+        """Parameters for reaching in while the base stands: 8 mm from everything, slowly, and ending where it should.
+
+        No wheel slips then, and what is left of the tracking error is the joints'. It asks for a place that is known to
+        a millimetre, as a camera at the hand knows it.
+
+        Args:
+            changes: what is to be otherwise.
+        """
+        near = DriveParams(
+            deform=DRIVE_STRIP.replaced(influence=0.1, near=0.03), evasion=None, tracking_error=0.007, margin=0.001,
+            goal_position=0.01, goal_angle=0.01, speed_scale=0.3,
+        )  # fmt: skip
+        return replace(near, **changes)  # type: ignore[arg-type]
 
     @property
     def clearance(self) -> float:

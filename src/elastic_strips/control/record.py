@@ -393,3 +393,8 @@ class DriveResult(Summary):
     def reached(self) -> bool:
         """Whether the robot stands at the goal, by its own estimate."""
         return self.state is RunState.REACHED
+
+    @property
+    def last(self) -> Array:
+        """(nv,) coordinates that the robot was last told to be at."""
+        return self.record.control.reference[-1].copy()

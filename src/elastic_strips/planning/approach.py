@@ -18,10 +18,9 @@ from elastic_strips.validation import check_array, check_choice
 from .goals import HandPose, goal_configurations
 from .plan import PlanReport, plan_report
 from .problem import Deadline, PlanningProblem
-from .straight import plan_straight
+from .straight import AXES, plan_straight
 
 _COUNT = 24  # configurations that are tried, at most
-_AXES = ("hand", "world")
 _SAID = 3  # reasons, at most
 _IN_TURNS, _LEAST = 3, 0.1  # configurations share the time that is left, and most often have this [s]
 
@@ -88,7 +87,7 @@ def plan_approach(
     frames = {goal.frame for goal in goals if isinstance(goal, HandPose)}
     if len(frames) != 1 or not all(isinstance(goal, HandPose) for goal in goals):
         raise ParameterError("places must be HandPoses of one frame, at least one")
-    check_choice("axes", axes, _AXES)
+    check_choice("axes", axes, AXES)
     motion, frame = check_array("by", by, (3,)), frames.pop()
     solver, deadline = PoseSolver(robot, frame), Deadline(timeout)
     beyond = scene if beyond is None else beyond

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
@@ -21,7 +22,7 @@ from elastic_strips.robot.inverse_kinematics import PoseSearch, rotation_of
 from elastic_strips.scene import Scene
 from elastic_strips.strip import DeformParams
 from elastic_strips.summary import Summary
-from elastic_strips.validation import Checked, Finite, check_array, check_fields
+from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields
 
 from .problem import Deadline, nearest_things
 from .validity import ValidityChecker
@@ -62,6 +63,46 @@ class HandPose(Checked):
         _check_box("HandPose.within", self.within, 3)
         if self.orientation is not None:
             rotation_of(self.orientation)
+
+    @staticmethod
+    def around(
+        frame: str,
+        point: npt.ArrayLike,
+        *,
+        held: npt.ArrayLike = (0.0, 0.0, 0.0),
+        rotations: npt.ArrayLike,
+        axis: npt.ArrayLike = (0.0, 0.0, 1.0),
+        count: int = 12,
+    ) -> list[HandPose]:
+        """Poses of a frame with which a hand has hold of a point from all about an axis: grasps of what is round.
+
+        Args:
+            frame: its name.
+            point: (3,) in the world [m].
+            held: (3,) where the hand holds it, in the frame [m].
+            rotations: (K, 3, 3) or (3, 3) of the frame, to begin with.
+            axis: (3,) in the world, about which each of them is turned.
+            count: by so many even angles.
+
+        Raises:
+            ParameterError: an array of another shape, an axis without length, a count below 1.
+        """
+        place, hold = check_array("point", point, (3,)), check_array("held", held, (3,))
+        count, about = check_count("count", count, low=1), check_array("axis", axis, (3,))
+        first = np.asarray(rotations, dtype=float)
+        first = check_array("rotations", first, (3, 3) if first.ndim == 2 else (len(first), 3, 3))
+        length = float(np.linalg.norm(about))
+        if length < 1e-9:
+            raise ParameterError(f"axis={about.tolist()} has no length")
+        out = []
+        for angle in np.arange(count) * 2.0 * np.pi / count:
+            turn = pin.exp3(about / length * angle)
+            for rotation in first.reshape(-1, 3, 3):
+                R = turn @ rotation
+                x, y, z = (place - R @ hold).tolist()
+                qx, qy, qz, qw = pin.Quaternion(R).coeffs().tolist()
+                out.append(HandPose(frame, (x, y, z), (qx, qy, qz, qw)))
+        return out
 
     def __str__(self) -> str:
         at = ", ".join(f"{v:g}" for v in self.position)

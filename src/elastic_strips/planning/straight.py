@@ -12,11 +12,13 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSolver
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, Strip
-from elastic_strips.validation import check_array
+from elastic_strips.validation import check_array, check_choice
 
 from .plan import PlanReport
 from .problem import ARM, check_kinds, ease, nearest_things
 
+AXES = ("hand", "world")
+"""Whose axes a straight motion is said in."""
 _STEP = 0.01  # [m] of the hand between two nodes
 _OFF = 1e-5  # [m] that the hand may be off the line at a node
 _JUMP = 0.3  # [rad or m] most that a joint may move between two nodes
@@ -30,6 +32,7 @@ def plan_straight(
     frame: str,
     by: npt.ArrayLike,
     *,
+    axes: str = "world",
     params: DeformParams | None = None,
 ) -> PlanReport:
     """A strip along which a frame of the robot moves straight and is not turned; the base stands.
@@ -42,7 +45,8 @@ def plan_straight(
         scene: the obstacles.
         start: configuration (nq,).
         frame: name of the frame.
-        by: (3,) how far it moves [m], in the world.
+        by: (3,) how far it moves [m].
+        axes: of that motion: those of the ``"world"``, or the hand's own (``"hand"``).
         params: with the clearances to prove; where None, those of :func:`plan_report`, and no more than half of what
             there is at both ends.
 
@@ -52,13 +56,17 @@ def plan_straight(
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
         ConfigurationError: the start is not sound.
-        ParameterError: ``by`` is not three numbers.
+        ParameterError: ``by`` is not three numbers, or other axes.
     """
+    check_choice("axes", axes, AXES)
     began = perf_counter()
     check_kinds(robot, scene)
     offset = check_array("by", by, (3,))
     q = robot.check_q(start, what="start")
-    rows, left = _line(robot, robot.space.to_coordinates(q), frame, offset)
+    here, solver = robot.space.to_coordinates(q), PoseSolver(robot, frame)
+    if axes == "hand":
+        offset = solver.place(here[None])[1][0] @ offset
+    rows, left = _line(solver, here, offset)
     ends = np.stack((q, robot.space.from_coordinates(rows[-1])))
     strip = Strip.from_coordinates(robot, rows, ends=ends)
     deformer = Deformer(robot, ARM if params is None else params)
@@ -82,9 +90,9 @@ def plan_straight(
     )  # fmt: skip
 
 
-def _line(robot: RobotModel, here: Array, frame: str, offset: Array) -> tuple[Array, float]:
+def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]:
     """Rows (N, nv) along the line, as far as they go, and what is left of it [m]."""
-    solver, space = PoseSolver(robot, frame), robot.space
+    robot, space = solver.robot, solver.robot.space
     position, turn = (each[0].copy() for each in solver.place(here[None]))
     length = float(np.linalg.norm(offset))
     count = max(1, int(np.ceil(length / _STEP)))

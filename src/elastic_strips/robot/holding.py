@@ -111,6 +111,8 @@ def attached(
 
     def visual() -> pin.GeometryModel:
         drawn = robot.visual_model.clone()
+        if drawn.ngeoms == 0:  # what collides is drawn then, the load with it
+            return drawn
         for piece in pieces:
             drawn.addGeometryObject(_object(piece, index))
         return drawn

@@ -279,6 +279,21 @@ class RobotModel(Summary):
 
         return attached(self, shape, frame, q=q, touch=touch, mass=mass, name=name)
 
+    def frame_pose(self, q: ArrayLike, frame: str) -> Array:
+        """Pose (4, 4) in the world of one of the robot's frames at a configuration (nq,).
+
+        Raises:
+            RobotError: an unknown frame.
+            ConfigurationError: an unsound configuration; limits do not count.
+        """
+        index = find_frame(self.model, frame)
+        if index is None:
+            names = [f.name for f in self.model.frames]
+            raise RobotError(f"{self.name!r} has no frame {frame!r}{nearest_name(frame, names)}")
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.check_q(q, limits=False))
+        return np.array(pin.updateFramePlacement(self.model, data, index).homogeneous)
+
     def control_points(self, q: ArrayLike) -> Array:
         """World positions (C, 3) [m] of the control points at a configuration (nq,)."""
         data = self.model.createData()

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .evaluation import Evaluation, evaluate
     from .faults import FAULTS, Fault
     from .perception import Perception, PerceptionError, PerceptionParams
+    from .plan_drive import drive_plan
     from .plant import KinematicPlant, Plant, PlantParams
     from .sensed_perception import SensorPerception
     from .task import TaskResult, TaskSimulation
@@ -32,6 +33,7 @@ __all__ = [
     "TaskSimulation",
     "Evaluation",
     "base_simulation",
+    "drive_plan",
     "evaluate",
     "simulation",
 ]
@@ -45,6 +47,7 @@ __getattr__ = late_names(  # a scenario needs nothing of what driving it needs
         "faults": ("FAULTS", "Fault"),
         "closed_loop": ("Simulation", "simulation"),
         "perception": ("Perception", "PerceptionError", "PerceptionParams"),
+        "plan_drive": ("drive_plan",),
         "plant": ("KinematicPlant", "Plant", "PlantParams"),
         "sensed_perception": ("SensorPerception",),
         "task": ("TaskResult", "TaskSimulation"),

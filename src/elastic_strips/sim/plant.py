@@ -194,6 +194,12 @@ class PlantParams:
             raise ParameterError("slip_time=0 must be positive; slip_noise is what changes from step to step")
 
     @staticmethod
+    def seen_closely() -> PlantParams:
+        """With fixes to half a millimetre and half a milliradian, as a camera at the hand gives them of what it looks
+        at; for :meth:`DriveParams.standing`."""
+        return PlantParams(odometry=OdometryParams(fix_noise=5e-4, fix_angle_noise=5e-4))
+
+    @staticmethod
     def ideal() -> PlantParams:
         """No lag, no limit of speed or acceleration, no slip, jitter, noise or latency: commands are driven exactly."""
         return PlantParams(

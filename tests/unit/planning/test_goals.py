@@ -119,3 +119,38 @@ def test_wrong_goals_are_refused(silvermate, panda):
         HandPose("hand_frame", (1.0, 0.0, 1.0), (0.0, 0.0, 0.0, 2.0))
     with pytest.raises(ConfigurationError, match="outside its limits"):
         find_goals(silvermate, SCENE, start, {"arm_1_joint": 99.0})
+
+
+def test_grasps_from_all_about():
+    """The point that the hand holds comes to where it is asked for, whichever way the hand is turned."""
+    held, point = np.array((0.2, 0.01, -0.02)), np.array((1.0, -2.0, 0.5))
+    rolls = [pin.rpy.rpyToMatrix(roll, 0.0, 0.0) for roll in (0.0, 1.5)]
+    poses = HandPose.around("hand_frame", point, held=held, rotations=rolls, count=6)
+    assert len({pose.position for pose in poses}) == len(poses) == 12
+    headings = []
+    for k, pose in enumerate(poses):
+        R = pin.Quaternion(np.array(pose.orientation)).matrix()
+        np.testing.assert_allclose(R @ held + pose.position, point, atol=1e-12)
+        headings.append(np.arctan2(R[1, 0], R[0, 0]))
+        assert R[2] == pytest.approx(rolls[k % 2][2], abs=1e-12)  # turned about the vertical alone
+    np.testing.assert_allclose(np.diff(np.unwrap(headings[::2])), np.pi / 3.0, atol=1e-12)
+    tilted = HandPose.around("hand_frame", point, rotations=np.eye(3), axis=(0.0, 2.0, 0.0), count=4)
+    assert [pose.position for pose in tilted] == [tuple(point)] * 4
+    np.testing.assert_allclose(
+        pin.Quaternion(np.array(tilted[1].orientation)).matrix(), pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"rotations": np.eye(4)}, "rotations"),
+        ({"rotations": [1.0, 2.0]}, "rotations"),
+        ({"held": (1.0, 2.0)}, "held"),
+        ({"axis": (0.0, 0.0, 0.0)}, "axis"),
+        ({"count": 0}, "count"),
+    ],
+)
+def test_wrong_grasps_are_refused(wrong, match):
+    with pytest.raises(ParameterError, match=match):
+        HandPose.around("hand_frame", (0.0, 0.0, 0.0), **{"rotations": np.eye(3), **wrong})

@@ -91,7 +91,18 @@ def test_less_clearance_where_there_is_less(panda, start):
     assert not strict.certified
 
 
+def test_the_axes_of_the_hand(panda, start):
+    """The hand looks down here: forwards for it is down."""
+    own = plan_straight(panda, Scene(), start, HAND, (0.0, 0.0, 0.1), axes="hand")
+    world = plan_straight(panda, Scene(), start, HAND, hand(panda, start).rotation @ (0.0, 0.0, 0.1))
+    np.testing.assert_allclose(own.strip.q, world.strip.q, atol=1e-12)
+    moved = hand(panda, own.strip.q[-1]).translation - hand(panda, start).translation
+    np.testing.assert_allclose(moved, (0.0, 0.0, -0.1), atol=2e-5)
+
+
 def test_wrong_input_is_refused(panda, start):
+    with pytest.raises(ParameterError, match="axes"):
+        plan_straight(panda, Scene(), start, HAND, (0.0, 0.0, 0.1), axes="base")
     with pytest.raises(RobotError, match="no frame"):
         plan_straight(panda, Scene(), start, "hand", (0.0, 0.0, 0.1))
     with pytest.raises(ParameterError, match="by"):

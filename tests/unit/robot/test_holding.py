@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import coal
 import numpy as np
@@ -15,6 +16,7 @@ from elastic_strips.planning import plan_report
 from elastic_strips.robot import Kinematics, RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 from elastic_strips.strip import Deformer, Strip
+from elastic_strips.viewer.geometry import robot_bodies
 
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
 HAND = "panda_hand_tcp"
@@ -100,6 +102,16 @@ def test_it_is_drawn_and_sent_to_other_processes(panda):
     copy = pickle.loads(pickle.dumps(held))
     assert [piece.name for piece in copy.geometries] == [piece.name for piece in held.geometries]
     assert copy.same_as(held)
+
+
+def test_a_robot_without_looks_of_its_own_is_drawn_with_it(panda):
+    """What collides is drawn then: robot and load, not the load alone."""
+    plain = replace(panda, visual=pin.GeometryModel)
+    held = plain.attached(Box((0.1, 0.1, 0.1), name="parcel"), HAND, touch=FINGERS)
+    before, after = robot_bodies(plain), robot_bodies(held)
+    assert [body.joint for body in after] == [body.joint for body in before]
+    assert len(after) > 5
+    assert sum(len(body.mesh.faces) for body in after) > sum(len(body.mesh.faces) for body in before)
 
 
 def test_it_has_a_mass(panda):

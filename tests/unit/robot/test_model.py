@@ -308,3 +308,16 @@ def test_messages_fit_on_a_screen(silvermate):
         silvermate.home(no_such_joint=0.0)
     assert len(str(caught.value)) < 300
     assert not re.search(r"0x[0-9a-f]{6}", str(caught.value))
+
+
+def test_a_frames_pose(silvermate, rng):
+    data = silvermate.model.createData()
+    for _ in range(5):
+        q = silvermate.home(x=float(rng.uniform(-2, 2)), y=1.0, yaw=float(rng.uniform(-3, 3)))
+        pin.framesForwardKinematics(silvermate.model, data, q)
+        expected = data.oMf[silvermate.model.getFrameId("hand_frame")].homogeneous
+        np.testing.assert_allclose(silvermate.frame_pose(q, "hand_frame"), expected, atol=1e-12)
+    with pytest.raises(RobotError, match=r"no frame 'hand_fram'.*hand_frame"):
+        silvermate.frame_pose(silvermate.home(), "hand_fram")
+    with pytest.raises(ConfigurationError):
+        silvermate.frame_pose(silvermate.home()[:3], "hand_frame")

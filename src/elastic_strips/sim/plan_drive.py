@@ -1,0 +1,53 @@
+"""Driving a plan: what was planned, driven along in a simulated world by the controller of the elastic strip."""
+
+from __future__ import annotations
+
+from elastic_strips.arrays import Array
+from elastic_strips.control import DriveParams
+from elastic_strips.control.record import DriveResult
+from elastic_strips.errors import ParameterError
+from elastic_strips.planning import PlanReport
+from elastic_strips.scene import Scene, World
+from elastic_strips.trajectory import MotionLimits
+from elastic_strips.validation import check_type
+
+from .closed_loop import simulation
+from .plant import KinematicPlant, PlantParams
+
+
+def drive_plan(
+    plan: PlanReport,
+    world: World | Scene,
+    params: DriveParams | None = None,
+    *,
+    limits: MotionLimits | None = None,
+    plant: PlantParams | None = None,
+    seed: int = 0,
+    time_limit: float | None = None,
+) -> tuple[DriveResult, Array]:
+    """Drive a plan in a world; the result, and the configuration (nq,) at which the robot stands by its own account.
+
+    Args:
+        plan: what was planned; its robot is driven, with what it holds.
+        world: the true obstacles.
+        params: of the controller; no more clearance is asked for than the plan has.
+        limits: of wheels and joints; those of the robot's URDF where None.
+        plant: of the simulated machine.
+        seed: of plant and perception.
+        time_limit: longest drive [s]; that of ``params`` where None.
+
+    Raises:
+        ParameterError: the plan is not certified; with its reason. Or the URDF says nothing of wheels.
+    """
+    check_type("plan", plan, PlanReport, ParameterError)
+    if not plan.certified:
+        raise ParameterError(f"the plan is not certified: {plan.reason}")
+    check_type("plant", plant, PlantParams, none=True)
+    strip, robot = plan.strip, plan.strip.robot
+    limits = MotionLimits.for_robot(robot) if limits is None else limits
+    run = simulation(
+        robot, world, strip.q[0], strip.q[-1], limits=limits, params=params, strip=strip, seed=seed,
+        plant=KinematicPlant(robot, limits, plant, seed=seed),
+    )  # fmt: skip
+    result = run.run(time_limit=time_limit)
+    return result, robot.space.from_coordinates(result.last)
