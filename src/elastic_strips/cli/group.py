@@ -42,7 +42,7 @@ _COMMANDS = {
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
-_REPORTED_BY_COMMANDS = ("elastic_strips.planning.homotopy.alternatives", "elastic_strips.planning.plan")
+_REPORTED_BY_COMMANDS = ("elastic_strips.planning.homotopy.alternatives", "elastic_strips.planning.search")
 """Loggers whose warnings are the reasons of reports, which the commands show."""
 
 

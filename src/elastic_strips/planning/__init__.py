@@ -7,8 +7,9 @@ from .homotopy.alternatives import Alternative
 from .homotopy.strip_set import StripSet, StripSetParams, StripSetReport
 from .initial_strip import straight_line
 from .ompl_planner import ompl_path
-from .plan import PlanReport, plan, plan_report
+from .plan import plan, plan_report
 from .problem import check_endpoints
+from .report import PlanReport
 from .straight import plan_straight
 
 __all__ = [

@@ -16,8 +16,9 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_choice
 
 from .goals import HandPose, goal_configurations
-from .plan import PlanReport, plan_report
+from .plan import plan_report
 from .problem import Deadline, PlanningProblem
+from .report import PlanReport
 from .straight import AXES, plan_straight
 
 _COUNT = 24  # configurations that are tried, at most

@@ -7,10 +7,8 @@ widens as attempts fail, or within the bounds that are given.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import product
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -22,82 +20,19 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, OrientationConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
-from elastic_strips.summary import Summary
 from elastic_strips.validation import check_count
 
 from .goals import Goal, goal_configurations, is_goal_region
-from .grid_path import MOST_CELLS, grid_path
-from .homotopy.alternatives import Alternative, AlternativesSearch
-from .homotopy.classes import ObstacleCluster
-from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, rows_along, staged_rows
-from .joint_search import PLANNERS, divided, search_joints
-from .ompl_planner import certify_path
+from .homotopy.alternatives import AlternativesSearch
+from .initial_strip import rows_along
 from .problem import Deadline, PlanningProblem
-from .validity import Checker, SatisfyingChecker, ValidityChecker
+from .report import PlanReport
+from .search import PlanSearch
 
-_log = logging.getLogger(__name__)
-_FINEST = 4.0  # times as many samples on an edge as usual, at most
-_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
-_GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
 _DETOUR, _ASIDE = 3.0, 5.0  # a grid's path of more than 3 times the direct one and 5 m [m] waits for OMPL
 _SHORTER_SHARE, _SHORTER = 0.25, 2.0  # of the time, and most [s], is OMPL's then
-_MOST_CALLS = 64  # of OMPL
-_CELLS_PER_SECOND = 150_000  # that a slow machine searches
 _LEAST_SHARE = 0.1  # [s]
 _IN_TURNS = 3  # configurations of a goal share the time that is left
-_STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
-_SPACING = 0.3  # [m or rad] of the nodes along a path of the joints
-_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
-_STAGINGS = 2  # tries of each posture
-_STAGE = 0.6  # [s] longest search for a path of the joints at either end of a drive
-_FIRST_SEARCH, _LONGER = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
-_WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PlanReport(Summary):
-    """How an initial strip came about.
-
-    Attributes:
-        strip: the strip, from exactly the start to exactly the goal that were given; initial: what it was relaxed from.
-            It is certified if ``certified``, else the best that was reached, as it is.
-        certified: whether every segment is certified, and the base keeps to the bounds where there are any.
-        method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, ``"straight"`` (of the hand), or ``"none"`` where
-            nothing was certified.
-        reason: what happened, for people; where nothing was certified, what stands in the way last, and what to try.
-        report: the last deformation report.
-        attempts: planner calls made; where several strips were asked for, paths that were relaxed.
-        ticks: deformation ticks made.
-        seconds: from nothing to the first certified strip (or to giving up); all of it where several were asked for.
-        timings: seconds by phase: line, planner, relaxation.
-        alternatives: where several strips were asked for, those of different classes that were certified, the cheapest
-            first: ``strip`` is that of the first.
-        clusters: of obstacles, among which the classes are.
-    """
-
-    strip: Strip
-    initial: Strip
-    certified: bool
-    method: str
-    reason: str
-    report: DeformReport
-    attempts: int
-    ticks: int
-    seconds: float
-    timings: dict[str, float] = field(default_factory=dict)
-    alternatives: tuple[Alternative, ...] = ()
-    clusters: tuple[ObstacleCluster, ...] = ()
-
-    def _summary(self) -> dict[str, object]:
-        several = {"costs": [round(a.cost, 3) for a in self.alternatives]} if self.alternatives else {}
-        return {
-            "certified": self.certified, "method": self.method, "reason": self.reason, "robot": self.strip.robot.name,
-            "nodes": len(self.strip), **several, "attempts": self.attempts, "ticks": self.ticks,
-            "seconds": self.seconds,
-        }  # fmt: skip
-
-    def _measured(self) -> dict[str, object]:
-        return {"clearance": f"{self.report.clearance:.3f} m"}
 
 
 def plan_report(
@@ -183,7 +118,7 @@ def plan_report(
     )  # fmt: skip
     if count > 1:
         return _several(problem, count, line, path, grid, watch)
-    search = _Search(problem, watch)
+    search = PlanSearch(problem, watch)
     report = search.relaxed(rows_along(problem, path), "path", "given path") if path is not None else None
     report = report or search.straight(line)
     if report is None and grid and problem.region is not None:
@@ -228,260 +163,6 @@ def _several(
         reason=search.reason, report=report, attempts=search.attempts, ticks=search.ticks,
         seconds=problem.deadline.spent, timings=search.timings, alternatives=found, clusters=search.clusters,
     )  # fmt: skip
-
-
-class _Search(PathSearch):
-    """Tries one kind of path after the other; each returns the report of a certified strip, or None."""
-
-    def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
-        super().__init__(problem, watch)
-        self.robot, self.scene, self.deadline = problem.robot, problem.scene, problem.deadline
-        self.deformer, self.params, self.region = problem.deformer, problem.params, problem.region
-        self.reasons: list[str] = []
-        self.best: DeformReport | None = None
-        self.hit = ""  # what was last in the way
-        self.initial: Strip | None = None
-        self.box: tuple[Array, Array] | None = None  # where the base was last looked for
-        self.paths: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
-        self.relaxed_paths: set[float | None] = set()
-        self.staged = False  # whether a path was tried on which joints and base move one after the other
-        self.put_off = False  # whether a path is longer than others should be looked for first
-        self.calls = self.searches = 0  # of OMPL
-        self.fineness = 1.0
-
-    def straight(self, relax: bool) -> PlanReport | None:
-        """The straight line, which gets a few ticks, or is looked at as it is."""
-        initial = line_strip(self.problem)
-        self.initial = initial  # shown where nothing is certified
-        hopeless = self.hopeless(initial)
-        if hopeless:
-            self.reasons.append(f"straight line: {hopeless}")
-            return None
-        report = self.relax_line(initial, relax)
-        self.ticks += report.ticks if relax else 0
-        return self._judged(initial, report, "line", "straight line")
-
-    def over_the_grid(self, longest: float) -> PlanReport | None:
-        """The path over a grid: first as narrow as the base, then, where that did not relax, as wide as the robot.
-
-        A path longer than ``longest`` [m] is put off.
-        """
-        problem = self.problem
-        over = Deadline(_GRID_SHARE * self.deadline.left).over
-        assert problem.region is not None
-        for inner in (None, problem.region.folded + self.params.clearance):
-            if inner not in self.paths:
-                self.paths[inner] = self._grid_path(inner, over)
-            path = self.paths[inner]
-            if path is None:
-                return None  # nor is there a wider one
-            self.put_off = float(np.hypot(*np.diff(path, axis=0).T).sum()) > longest
-            if self.put_off:
-                return None
-            if inner in self.relaxed_paths:
-                continue
-            self.relaxed_paths.add(inner)
-            for rows, what in path_rows(problem, path):
-                report = self.relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
-                if report is None and not over():
-                    report = self.in_stages(path)
-                if report is not None or over():
-                    return report
-        return None
-
-    def _grid_path(self, inner: float | None, over: Callable[[], bool]) -> Array | None:
-        """A path (K, 2) on the smallest grid that has one."""
-        problem = self.problem
-        none = "the time was over before the grid was searched"
-        for box in self.region.boxes(_WIDEN) if self.region else ():
-            if over():
-                break
-            self.attempts += 1
-            self.box = box
-            cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
-            with self.timed("planner"):
-                found = grid_path(
-                    self.robot, self.scene, problem.start, problem.goal,
-                    box=box, inner=inner, most_cells=cells, over=over,
-                )  # fmt: skip
-            if found.points is not None:
-                return found.points
-            none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
-        self.reasons.append(none)
-        return None
-
-    def _validity(self) -> tuple[ValidityChecker, SatisfyingChecker | None]:
-        """What the joints' paths are checked by, and with the constraint where there is one."""
-        margin = max(min(_MARGIN, 0.5 * self.problem.room), self.params.clearance)
-        valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=self.deformer.workspace.bounds)
-        constraint = self.problem.constraint
-        return valid, None if constraint is None else SatisfyingChecker(valid, constraint)
-
-    def in_stages(self, path: Array) -> PlanReport | None:
-        """A path (K, 2) of the base in one posture; before and after it, where the base stands, the joints find theirs.
-
-        It is tried once, and where start and goal differ in more than where the base is.
-        """
-        problem, space = self.problem, self.robot.space
-        b, ends = space.base_nv, space.to_coordinates(problem.endpoints)
-        home = space.to_coordinates(self.robot.home_q)
-        if self.staged or np.array_equal(ends[0, b:], ends[1, b:]):
-            return None
-        self.staged = True
-        valid, satisfying = self._validity()
-        postures = ("as at the start", ends[0, b:]), ("at home", home[b:]), ("as at the goal", ends[1, b:])
-        for attempt, (what, joints) in product(range(_STAGINGS), postures):
-            drive = ends.copy()
-            drive[:, b:] = joints
-            constraint = problem.constraint
-            missed = constraint is not None and constraint.errors_at(drive).max() > constraint.constraint.tolerance
-            if missed or not (valid.at(drive[0]) and valid.at(drive[1])):
-                continue
-            stages: list[Array] = []
-            for pair in ((ends[0], drive[0]), (drive[1], ends[1])):
-                self.attempts += 1
-                with self.timed("planner"):
-                    stage = self._stand(satisfying or valid, np.stack(pair), attempt)
-                if stage is None:
-                    break
-                stages.append(stage)
-            if self.deadline.over():
-                break
-            if len(stages) < 2:
-                self.reasons.append(f"OMPL found no path of the joints from or to where they are {what}")
-                continue
-            rows = staged_rows(problem, path, drive, stages[0], stages[1])
-            report = self.relaxed(rows, "grid", f"grid's path, the joints {what}, and their own before and after,")
-            if report is not None:
-                return report
-        return None
-
-    def _stand(self, valid: Checker, ends: Array, attempt: int) -> Array | None:
-        """Rows (N, nv) between two configurations (2, nv) with the same base, by the joints alone."""
-        if np.array_equal(ends[0], ends[1]):
-            return ends[:1]
-        corners = search_joints(
-            valid, ends, seed=self.problem.seed + 7919 * attempt, planner=PLANNERS[0], step=_STEP * 0.5**attempt,
-            timeout=min(_STAGE, self.deadline.left), deadline=self.deadline,
-        )  # fmt: skip
-        return None if corners is None else divided(corners, _SPACING)
-
-    def of_the_joints(self) -> PlanReport | None:
-        """Paths of the joints alone, the base as it stands; ever longer searches, and looked at ever more closely."""
-        problem = self.problem
-        futile, step, seconds = 0, _STEP, _FIRST_SEARCH
-        valid, satisfying = self._validity()
-        ends = self.robot.space.to_coordinates(problem.endpoints)
-        while not self.deadline.over():
-            attempt = self.attempts
-            self.attempts += 1
-            with self.timed("planner"):
-                corners = search_joints(
-                    satisfying if satisfying is not None and attempt % 2 else valid, ends,
-                    seed=problem.seed + 7919 * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
-                    step=step, timeout=seconds, deadline=self.deadline,
-                )  # fmt: skip
-            if corners is None:
-                futile += 1
-                seconds *= _LONGER
-                continue
-            report = self.relaxed(divided(corners, _SPACING), "ompl", f"path {self.attempts} of the joints", 3)
-            if report is not None:
-                return report
-            step *= 0.5
-        if futile:
-            self.reasons.append(f"OMPL found no path of the joints in {futile} searches")
-        return None
-
-    def with_ompl(self, seconds: float = np.inf) -> PlanReport | None:
-        """Paths of RRTConnect, each with another seed, in boxes of several sizes, for some of the time."""
-        deadline = Deadline(min(seconds, self.deadline.left))
-        futile, last = 0, ""
-        while self.calls < _MOST_CALLS and not deadline.over():
-            attempt, searches = self.calls, self.searches
-            self.calls += 1
-            self.attempts += 1
-            self.box = self._ompl_box(searches)
-            margin = _MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance)
-            found = self.ompl(attempt, margin, 1.0 + 0.5 * searches, self.box, deadline, self.fineness)
-            self.searches += found.searched
-            if found.rows is None:
-                futile += found.searched
-                last = found.reason
-                continue
-            report = self.relaxed(found.rows, "ompl", f"OMPL path {self.attempts}")
-            if report is not None:
-                return report
-            if self.fineness < _FINEST and not certify_path(self.deformer, self.scene, found.rows).certified:
-                self.fineness *= 2.0  # the planner's samples had missed something on an edge
-        if futile:
-            self.reasons.append(f"{last} ({futile} searches without a path)" if futile > 1 else last)
-        return None
-
-    def _ompl_box(self, search: int) -> tuple[Array, Array] | None:
-        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's paths."""
-        if self.region is None:
-            return None
-        low, high = self.region.box(2.0 + 0.5 * (search % 4) if search % 3 == 0 else 2.0 * 1.6**search)
-        if self.region.given is None and not self.put_off:
-            for path in self.paths.values():
-                if path is not None:
-                    low, high = np.minimum(low, path.min(axis=0) - 1.0), np.maximum(high, path.max(axis=0) + 1.0)
-        return low, high
-
-    def failed(self) -> PlanReport:
-        """The report where nothing was certified: what is in the way, what was tried, and what to try."""
-        if self.best is None:
-            assert self.initial is not None
-            self._judged(self.initial, self.relax_line(self.initial, False), "line", "straight line")
-        assert self.best is not None
-        where = ""
-        if self.box is not None:
-            (x, y), (u, w) = self.box
-            where = f"; the base was last looked for within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
-        tries = ["a larger timeout", "another seed", "a smaller clearance (DeformParams(clearance=…), down to 0 m)"]
-        if self.region is not None:
-            tries.insert(1, "bounds= about a way that is known" if self.region.given is None else "wider bounds=")
-        reason = (
-            f"no certified strip in {self.deadline.spent:.1f} s: {'; '.join(self.reasons[-4:])}; "
-            f"last in the way: {self.hit or self.best.reason}{where}. Try {', '.join(tries[:-1])} or {tries[-1]}, now "
-            f"{self.params.clearance:g} m"
-        )
-        _log.warning("%s", reason)
-        return self._done(self.best, "none", reason)
-
-    def relaxed(
-        self, rows: Array, method: str, what: str, stuck: int | None = None, over: Callable[[], bool] | None = None
-    ) -> PlanReport | None:
-        """What rows (N, nv) along a path relax to."""
-        strip, report = self.relax_rows(rows, stuck, over)
-        self.ticks += report.ticks
-        return self._judged(strip, report, method, what)
-
-    def _judged(self, initial: Strip, report: DeformReport, method: str, what: str) -> PlanReport | None:
-        """The plan's report where a strip is certified and within the bounds; else why not is noted."""
-        failure = self.problem.failure(report)
-        if not failure:
-            self.initial = initial
-            eased = f"; {self.problem.eased}" if self.problem.eased else ""
-            return self._done(report, method, f"the {what} relaxed to a certified strip in {report.ticks} ticks{eased}")
-        if report.usable:
-            report = replace(report, reason=failure)
-        broken = report.certificate.broken
-        self.hit = str(broken) if broken is not None else report.reason
-        self.reasons.append(f"{what}: {report.reason}")
-        if self.best is None or report.node_clearance > self.best.node_clearance:
-            self.best = report
-        self.initial = self.initial or initial
-        return None
-
-    def _done(self, report: DeformReport, method: str, reason: str) -> PlanReport:
-        assert self.initial is not None
-        return PlanReport(
-            strip=report.strip, initial=self.initial, certified=method != "none", method=method, reason=reason,
-            report=report, attempts=self.attempts, ticks=self.ticks, seconds=self.deadline.spent,
-            timings=self.timings,
-        )  # fmt: skip
 
 
 def plan(

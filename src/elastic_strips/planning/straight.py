@@ -14,8 +14,8 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, Strip
 from elastic_strips.validation import check_array, check_choice
 
-from .plan import PlanReport
 from .problem import ARM, check_kinds, ease, nearest_things
+from .report import PlanReport
 
 AXES = ("hand", "world")
 """Whose axes a straight motion is said in."""

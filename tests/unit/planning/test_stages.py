@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 from brute_force import link_distances, self_distances
 
+from elastic_strips.planning import search as search_module
 from elastic_strips.planning.initial_strip import line_strip, staged_rows
 from elastic_strips.planning.problem import PlanningProblem
+from elastic_strips.planning.search import PlanSearch
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Deformer, DeformParams
@@ -39,18 +39,15 @@ def inside(panda) -> np.ndarray:
     return found
 
 
-PLAN = import_module("elastic_strips.planning.plan")  # plan is a function of the package, too
-
-
 @pytest.fixture(autouse=True)
 def _takes_its_time(monkeypatch):
     """No search of the joints is given up because a machine is busy."""
-    monkeypatch.setattr(PLAN, "_STAGE", 60.0)
+    monkeypatch.setattr(search_module, "_STAGE", 60.0)
 
 
 def search(robot: RobotModel, scene: Scene, start: np.ndarray, goal: np.ndarray):
     problem = PlanningProblem(robot, scene, start, goal, timeout=60.0)
-    found = PLAN._Search(problem, None)
+    found = PlanSearch(problem, None)
     found.initial = line_strip(problem)
     return found
 

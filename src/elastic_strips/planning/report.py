@@ -1,0 +1,57 @@
+"""PlanReport: how an initial strip came about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from elastic_strips.strip import DeformReport, Strip
+from elastic_strips.summary import Summary
+
+from .homotopy.alternatives import Alternative
+from .homotopy.classes import ObstacleCluster
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlanReport(Summary):
+    """How an initial strip came about.
+
+    Attributes:
+        strip: the strip, from exactly the start to exactly the goal that were given; initial: what it was relaxed from.
+            It is certified if ``certified``, else the best that was reached, as it is.
+        certified: whether every segment is certified, and the base keeps to the bounds where there are any.
+        method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, ``"straight"`` (of the hand), or ``"none"`` where
+            nothing was certified.
+        reason: what happened, for people; where nothing was certified, what stands in the way last, and what to try.
+        report: the last deformation report.
+        attempts: planner calls made; where several strips were asked for, paths that were relaxed.
+        ticks: deformation ticks made.
+        seconds: from nothing to the first certified strip (or to giving up); all of it where several were asked for.
+        timings: seconds by phase: line, planner, relaxation.
+        alternatives: where several strips were asked for, those of different classes that were certified, the cheapest
+            first: ``strip`` is that of the first.
+        clusters: of obstacles, among which the classes are.
+    """
+
+    strip: Strip
+    initial: Strip
+    certified: bool
+    method: str
+    reason: str
+    report: DeformReport
+    attempts: int
+    ticks: int
+    seconds: float
+    timings: dict[str, float] = field(default_factory=dict)
+    alternatives: tuple[Alternative, ...] = ()
+    clusters: tuple[ObstacleCluster, ...] = ()
+
+    def _summary(self) -> dict[str, object]:
+        several = {"costs": [round(a.cost, 3) for a in self.alternatives]} if self.alternatives else {}
+        return {
+            "certified": self.certified, "method": self.method, "reason": self.reason, "robot": self.strip.robot.name,
+            "nodes": len(self.strip), **several, "attempts": self.attempts, "ticks": self.ticks,
+            "seconds": self.seconds,
+        }  # fmt: skip
+
+    def _measured(self) -> dict[str, object]:
+        return {"clearance": f"{self.report.clearance:.3f} m"}
