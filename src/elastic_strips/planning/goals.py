@@ -20,7 +20,7 @@ from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSearch, rotation_of
 from elastic_strips.scene import Scene
-from elastic_strips.strip import DeformParams
+from elastic_strips.strip import Deformer, DeformParams
 from elastic_strips.summary import Summary
 from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields
 
@@ -372,9 +372,10 @@ class _Search:
             hand = source.hand
             return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle)
         counted: Counter[str] = Counter()
+        work = Deformer(self.robot, self.params).workspace
         for row in source.touching[:_ASKED]:
             q = self.robot.space.from_coordinates(row)
-            near = nearest_things(self.robot, self.scene, (q, q), self.params, self.wide.bounds)
+            near = nearest_things(self.robot, self.scene, (q, q), work)
             worst = min(near, key=lambda each: each.distance)
             counted[f"{worst.one} and {worst.two}"] += 1
         touching = tuple(name for name, _ in counted.most_common())

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, SceneError
-from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
+from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import OrientationConstraint, Strip
+from elastic_strips.strip.base_deformer import Workspace
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.params import DeformParams
@@ -128,7 +128,7 @@ class PlanningProblem:
         self.constraint: ConstraintForce | None = self.deformer.constraint
         self.params: DeformParams = self.deformer.params
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
-        nearest = nearest_things(robot, scene, (self.start, self.goal), self.params, self.deformer.workspace.bounds)
+        nearest = nearest_things(robot, scene, (self.start, self.goal), self.deformer.workspace)
         self.eased: str = ""
         if params is None and deformer is None:
             self.eased = ease(self.deformer, nearest)
@@ -198,7 +198,7 @@ def check_endpoints(
     """
     check_kinds(robot, scene)
     ends = _checked_ends(robot, start, goal, params)
-    for near in nearest_things(robot, scene, ends, params, MotionBounds(BodySet.links(robot))):
+    for near in nearest_things(robot, scene, ends, Deformer(robot, params).workspace):
         near.check(params)
     return ends
 
@@ -242,19 +242,13 @@ class Near:
             )
 
 
-def nearest_things(
-    robot: RobotModel, scene: Scene, ends: tuple[Array, Array], params: DeformParams, bounds: MotionBounds
-) -> list[Near]:
-    """The nearest obstacle and the nearest two links at start and goal."""
+def nearest_things(robot: RobotModel, scene: Scene, ends: tuple[Array, Array], work: Workspace) -> list[Near]:
+    """The nearest obstacle and the nearest two links at start and goal, measured in a deformer's workspace."""
     _warn_of_size(scene)
-    bodies, found = bounds.bodies, []
-    kin = Kinematics(robot.tree, 2)
-    kin.update(robot.space.to_coordinates(np.stack(ends)))
-    obstacles = ObstacleProximity(bodies, influence=2.0 * params.clearance + 0.01)
-    obstacles.update(kin, scene)
-    reach = 2.0 * params.self_clearance + 0.01
-    own = SelfProximity(bodies, robot.self_pairs, bounds, influence=reach)
-    own.update(kin)
+    work.prediction = None
+    work.replace(robot.space.to_coordinates(np.stack(ends)), scene)
+    obstacles, own, found = work.obstacles, work.self_pairs, []
+    bodies = work.bodies
     for node, what in enumerate(("start", "goal")):
         if obstacles.bound[node].size:
             body, part = np.unravel_index(int(np.argmin(obstacles.bound[node])), obstacles.bound.shape[1:])
