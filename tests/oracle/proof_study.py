@@ -226,7 +226,8 @@ class Study:
 
     def tamper(self, scene: Scene, q: Array, header: Parts, parts: Parts, digests: dict[str, str]) -> None:
         rng, findings = self.rng, self.findings
-        edits = [e for e in (*CAUGHT, *JUDGED) if e is not _drop_self_pair or header["robot"]["pairs"]]
+        possible = {_drop_self_pair: bool(header["robot"]["pairs"]), _swap_pair: bool(parts["pair"].max() > 0)}
+        edits = [e for e in (*CAUGHT, *JUDGED) if possible.get(e, True)]
         edit = edits[int(rng.integers(len(edits)))]
         edit(rng, header, parts)
         name = edit.__name__[1:].replace("_", " ")
