@@ -43,6 +43,8 @@ REQUIREMENTS = {
     "ompl": ("ompl>=2.0.1,<3", "coal>=3.0.3,<4", "pin>=4.1,<5"),
     "roboplan": ("roboplan>=0.6,<0.8",),
     "mplib": ("mplib>=0.2.1,<0.3", "numpy<2"),
+    "drake": ("drake>=1.51,<2",),
+    "trajopt": ("tesseract-robotics>=0.5.1,<0.6",),
 }
 """What pip installs for each peer."""
 OURS = "elastic_strips"

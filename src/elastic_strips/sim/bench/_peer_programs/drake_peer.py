@@ -14,18 +14,12 @@ from pathlib import Path
 import numpy as np
 import pydrake.all as drake  # pyright: ignore[reportMissingImports]
 
-folder = Path(sys.argv[1])
+folder = Path(sys.argv[1]).resolve()
 given = json.loads((folder / "problems.json").read_text())
 urdf, srdf = ((folder / name).read_text() for name in ("robot.urdf", "robot.srdf"))
-controls, samples, rows = 12, 50, np.linspace(0.0, 1.0, 100)
+controls, samples, rounds, rows = 12, 50, 3, np.linspace(0.0, 1.0, 100)
 distance, influence = 0.002, 0.05  # [m] to keep; and beyond it, to be looked at
-smoothness, rounds = 0.001, 3
-limits = {  # of SNOPT
-    "Major iterations limit": 50,
-    "Major step limit": 0.5,
-    "Major feasibility tolerance": 1e-4,
-    "Major optimality tolerance": 1e-2,
-}
+limits = {"iterations limit": 50, "step limit": 0.5, "feasibility tolerance": 1e-4, "optimality tolerance": 1e-2}
 waves = np.array([np.sin(k * np.pi * np.linspace(0.0, 1.0, controls)) / k for k in (1, 2, 3)])
 
 
@@ -33,9 +27,9 @@ def as_obj(mesh):  # Drake reads no STL
     kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("flags", "<u2")])
     corners = np.frombuffer((folder / mesh).read_bytes()[84:], dtype=kind)["corners"].reshape(-1, 3)
     points, index = np.unique(corners, axis=0, return_inverse=True)
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points]
-    lines += [f"f {a} {b} {c}" for a, b, c in index.reshape(-1, 3) + 1]
-    (folder / mesh).with_suffix(".obj").write_text("\n".join(lines) + "\n")
+    text = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points]
+    text += [f"f {a} {b} {c}" for a, b, c in index.reshape(-1, 3) + 1]
+    (folder / mesh).with_suffix(".obj").write_text("\n".join(text) + "\n")
     return (folder / mesh).with_suffix(".obj")
 
 
@@ -47,14 +41,14 @@ def shape_of(item):
 def checker_with(obstacles):
     builder = drake.RobotDiagramBuilder(time_step=0.0)
     plant = builder.plant()
-    friction = drake.CoulombFriction(0.0, 0.0)  # asked for, not used
     plant.set_adjacent_bodies_collision_filters(False)
-    builder.parser().package_map().Add("meshes", str(folder / "meshes"))
-    (robot,) = builder.parser().AddModelsFromString(urdf.replace('.stl"', '.obj"'), "urdf")
+    (robot,) = builder.parser().AddModelsFromString(urdf, "urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("ground"))
     for k, item in enumerate(obstacles):
         pose = drake.RigidTransform(np.array(item["pose"]))
-        plant.RegisterCollisionGeometry(plant.world_body(), pose, shape_of(item), f"obstacle{k}", friction)
+        plant.RegisterCollisionGeometry(
+            plant.world_body(), pose, shape_of(item), f"obstacle{k}", drake.CoulombFriction()
+        )
     plant.Finalize()
     for pair in re.findall(r'<disable_collisions link1="([^"]+)" link2="([^"]+)"', srdf):
         links = (drake.GeometrySet(plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name))) for name in pair)
@@ -73,30 +67,28 @@ def optimized(checker, keep, ends, guess, until):
         path.AddPathPositionConstraint(q, q, at)
     steps = np.diff(np.eye(controls), axis=0)
     for row in path.control_points():
-        path.prog().AddQuadraticCost(2.0 * smoothness * controls * steps.T @ steps, np.zeros(controls), row)
+        path.prog().AddQuadraticCost(0.002 * controls * steps.T @ steps, np.zeros(controls), row)
     touching = np.linspace(0.0, 1.0, samples)[1:-1]
     for _ in range(rounds):
         for at in touching:
             path.AddPathPositionConstraint(keep, at)
         options = drake.SolverOptions()
-        for name, value in {**limits, "Time limit": max(until - time.perf_counter(), 0.01)}.items():
-            options.SetOption(drake.SnoptSolver.id(), name, value)
+        for name, value in limits.items():
+            options.SetOption(drake.SnoptSolver.id(), f"Major {name}", value)
+        options.SetOption(drake.SnoptSolver.id(), "Time limit", max(until - time.perf_counter(), 0.01))
         path.prog().SetInitialGuess(path.control_points(), guess.T)
         path.prog().SetInitialGuess(path.duration(), 1.0)
         result = drake.SnoptSolver().Solve(path.prog(), path.prog().initial_guess(), options)
         q = path.ReconstructTrajectory(result).vector_values(rows).T
         q[[0, -1]] = ends
         touching = [r for r, a, b in zip(rows, q, q[1:], strict=False) if not checker.CheckEdgeCollisionFree(a, b)]
-        if not touching:
-            return q
-        if len(touching) > 15 or time.perf_counter() > until:
-            return None
+        if not 0 < len(touching) <= 15 or time.perf_counter() > until:
+            return None if touching else q
         touching, guess = np.array(touching) + rows[1] / 2.0, result.GetSolution(path.control_points()).T
     return None
 
 
-for mesh in re.findall(r'package://([^"]+)', urdf):
-    as_obj(mesh)
+urdf = re.sub(r'package://([^"]+)', lambda found: f"file://{as_obj(found[1])}", urdf)
 runs = []
 for problem in [given["problems"][0], *given["problems"]]:  # the first one is not counted
     checker = checker_with(problem["obstacles"])

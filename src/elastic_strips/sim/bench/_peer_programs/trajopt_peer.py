@@ -21,7 +21,7 @@ import tesseract_robotics.tesseract_motion_planners_simple as simple  # pyright:
 import tesseract_robotics.tesseract_motion_planners_trajopt as trajopt  # pyright: ignore[reportMissingImports]
 import tesseract_robotics.tesseract_scene_graph as graph  # pyright: ignore[reportMissingImports]
 
-folder = Path(sys.argv[1])
+folder = Path(sys.argv[1]).resolve()
 given = json.loads((folder / "problems.json").read_text())
 steps, stride = 20, 0.02
 waves = np.array([np.sin(k * np.pi * np.linspace(0.0, 1.0, steps + 1)) / k for k in (1, 2, 3)])
@@ -31,10 +31,9 @@ plugins = {"search_paths": [str(libraries)], "search_libraries": [bullet]}
 for kind, manager in (("discrete", "BulletDiscreteBVHManager"), ("continuous", "BulletCastBVHManager")):
     plugins[f"{kind}_plugins"] = {"default": manager, "plugins": {manager: {"class": f"{manager}Factory"}}}
 (folder / "plugins.yaml").write_text(json.dumps({"contact_manager_plugins": plugins}))  # JSON is YAML
-checkers = f'<contact_managers_plugin_config filename="file://{folder.resolve() / "plugins.yaml"}" /></robot>'
-srdf = (folder / "robot.srdf").read_text().replace("<robot ", '<robot version="1.0.0" ', 1)
-srdf = srdf.replace("</robot>", checkers)
-urdf = (folder / "robot.urdf").read_text().replace("package://", f"file://{folder.resolve()}/")
+checkers = f'<contact_managers_plugin_config filename="file://{folder / "plugins.yaml"}" /></robot>'
+srdf = (folder / "robot.srdf").read_text().replace("<robot ", '<robot version="1.0.0" ').replace("</robot>", checkers)
+urdf = (folder / "robot.urdf").read_text().replace("package://", f"file://{folder}/")
 locator = common.GeneralResourceLocator()
 # what the package's own OptimizeProblem calls; that one adds a plotter which is then refused
 optimize = trajopt.tesseract_motion_planners_trajopt_python._tesseract_motion_planners_trajopt_python.OptimizeProblem
@@ -42,9 +41,9 @@ optimize = trajopt.tesseract_motion_planners_trajopt_python._tesseract_motion_pl
 
 def shape_of(item):
     kinds = {"box": geometry.Box, "sphere": geometry.Sphere, "cylinder": geometry.Cylinder}
-    if item["shape"] in kinds:
-        return kinds[item["shape"]](*item["size"])
-    return geometry.createConvexMeshFromPath(str(folder / item["mesh"]), np.ones(3), True, False)[0]
+    if item["shape"] == "mesh":
+        return geometry.createConvexMeshFromPath(str(folder / item["mesh"]), np.ones(3), True, False)[0]
+    return kinds[item["shape"]](*item["size"])
 
 
 def environment_with(obstacles):
@@ -66,8 +65,8 @@ def construct(environment, names, ends):
     program = language.CompositeInstruction("DEFAULT")
     program.setManipulatorInfo(info)
     for q in ends:
-        at = language.JointWaypointPoly_wrap_JointWaypoint(language.JointWaypoint(names, q))
-        move = language.MoveInstruction(at, language.MoveInstructionType_FREESPACE, "DEFAULT")
+        point = language.JointWaypointPoly_wrap_JointWaypoint(language.JointWaypoint(names, q))
+        move = language.MoveInstruction(point, language.MoveInstructionType_FREESPACE, "DEFAULT")
         program.appendMoveInstruction(language.MoveInstructionPoly_wrap_MoveInstruction(move))
     whole = trajopt.TrajOptDefaultCompositeProfile()
     whole.smooth_accelerations = whole.smooth_jerks = False
@@ -76,8 +75,8 @@ def construct(environment, names, ends):
     whole.collision_constraint_config.safety_margin = 0.004  # what a robot keeps to itself may be less than 1 cm
     request = planners.PlannerRequest()
     request.env, request.profiles = environment, language.ProfileDictionary()
-    request.profiles.addProfile("TrajOpt", "DEFAULT", trajopt.TrajOptDefaultPlanProfile())
-    request.profiles.addProfile("TrajOpt", "DEFAULT", whole)
+    for profile in (trajopt.TrajOptDefaultPlanProfile(), whole):
+        request.profiles.addProfile("TrajOpt", "DEFAULT", profile)
     request.instructions = simple.generateInterpolatedProgram(program, environment, 100.0, 100.0, 100.0, steps)
     return trajopt.ConstructProblem(trajopt.TrajOptMotionPlanner("TrajOpt").createProblem(request))
 
@@ -113,7 +112,7 @@ for problem in [given["problems"][0], *given["problems"]]:  # the first one is n
         path = np.array(optimize(construction).traj)
         found = None if touches(environment, names, path) else path
         guess = np.linspace(*ends, steps + 1) + waves.T @ random.normal(0.0, 0.25, (3, len(order)))
-        guess = np.clip(guess, lower, upper)
+        guess = guess.clip(lower, upper)
     ms = 1e3 * (time.perf_counter() - began)
     path = None if found is None else found[:, np.argsort(order)].tolist()
     runs.append({"ms": ms, "path": path, "reason": "" if found is not None else "no path in time"})
