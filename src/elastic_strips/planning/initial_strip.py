@@ -229,6 +229,7 @@ STUCK_TICKS = 6
 _GAIN = 1e-3  # [m] by which it must get clearer to count
 _MOST_TICKS = 30  # of a strip along a path, until it is certified
 _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
+_NEAR_ARM = 2.0  # very near an arm's strip: this many times its clearance; in a shelf everything is within ``near``
 
 
 def rows_along(problem: PlanningProblem, path: npt.ArrayLike, make: Callable[..., Array] = waypoint_rows) -> Array:
@@ -316,8 +317,10 @@ def relax_path(
         return (report.usable and not problem.missed(report)) or (stuck is not None and since >= stuck) or over()
 
     report = deformer.settle(strip, scene, max_ticks=_MOST_TICKS, until=ended, watch=watch)
+    params = deformer.params
+    enough = params.near if problem.region is not None else min(params.near, _NEAR_ARM * params.clearance)
     for _ in range(_EXTRA_TICKS):
-        if not report.usable or report.node_clearance >= deformer.params.near or over():
+        if not report.usable or report.node_clearance >= enough or over():
             break
         further = deformer.step(report.strip, scene)
         if watch is not None:
