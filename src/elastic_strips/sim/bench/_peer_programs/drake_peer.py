@@ -98,10 +98,10 @@ for problem in [given["problems"][0], *given["problems"]]:  # the first one is n
     random = np.random.default_rng(1)
     began = time.perf_counter()
     keep = drake.MinimumDistanceLowerBoundConstraint(plant, distance, checker.plant_context(), None, influence)
-    guess, found = np.linspace(*ends, controls), None
+    guess, found = np.linspace(ends[0], ends[1], controls), None
     while found is None and time.perf_counter() < began + given["timeout"]:
         found = optimized(checker, keep, ends, guess, began + given["timeout"])
-        guess = np.linspace(*ends, controls) + waves.T @ random.normal(0.0, 0.25, (3, len(columns)))
+        guess = np.linspace(ends[0], ends[1], controls) + waves.T @ random.normal(0.0, 0.25, (3, len(columns)))
         guess = np.clip(guess, plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits())
     ms = 1e3 * (time.perf_counter() - began)
     path = None if found is None else found[:, columns].tolist()

@@ -25,9 +25,9 @@ folder = Path(sys.argv[1]).resolve()
 given = json.loads((folder / "problems.json").read_text())
 steps, stride = 20, 0.02
 waves = np.array([np.sin(k * np.pi * np.linspace(0.0, 1.0, steps + 1)) / k for k in (1, 2, 3)])
-libraries = Path(common.__file__).parents[2] / "tesseract_robotics.libs"
+libraries = Path(str(common.__file__)).parents[2] / "tesseract_robotics.libs"
 bullet = next(libraries.glob("libtesseract_collision_bullet_factories*")).stem.removeprefix("lib")
-plugins = {"search_paths": [str(libraries)], "search_libraries": [bullet]}
+plugins: dict[str, object] = {"search_paths": [str(libraries)], "search_libraries": [bullet]}
 for kind, manager in (("discrete", "BulletDiscreteBVHManager"), ("continuous", "BulletCastBVHManager")):
     plugins[f"{kind}_plugins"] = {"default": manager, "plugins": {manager: {"class": f"{manager}Factory"}}}
 (folder / "plugins.yaml").write_text(json.dumps({"contact_manager_plugins": plugins}))  # JSON is YAML
@@ -106,12 +106,12 @@ for problem in [given["problems"][0], *given["problems"]]:  # the first one is n
     random = np.random.default_rng(1)
     began = time.perf_counter()
     construction = construct(environment, names, ends)
-    guess, found = np.linspace(*ends, steps + 1), None
+    guess, found = np.linspace(ends[0], ends[1], steps + 1), None
     while found is None and time.perf_counter() < began + given["timeout"]:
         construction.SetInitTraj(guess)
         path = np.array(optimize(construction).traj)
         found = None if touches(environment, names, path) else path
-        guess = np.linspace(*ends, steps + 1) + waves.T @ random.normal(0.0, 0.25, (3, len(order)))
+        guess = np.linspace(ends[0], ends[1], steps + 1) + waves.T @ random.normal(0.0, 0.25, (3, len(order)))
         guess = guess.clip(lower, upper)
     ms = 1e3 * (time.perf_counter() - began)
     path = None if found is None else found[:, np.argsort(order)].tolist()
