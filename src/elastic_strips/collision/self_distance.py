@@ -244,6 +244,10 @@ class SelfProximity:
         b = self.bodies.tree.space.base_nv
         return np.abs(v[:, b:]) @ self.radius[b:]
 
+    def nearer_than(self, distance: float) -> bool:
+        """Whether some pair is surely nearer to each other than this [m], below the influence distance."""
+        return bool((self.exact + self._since < distance).any())
+
     def contacts(self) -> SelfContacts:
         """All self pairs within their repulsion distance."""
         node, pair = at = np.nonzero((self.exact < self.repulsion) & (self._since <= self.tolerance))

@@ -351,21 +351,21 @@ class PathSearch:
         """Why relaxing the straight line would not help; empty where it may.
 
         Nodes of a base that are deep in an obstacle come out on both sides of it. A line of an arm relaxes where some
-        links touch something for some of the way.
+        links touch something for some of the way, and not each other, which hardly any force tells of.
         """
-        deformer, scene, few = self.problem.deformer, self.problem.scene, line
-        planar = self.problem.robot.space.planar
-        if planar:
-            nodes = line.coordinates[::_LINE_STRIDE]
-            if len(nodes) < _LINE_FEWEST:
-                return ""
-            few = Strip.from_coordinates(line.robot, nodes)
+        planar, work = self.problem.robot.space.planar, self.problem.deformer.workspace
+        nodes = line.coordinates[:: _LINE_STRIDE if planar else 1]
+        if planar and len(nodes) < _LINE_FEWEST:
+            return ""
         with self.timed("line"):
-            report = deformer.assess(few, scene)
+            work.prediction = None
+            work.replace(nodes, self.problem.scene)
         if planar:
-            depth = -report.node_clearance
+            depth = -work.obstacles.least_clearance()
             return f"{depth:.2f} m deep in an obstacle" if depth > -_LINE_DEPTH[0] else ""
-        touching = deformer.workspace.obstacles.clearance() < 0.0
+        if (work.self_pairs.bound < 0.0).any():
+            return "the robot touches itself on the way"
+        touching = work.obstacles.clearance() < 0.0
         links, share = int(touching.any(axis=0).sum()), float(touching.any(axis=1).mean())
         if links > _LINE_LINKS or share > _LINE_SHARE:
             return f"{links} links touch something, for {100 * share:.0f} % of the way"

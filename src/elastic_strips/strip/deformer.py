@@ -99,7 +99,7 @@ class Deformer(BaseDeformer[DeformReport]):
         self._line, self._line_ends = np.zeros((0, space.nv)), np.zeros((2, space.nv))
         self._solver = BandedSolver()
         self._system = System(0, space.nv)
-        self._proven = False  # the current nodes could be driven
+        self._proven: bool | None = False  # whether the current nodes could be driven; None where they may be
         self._scene: Scene | None = None
         self._trust = 1.0
         self._floor = 0.0  # clearance [m] that ``settle`` began with
@@ -209,18 +209,22 @@ class Deformer(BaseDeformer[DeformReport]):
         )
         return ~found.segments
 
-    def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> bool:
-        """Whether the strip has a certificate that must not be lost; ``known`` says that it is the last report's."""
-        work = self.workspace
+    def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> bool | None:
+        """Whether the strip has a certificate that must not be lost; None where it may have one: no node is too near
+        to anything, and what is between them is looked at where the step has lost it. ``known`` says that it is the
+        last report's strip."""
+        work, params = self.workspace, self.params
         if known and self._proven:
-            return not work.obstacles.nearer_than(self.params.clearance)  # else the scene has taken it already
+            return not work.obstacles.nearer_than(params.clearance)  # else the scene has taken it already
         if known and (scene is self._scene or work.prediction is not None):
             return False
-        return float(strip.lateral_slip.max(initial=0.0)) <= SLIP_LIMIT and work.certify(scene).certified
+        if float(strip.lateral_slip.max(initial=0.0)) > SLIP_LIMIT or work.obstacles.nearer_than(params.clearance):
+            return False
+        return False if work.self_pairs.nearer_than(params.self_clearance) else None
 
     def _iterate(self, scene: Scene) -> TickResult:
-        """One iteration; where the current nodes are proven, it does not lose the proof without need."""
-        work, keep = self.workspace, self._proven
+        """One iteration; where the current nodes are proven, or may be, it does not lose the proof without need."""
+        work, keep = self.workspace, self._proven is not False
         before = work.coordinates.copy()
         if not keep:
             self._trust = 1.0

@@ -105,6 +105,19 @@ def test_a_peers_paths_are_certified_here(robot, tmp_path, monkeypatch):
         bench_peers(robot, 1, peers=("moveit",), environments=tmp_path)
 
 
+def test_a_variant_of_a_peer_is_its_program_told_so(robot, tmp_path, monkeypatch):
+    (tmp_path / "line_peer.py").write_text(LINE.replace('"a line"', "sys.argv[2]"))
+    monkeypatch.setattr(peers, "PROGRAMS", tmp_path)
+    monkeypatch.setattr(peers, "REQUIREMENTS", {"line": ("line",), "short_line": ("line",)})
+    monkeypatch.setattr(peers, "_LIKE", {"short_line": "line"})
+    monkeypatch.setattr(peers, "environment", lambda folder, name: (Path(sys.executable), ""))
+    planners = bench_peers(robot, 1, environments=tmp_path, peers=("line", "short_line"), pushes=1)["planners"]
+    assert {name: planners[name]["planner"] for name in ("line", "short_line")} == {
+        "line": "line",
+        "short_line": "short_line",
+    }
+
+
 def test_a_peer_that_fails_is_skipped_with_its_last_words(robot, tmp_path, monkeypatch):
     (tmp_path / "line_peer.py").write_text("raise RuntimeError('no licence')")
     monkeypatch.setattr(peers, "PROGRAMS", tmp_path)

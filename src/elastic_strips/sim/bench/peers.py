@@ -39,14 +39,17 @@ from .measure import Figures, Note, head, percentiles, silent
 from .plan import push_nearest, recover
 
 PROGRAMS = Path(__file__).parent / "_peer_programs"
+_OMPL = ("ompl>=2.0.1,<3", "coal>=3.0.3,<4", "pin>=4.1,<5")
 REQUIREMENTS = {
-    "ompl": ("ompl>=2.0.1,<3", "coal>=3.0.3,<4", "pin>=4.1,<5"),
+    "ompl": _OMPL,
+    "ompl_simplified": _OMPL,
     "roboplan": ("roboplan>=0.6,<0.8",),
     "mplib": ("mplib>=0.2.1,<0.3", "numpy<2"),
     "drake": ("drake>=1.51,<2",),
     "trajopt": ("tesseract-robotics>=0.5.1,<0.6",),
 }
 """What pip installs for each peer."""
+_LIKE = {"ompl_simplified": "ompl"}  # the same program in the same environment, told to do more
 OURS = "elastic_strips"
 _BASE = ("base_x", "base_y", "base_yaw")
 _REACH = 3.0  # [m] beyond start, goal and obstacles that a base may drive
@@ -153,7 +156,7 @@ def bench_peers(
 
 def environment(folder: Path, name: str) -> tuple[Path | None, str]:
     """The Python of a peer's environment, made where it is missing; or None and why it cannot be."""
-    home = folder / name
+    home = folder / _LIKE.get(name, name)
     python, stamp = home / "bin" / "python", home / ".complete"
     wanted = " ".join(REQUIREMENTS[name])
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == wanted:
@@ -280,7 +283,7 @@ def _asked(
     answer = folder / "answer.json"
     answer.unlink(missing_ok=True)
     environ = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    call = [str(python), str(PROGRAMS / f"{name}_peer.py"), str(folder)]
+    call = [str(python), str(PROGRAMS / f"{_LIKE.get(name, name)}_peer.py"), str(folder), name]
     limit = 120.0 + 2.0 * timeout * (len(problems) + 1)
     try:
         ended = subprocess.run(call, capture_output=True, text=True, timeout=limit, check=False, env=environ)

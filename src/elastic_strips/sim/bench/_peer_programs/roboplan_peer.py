@@ -1,4 +1,4 @@
-"""RoboPlan plans the problems of a folder: RRT-Connect as its examples set it, then its own shortcuts."""
+"""RoboPlan plans the problems of a folder: RRT-Connect as its examples set it."""
 
 import json
 import sys
