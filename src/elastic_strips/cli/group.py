@@ -22,6 +22,7 @@ Start with:
 \b
   elastic-strips list                     what there is to run
   elastic-strips run case-7 --view        run it and watch it in the browser
+  elastic-strips drag case-7              push its obstacles with the mouse
   elastic-strips run case-7 --json r.json write the strip and its certificate
   elastic-strips drive moving-corridor    drive among moving obstacles
   elastic-strips drive case-1 --record run.npz
@@ -35,6 +36,7 @@ Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken, refuted or
 _COMMANDS = {
     "bench": ("bench_command", "bench", "Measure planning, replanning, the tick and the closed loop."),
     "certify": ("certify_command", "certify", "Prove that anybody's path is free of collisions, or show where not."),
+    "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("group", "list_command", "Show the scenarios, robots and presets that have names."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),

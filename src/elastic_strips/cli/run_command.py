@@ -66,9 +66,9 @@ def run(
         viewer.animate(model, problem.scene, result.report, duration=10.0)
 
     if html_file is not None:
-        options.write_page(draw, html_file)
+        options.write_page(draw, html_file, title=problem.name)
     if view:
-        options.serve(draw, no_browser=no_browser)
+        options.serve(draw, no_browser=no_browser, title=problem.name)
     return options.EXIT_DONE if result.certified else options.EXIT_NOT_DONE
 
 

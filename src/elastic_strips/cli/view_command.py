@@ -75,8 +75,10 @@ def view(
     else:
         if kind == "a result":
             model, scene, strip = _from_result(Path(what), robot)
+            title = Path(what).stem
         else:
             problem = get_scenario(what, seed=seed or 0)
+            title = problem.name
             model, scene = problem.load_robot(robot, base=base), problem.scene
             strip = Strip.from_coordinates(model, straight_line(model, *problem.ends(model), spacing=0.13))
 

@@ -1,5 +1,21 @@
-"""Viewer room: reports in, pictures out. The only room that knows meshcat."""
+"""Viewer room: reports in, pictures out, and what is dragged in them back. The only room that knows meshcat."""
 
-from .viewer import Viewer
+from typing import TYPE_CHECKING
 
-__all__ = ["Viewer"]
+from elastic_strips._late import late_names
+
+if TYPE_CHECKING:
+    from .browser import Browser, BrowserError
+    from .drag import Drag
+    from .live import LiveStrip
+    from .viewer import Viewer
+
+__all__ = ["Browser", "BrowserError", "Drag", "LiveStrip", "Viewer"]
+
+_MODULES = {  # pictures of what stands need no planner
+    "browser": ("Browser", "BrowserError"),
+    "drag": ("Drag",),
+    "live": ("LiveStrip",),
+    "viewer": ("Viewer",),
+}
+__getattr__ = late_names(__name__, _MODULES)

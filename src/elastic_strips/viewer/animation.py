@@ -20,13 +20,25 @@ from elastic_strips.validation import check_number, check_type, shown
 
 from . import commands, geometry
 from .commands import Command, Track
-from .drawing import CERTIFIED, MOVING, REFUSED, STATIC, THREADS, UNCHECKED, Drawing, Snapshot, segment_colors
+from .drawing import (
+    CERTIFIED,
+    HAND_THREAD,
+    MOVING,
+    MOVING_COLOR,
+    REFUSED,
+    STATIC,
+    THREADS,
+    UNCHECKED,
+    Drawing,
+    Snapshot,
+    segment_colors,
+)
 from .geometry import Floats, RobotPoses, linear
 
 STATE_COLORS = {
     "moving": "#2b6cb0",
     "slowing": "#d69e2e",
-    "stopped": "#d64541",
+    "stopped": "#8c5a2b",
     "reached": "#2f9e68",
     "failed": "#7b2d8e",
 }
@@ -375,6 +387,11 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
     if strips:
         legend += [["strip certified", CERTIFIED], ["strip not certified", REFUSED]]
         legend.append(THREADS)
+    if play.robot.space.planar:
+        legend.append(["goal", HAND_THREAD])
+    legend += drawing.obstacles.legend()
+    if drawing.obstacles.moving(record.world.scene.at(play.begin)):
+        legend.append(["where it was just now", f"color-mix(in srgb, {MOVING_COLOR} 40%, white)"])
     cards: list[Document] = []
     for t in moments.tolist():
         code = int(codes[np.searchsorted(record.control.time, t + 1e-9, side="right") - 1])

@@ -2,10 +2,12 @@
 
 A key is ``path + NUL + kind``. A later command with the same key replaces an earlier one, so that a slow
 receiver (a browser, a pipe) may skip to the newest. Kinds ``object``, ``property …``, ``delete`` and ``animation`` are
-meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions`` and ``camera`` are read by ``web/page.js``.
+meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions``, ``camera``, ``names``, ``labels`` and
+``draggable`` are read by the scripts in ``web``.
 
-The page is meshcat's script plus that one, which adds a better background, lights and camera, objects that are drawn
-many times at once, a card with numbers and legend, and buttons for what plays.
+The page is meshcat's script plus those: ``page.js`` adds a better background, lights and camera, objects that are drawn
+many times at once, a card with numbers and legend, and buttons for what plays; ``controls.js`` what is shown and
+hidden, names and labels; ``drag.js`` what can be dragged in a live page.
 """
 
 from __future__ import annotations
@@ -115,17 +117,38 @@ def mesh(
     return key(path, "object"), packb({"type": "set_object", "path": path, "object": content})
 
 
-def instances(path: str, matrices: ArrayLike, colors: ArrayLike | None = None) -> Command:
-    """Place the instances of a mesh: (K, 16) column-major matrices, and (K, 3) linear colours."""
+def instances(
+    path: str, matrices: ArrayLike, colors: ArrayLike | None = None, *, names: Sequence[str] | None = None
+) -> Command:
+    """Place the instances of a mesh: (K, 16) column-major matrices, (K, 3) linear colours, and what each is called."""
     data: Document = {"type": "instances", "path": path, "matrices": _floats(matrices)}
     if colors is not None:
         data["colors"] = _floats(colors)
+    if names is not None:
+        data["names"] = list(names)
     return key(path, "instances"), packb(data)
 
 
 def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command:
     """Move many objects at once: (K, 16) column-major matrices."""
     return key(group, "transforms"), packb({"type": "transforms", "paths": list(paths), "matrices": _floats(matrices)})
+
+
+def names(group: str, paths: Sequence[str], texts: Sequence[str]) -> Command:
+    """What objects are called, which the page says where the mouse rests on them."""
+    return key(group, "names"), packb({"type": "names", "paths": list(paths), "names": list(texts)})
+
+
+def labels(group: str, texts: Sequence[str], points: ArrayLike) -> Command:
+    """Write texts at points (K, 3) [m], in the place of the group's earlier ones."""
+    return key(group, "labels"), packb(
+        {"type": "labels", "group": group, "texts": list(texts), "points": _floats(points)}
+    )
+
+
+def draggable(*, obstacles: bool, goal: bool) -> Command:
+    """Whether obstacles and the ring at the goal can be dragged."""
+    return key("", "draggable"), packb({"type": "draggable", "obstacles": obstacles, "goal": goal})
 
 
 def visible(path: str, value: bool) -> Command:
@@ -239,19 +262,23 @@ def _meshcat_script() -> str:
     return (Path(spec.submodule_search_locations[0]) / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
 
 
-def _page(title: str, last: str, data: str = "") -> str:
+def _page(title: str, scripts: Sequence[str], data: str = "") -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
-<head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>
+<head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
+<title>{html.escape(title)}</title>
 <style>{_text("page.css")}</style></head>
 <body>
 <div id="meshcat-pane"></div>
 <div id="es-card"></div>
+<div id="es-bar" role="toolbar" aria-label="what is shown"></div>
+<div id="es-labels"></div><div id="es-tip"></div><div id="es-toast" role="status"></div>
 <div id="es-play"><button id="es-toggle" title="play or pause"></button>
-<input id="es-time" type="range" min="0" max="1" step="0.01" value="0"><output id="es-now"></output></div>
+<input id="es-time" type="range" min="0" max="1" step="0.01" value="0" aria-label="time"><output id="es-now"></output>
+<select id="es-speed" title="speed" aria-label="speed"></select></div>
 {data}
 <script>{_meshcat_script()}</script>
-<script>{_text("page.js")}{_text(last)}</script>
+<script>{"".join(map(_text, scripts))}</script>
 </body>
 </html>
 """
@@ -259,13 +286,14 @@ def _page(title: str, last: str, data: str = "") -> str:
 
 def live_page(title: str) -> str:
     """Return the page that gets the picture from its server."""
-    return _page(title, "live.js")
+    return _page(title, ("page.js", "controls.js", "drag.js", "live.js"))
 
 
 def static_page(title: str, log: CommandLog) -> str:
     """Return a standalone page with the picture inside; it needs no server and no network."""
     packed = base64.b64encode(zlib.compress(log.batch(), 9)).decode()
-    return _page(title, "standalone.js", f'<script id="es-data" type="application/octet-stream">{packed}</script>')
+    scripts = ("page.js", "controls.js", "standalone.js")
+    return _page(title, scripts, f'<script id="es-data" type="application/octet-stream">{packed}</script>')
 
 
 def inline_frame(page: str) -> str:

@@ -24,11 +24,17 @@ THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAN
 STATIC = ("/ghosts", "/strip", "/forces", "/trouble")
 """Parts of a still picture that an animation may hide."""
 _TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
-_STANDING, MOVING, _CLOUD = linear("#c9a27e"), linear("#e07a3f"), linear("#a3adb8")
+_KINDS = {  # of obstacles: what they are called, and their colour
+    "standing": ("obstacle", "#c9a27e"),
+    "moving": ("obstacle that moves", "#e07a3f"),
+    "cloud": ("points, voxels", "#a3adb8"),
+}
+MOVING_COLOR = _KINDS["moving"][1]
+_STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
-_MOST = 400  # characters of a reason
+_MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
 _NONE = np.zeros((0, 16), dtype=np.float32)
 
 
@@ -37,7 +43,8 @@ class Snapshot:
     """What is to be drawn: a scene and a strip's nodes (N, nq), with the report about it where there is one.
 
     The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
-    ``live`` is one of many pictures a second: what takes long to measure is left out.
+    ``live`` is one of many pictures a second: what takes long to measure is left out. ``tick`` is how long one takes
+    [s].
     """
 
     robot: RobotModel
@@ -47,6 +54,7 @@ class Snapshot:
     frame: bool = False
     q: ArrayLike | None = None
     live: bool = False
+    tick: float | None = None
 
 
 class Drawing:
@@ -104,6 +112,8 @@ class Drawing:
         out = [commands.delete("/robot"), commands.delete("/ghosts")]
         look = commands.material(roughness=0.55)
         out += [commands.mesh(p, b.mesh, look) for p, b in zip(self.body_paths, self.bodies, strict=True)]
+        links = [", ".join(dict.fromkeys(g.name for g in robot.geometries if g.joint == j)) for j in self.joints]
+        out.append(commands.names("/robot", self.body_paths, [link or robot.name for link in links]))
         look = commands.material(linear(_GHOST), opacity=0.27, roughness=0.9)
         for body in geometry.ghost_bodies(self.bodies):
             out.append(
@@ -182,12 +192,24 @@ class Drawing:
                 legend.append([f"where it is {status}" if bad else "not clear here", _TROUBLE])
             if report.forces is not None and len(report.forces.points):
                 legend.append(["forces", _FORCE])
+            if report.hulls is not None:
+                legend.append(["protective hulls", _HULL])
             card["chip"] = [status, _CHIP[status]]
             if bad:
                 card["note"] = report.reason[:_MOST]
+        if snapshot.tick is not None:
+            rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
-        return commands.hud({**card, "rows": rows, "legend": [*legend, THREADS]})
+        legend += [THREADS, *self._things(snapshot)]
+        return commands.hud({**card, "rows": rows, "legend": legend})
+
+    def _things(self, snapshot: Snapshot) -> list[list[str]]:
+        """The legend of what is in a picture besides the strip."""
+        things = [["robot along the strip", _GHOST]]
+        if snapshot.robot.space.planar:
+            things += [["start", BASE_THREAD], ["goal", HAND_THREAD]]
+        return things + self.obstacles.legend()
 
     def markers(self, coordinates: Array) -> list[Command]:
         """Lay rings where the first and the last of coordinate rows (N, nv) have their base."""
@@ -199,6 +221,7 @@ class Drawing:
             for name, color in (("start", BASE_THREAD), ("goal", HAND_THREAD)):
                 look = commands.material(linear(color), opacity=0.85, lit=False)
                 out.append(commands.mesh(f"/markers/{name}", geometry.ring(0.44, 0.5), look, cast=False))
+            out.append(commands.names("/markers", ["/markers/start", "/markers/goal"], ["start", "goal"]))
         poses = np.tile(np.eye(4), (2, 1, 1))
         for T, (x, y, yaw) in zip(poses, coordinates[[0, -1], :3], strict=True):
             c, s = np.cos(yaw), np.sin(yaw)
@@ -212,17 +235,15 @@ class Drawing:
         return self._many("/forces", geometry.arrow(), commands.material(linear(_FORCE)), arrows)
 
     def _hulls(self, report: DeformReport | None) -> list[Command]:
-        """Draw the protective hulls; they are many, so they are hidden until the viewer's controls show them."""
-        matrices, out = None, []
+        """Draw the protective hulls; they are many, so the page hides them until they are asked for."""
+        matrices = None
         if report is not None and report.hulls is not None:
             every = max(1, -(-report.hulls.radius.size // _MAX_HULLS))
             radii = report.hulls.radius[::every].reshape(-1)
             keep = np.isfinite(radii) & (radii > 0.0)
             matrices = geometry.spheres(report.hulls.points[::every].reshape(-1, 3)[keep], radii[keep])
-            if "/hulls" not in self._made:
-                out = [commands.visible("/hulls", False)]
         look = commands.material(linear(_HULL), opacity=0.07, hides=False)
-        return self._many("/hulls", geometry.sphere(16), look, matrices) + out
+        return self._many("/hulls", geometry.sphere(16), look, matrices)
 
     def _trouble(self, report: DeformReport | None, coordinates: Array) -> list[Command]:
         """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
@@ -236,7 +257,10 @@ class Drawing:
             ball, head = geometry.spheres(spot, _SPOT), geometry.spheres(top, _HEAD)
             pole = geometry.between(foot[None], top[None], _POLE)
         clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
+        reason = "" if report is None else report.reason or "not clear here"
+        top = np.zeros((0, 3)) if spot is None else (spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN + _HEAD])[None]
         return [
+            commands.labels("/trouble", [reason[:_SHORT]] * len(top), top),
             *self._many("/trouble/spot", geometry.sphere(), clear, ball, room=1),
             *self._many("/trouble/head", geometry.sphere(), solid, head, room=1),
             *self._many("/trouble/pole", geometry.rod(), solid, pole, room=1),
@@ -300,15 +324,24 @@ class ObstacleDrawing:
         self._alone: frozenset[str] = frozenset()
         self._own: dict[str, tuple[tuple[Part, ...], Array]] = {}
         self._shared: dict[str, Floats] = {}
+        self._seen: set[str] = set()  # kinds of things
+        self.singles: set[str] = set()  # names of what is an object of its own because it is dragged
+
+    def legend(self) -> list[list[str]]:
+        """What the colours of the obstacles mean."""
+        return [[name, color] for kind, (name, color) in _KINDS.items() if kind in self._seen]
 
     def draw(self, scene: Scene, *, alone: frozenset[str] = frozenset()) -> list[Command]:
         """Return the commands that turn the picture of the last scene into that of this one.
 
         Obstacles named ``alone`` are objects of their own even if they stand still, so that they can be hidden.
         """
+        alone = alone | self.singles
         if scene is self._scene and alone == self._alone:
             return []
         self._scene, self._alone = scene, alone
+        self._seen.clear()
+        titles: dict[str, list[str]] = defaultdict(list)
         out: list[Command] = []
         instances: dict[str, list[Array]] = defaultdict(list)
         seen: set[str] = set()
@@ -321,17 +354,19 @@ class ObstacleDrawing:
                 T = np.array(obstacle.pose)
                 T[:3, :3] *= factors
                 instances[shape].append(T)
+                titles[shape].append(str(obstacle.name))
+                self._seen.add("standing")
                 continue
             path = self.path(obstacle)
             parts, pose = self._own.get(path, (None, None))
+            kind = "moving" if single else "cloud" if obstacle.shape in ("voxels", "points") else "standing"
+            self._seen.add(kind)
             if parts is not obstacle.parts:
                 mesh = geometry.obstacle_mesh(obstacle)
                 if mesh is None:
                     continue
-                color = MOVING if single else _STANDING
-                if not single and obstacle.shape in ("voxels", "points"):
-                    color = _CLOUD
-                out.append(commands.mesh(path, mesh, commands.material(color)))
+                out.append(commands.mesh(path, mesh, commands.material(linear(_KINDS[kind][1]))))
+                out.append(commands.names(path, [path], [str(obstacle.name)]))
             seen.add(path)
             if pose is None or not np.array_equal(pose, obstacle.pose):
                 moved.append((path, np.asarray(obstacle.pose)))
@@ -339,7 +374,7 @@ class ObstacleDrawing:
         for path in [p for p in self._own if p not in seen]:
             del self._own[path]
             out.append(commands.delete(path))
-        out += self._instances(instances)
+        out += self._instances(instances, titles)
         # One command per obstacle: the newest of each is remembered.
         out += [commands.transforms(path, [path], commands.columns(T[None])) for path, T in moved]
         return out
@@ -353,7 +388,7 @@ class ObstacleDrawing:
         """Obstacles that have an object of their own because they move."""
         return [o for o in scene if o.motion is not None and self.path(o) in self._own]
 
-    def _instances(self, wanted: dict[str, list[Array]]) -> list[Command]:
+    def _instances(self, wanted: dict[str, list[Array]], titles: dict[str, list[str]]) -> list[Command]:
         out: list[Command] = []
         for shape in {*wanted, *self._shared}:
             matrices = commands.columns(wanted[shape]) if wanted.get(shape) else _NONE
@@ -364,5 +399,5 @@ class ObstacleDrawing:
             elif np.array_equal(matrices, self._shared[shape]):
                 continue
             self._shared[shape] = matrices
-            out.append(commands.instances(path, matrices))
+            out.append(commands.instances(path, matrices, names=titles[shape]))
         return out

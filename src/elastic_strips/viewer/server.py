@@ -6,12 +6,17 @@ process ends.
 
 A frame on standard input is a header (length of the key, length of the payload), the key and the payload. Key ``page``
 carries the HTML; an empty key ends a batch; any other one is a command (see ``commands``).
+
+What is dragged in a page comes back as lines of JSON on standard output (see ``drag``). One page holds something at a
+time: others that grab meanwhile are told so. A page of another origin is refused.
 """
 
 from __future__ import annotations
 
 import asyncio
 import atexit
+import contextlib
+import json
 import os
 import select
 import socket
@@ -19,8 +24,8 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, BinaryIO
+from collections.abc import Callable, Iterable
+from typing import IO, TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from tornado.httputil import HTTPServerRequest
@@ -31,6 +36,7 @@ _HEADER = struct.Struct(">IQ")
 _HOST = "127.0.0.1"
 _FIRST_PORT, _PORTS = 7000, 100
 _START, _SEND = 20.0, 10  # longest waits [s]
+_LONGEST = 4096  # bytes of what a page says
 
 
 class CommandLog:
@@ -89,12 +95,13 @@ class ServerError(RuntimeError):
 class ServerProcess:
     """A running server process; used by one thread, except for ``alive`` and ``close``."""
 
-    def __init__(self, *, port: int | None, page: str) -> None:
+    def __init__(self, *, port: int | None, page: str, heard: Callable[[bytes], None]) -> None:
         """Start the server and give it the page.
 
         Args:
             port: Port on 127.0.0.1; None takes a free one.
             page: HTML.
+            heard: called with each line that a page says, in a thread of its own.
 
         Raises:
             ServerError: It does not start, or the port is taken.
@@ -127,6 +134,8 @@ class ServerProcess:
             self.close()
             raise ServerError(f"the server does not start: {value or 'no answer'}")
         self.url = value
+        self._ear = threading.Thread(target=_hear, args=(answer, heard), name="elastic-strips pages", daemon=True)
+        self._ear.start()
         self.send([("page", page.encode())])
 
     @property
@@ -169,8 +178,17 @@ class ServerProcess:
                 process.kill()
                 process.wait()
         self._socket.close()
-        if process.stdout is not None:
+        ear = getattr(self, "_ear", None)
+        if ear is not None and ear is not threading.current_thread():
+            ear.join(2.0)
+        if process.stdout is not None and (ear is None or not ear.is_alive()):
             process.stdout.close()
+
+
+def _hear(stream: IO[bytes], heard: Callable[[bytes], None]) -> None:
+    """Read lines until the process ends."""
+    for line in iter(stream.readline, b""):
+        heard(line)
 
 
 # What the process runs
@@ -193,6 +211,11 @@ async def _serve(port: int) -> None:
     page: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
     log = CommandLog()
     clients: set[Client] = set()
+    holder: Client | None = None  # the page that holds something
+
+    def say(line: dict[str, object]) -> None:
+        sys.stdout.write(json.dumps(line) + "\n")
+        sys.stdout.flush()
 
     def local(request: HTTPServerRequest) -> bool:
         """Refuse requests that a foreign name was made to point here for."""
@@ -208,6 +231,7 @@ async def _serve(port: int) -> None:
     class Client(tornado.websocket.WebSocketHandler):
         pending: CommandLog
         task: asyncio.Future[None] | None = None
+        refusal: asyncio.Future[None] | None = None
         sending = False
 
         def prepare(self) -> None:
@@ -222,10 +246,32 @@ async def _serve(port: int) -> None:
             self.push()
 
         def on_close(self) -> None:
+            nonlocal holder
             clients.discard(self)
+            if holder is self:
+                holder = None
+                say({"type": "release"})
 
         def on_message(self, message: str | bytes) -> None:
-            """Browsers send nothing."""
+            nonlocal holder
+            try:
+                line = json.loads(message)
+                kind = line["type"]
+            except (LookupError, TypeError, ValueError, RecursionError):
+                return
+            if kind == "grab" and holder is None:
+                holder = self
+            if holder is not self:
+                if kind == "grab":
+                    self.refusal = asyncio.ensure_future(self.refuse())
+                return
+            if kind == "release":
+                holder = None
+            say(line)
+
+        async def refuse(self) -> None:
+            with contextlib.suppress(tornado.websocket.WebSocketClosedError):
+                await self.write_message("another page holds something")
 
         def push(self) -> None:
             if not self.sending and len(self.pending):
@@ -267,7 +313,9 @@ async def _serve(port: int) -> None:
         finally:
             os._exit(0)
 
-    app = tornado.web.Application([("/", Page), ("/ws", Client)], log_function=lambda _: None)
+    app = tornado.web.Application(
+        [("/", Page), ("/ws", Client)], log_function=lambda _: None, websocket_max_message_size=_LONGEST
+    )
     server = tornado.httpserver.HTTPServer(app)
     wanted = [port] if port else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
     sockets: list[socket.socket] = []

@@ -8,7 +8,7 @@ import os
 import threading
 import time
 import webbrowser
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from elastic_strips.arrays import ArrayLike
@@ -21,9 +21,10 @@ from elastic_strips.strip import Strip
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.validation import check_count, check_type, shown
 
-from . import animation
+from . import animation, commands
 from .animation import Animated, RunReplay, StripAnimation
 from .commands import Command, inline_frame, live_page, static_page
+from .drag import Drag, parse
 from .drawing import Drawing, Snapshot
 from .server import CommandLog, ServerError, ServerProcess
 
@@ -83,10 +84,12 @@ class Viewer:
         self._scene = Scene()
         self._failed = self._lost = self._closed = False
         self._missed: Snapshot | None = None
+        self._listener: Callable[[Drag], None] | None = None
+        self._extra: list[Command] = []  # to be sent with the next picture
         self._server: ServerProcess | None = None
         if server:
             try:
-                self._server = ServerProcess(port=port, page=live_page(title))
+                self._server = ServerProcess(port=port, page=live_page(title), heard=self._heard)
                 _log.info("the viewer shows its picture at %s", self._server.url)
             except (ServerError, OSError) as error:
                 self._lost = True
@@ -124,13 +127,21 @@ class Viewer:
         """
         return self._play(animation.strip_animation(robot, scene, [strip_or_report], 1.0).snapshot(), scene)
 
-    def update(self, report: DeformReport | Strip, scene: Scene | None = None, *, q: ArrayLike | None = None) -> None:
+    def update(
+        self,
+        report: DeformReport | Strip,
+        scene: Scene | None = None,
+        *,
+        q: ArrayLike | None = None,
+        tick: float | None = None,
+    ) -> None:
         """Show the newest report, at once; it takes microseconds, and a picture that is not drawn yet is left out.
 
         Args:
             report: A ``DeformReport`` or a ``Strip``.
             scene: The scene if it has changed.
             q: Configuration (nq,) where the robot is; at the strip's first node where None.
+            tick: How long a tick takes [s], to be shown; nothing where None.
 
         Raises:
             InputError: Something else than a report or a strip, or than a scene.
@@ -143,11 +154,27 @@ class Viewer:
             raise InputError(f"update shows a report or a Strip, not {shown(report)}")
         if scene is not None:
             self._scene = scene
-        job = Snapshot(strip.robot, self._scene, strip.q, about, q=q, live=True)
+        job = Snapshot(strip.robot, self._scene, strip.q, about, q=q, live=True, tick=tick)
         if self._lost:
             self._missed = job  # no browser gets it; save_html may
         else:
             self._post(job)
+
+    def listen(self, listener: Callable[[Drag], None] | None, *, goal: bool = False) -> None:
+        """Let obstacles be grabbed in the page, and tell ``listener`` what is dragged; None ends that.
+
+        Args:
+            listener: called with each message, in a thread of the viewer's own; it must not block.
+            goal: Whether the ring at the goal can be grabbed as well.
+        """
+        self._listener = listener
+        with self._condition:
+            self._extra.append(commands.draggable(obstacles=listener is not None, goal=goal and listener is not None))
+            self._condition.notify_all()
+
+    def single(self, name: str) -> None:
+        """Draw an obstacle as an object of its own from now on: quicker where it alone moves."""
+        self._drawing.obstacles.singles.add(name)
 
     def animate(
         self, robot: RobotModel, scene: Scene, strips: Animated | Iterable[Animated], duration: float = 8.0
@@ -271,14 +298,24 @@ class Viewer:
             with self._condition:
                 self._condition.notify_all()
 
-    def _send(self, commands: list[Command]) -> None:
+    def _heard(self, line: bytes) -> None:
+        drag, listener = parse(line), self._listener
+        if drag is None:
+            _log.debug("a page says what is not understood: %r", line[:200])
+        elif listener is not None:
+            try:
+                listener(drag)
+            except Exception:
+                _log.exception("what listens to the pages fails")
+
+    def _send(self, items: list[Command]) -> None:
         if self._server is None or self._lost:
             return
         try:
             if not self._server.alive:
                 raise ServerError("the process has ended")
-            if commands:
-                self._server.send(commands)
+            if items:
+                self._server.send(items)
         except ServerError as error:
             self._lost = True
             if not self._closed:
@@ -294,20 +331,21 @@ class Viewer:
     def _turn(self) -> bool:
         """Draw what is pending; False at the end."""
         with self._condition:
-            self._condition.wait_for(lambda: self._pending is not None or self._closed, timeout=1.0)
+            self._condition.wait_for(lambda: self._pending is not None or self._extra or self._closed, timeout=1.0)
             job, number, self._pending = self._pending, self._posted, None
+            extra, self._extra = self._extra, []
             if self._closed:
                 return False
         if job is None:
-            self._send([])  # look whether the server is there
+            self._send(extra)  # and look whether the server is there
             return True
         begin = time.monotonic()
-        commands = self._draw(job)
+        drawn = self._draw(job)
         with self._log_lock:
-            self._log.extend(commands)
+            self._log.extend(drawn)
         with self._condition:
             self._drawn = number
             self._condition.notify_all()
-        self._send(commands)
+        self._send([*drawn, *extra])
         time.sleep(max(0.0, 1.0 / _RATE - (time.monotonic() - begin)))
         return True

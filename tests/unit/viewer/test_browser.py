@@ -20,7 +20,7 @@ STATE = """new Promise((done) => setTimeout(() => done({
   calls: viewer.renderer.info.render.calls,
   card: document.getElementById("es-card").innerText,
   injected: document.querySelectorAll("#es-card b b, b:not(#es-card b)").length,
-  hulls: viewer.scene_tree.find(["hulls"]).object.visible,
+  hulls: viewer.scene_tree.find(["hulls"]).children["<object>"].object.visible,
   ghosts: Math.max(...Object.values(viewer.scene_tree.children.ghosts.children).map((c) => c.object.children[0].count)),
   playing: animator.playing, duration: animator.duration,
 }), 1500))"""

@@ -13,6 +13,7 @@ viewer.scene.fog = new T.Fog(color(0xeef1f4), 30, 120);
 viewer.camera.fov = 36;
 viewer.camera.near = 0.05;
 viewer.camera.far = 500;
+viewer.controls.maxPolarAngle = Math.PI / 2 - 0.03;  // above the floor
 const sun = new T.DirectionalLight(0xfff6ea, 0.85);
 sun.castShadow = true;
 sun.shadow.mapSize.set(2048, 2048);
@@ -38,8 +39,13 @@ grid.geometry.setAttribute("position", new T.BufferAttribute(new Float32Array(li
 grid.position.z = -0.001;
 viewer.set_object(["floor", "grid"], grid);
 
-// Look against `direction` (z up) from where all points are in the picture.
+// Look against `direction` (z up) from where all points are in the picture; again where the window changes, until
+// somebody moves the camera.
+let framed = null;
+viewer.controls.addEventListener("start", () => { framed = null; });
+window.addEventListener("resize", () => { if (framed) look(...framed); });
 function look(points, direction) {
+  framed = [points, direction];
   const box = new T.Box3(), p = new T.Vector3(), list = [];
   for (let i = 0; i < points.length; i += 3) {
     list.push(new T.Vector3(points[i], points[i + 1], points[i + 2]));
@@ -91,6 +97,7 @@ const room = (object, name, size, count) => {
 };
 function place(cmd) {
   const object = at(cmd.path + "/<object>"), count = cmd.matrices.length / 16;
+  if (cmd.names) object.userData.names = cmd.names;
   const matrices = room(object, "instanceMatrix", 16, count);
   matrices.array.set(cmd.matrices);
   matrices.needsUpdate = true;
@@ -147,7 +154,9 @@ function card(cmd) {
 }
 
 // Buttons for what plays.
-const animator = viewer.animator, slider = byId("es-time");
+const animator = viewer.animator, slider = byId("es-time"), speed = byId("es-speed");
+for (const x of [0.25, 0.5, 1, 2, 4]) speed.add(new Option("\u00d7" + x, x, x === 1, x === 1));
+speed.onchange = () => { animator.mixer.timeScale = +speed.value; };
 byId("es-toggle").onclick = () => { animator.playing ? animator.pause() : animator.play(); };
 slider.oninput = () => { animator.pause(); animator.seek(+slider.value); animator.display_progress(+slider.value); };
 let captions = null, caption = -1;  // what the card says while something plays
@@ -173,7 +182,10 @@ viewer.set_object = (path, object) => {
   if (object.userData && object.userData.shadow === false) object.castShadow = object.receiveShadow = false;
   if (object.userData && object.userData.veiled) veiled(object);
   set_object(path, object);
+  added(path);
 };
+const extra = { };  // commands of the other scripts
+let added = () => { };  // told of new objects
 viewer.handle_command = (cmd) => {
   switch (cmd.type) {
     case "instances": place(cmd); break;
@@ -187,9 +199,10 @@ viewer.handle_command = (cmd) => {
     case "set_animation":
       handle(cmd);
       slider.max = animator.duration;
+      speed.onchange();
       byId("es-play").style.display = "flex";
       break;
-    default: handle(cmd);
+    default: (extra[cmd.type] || handle)(cmd);
   }
   viewer.set_dirty();
 };

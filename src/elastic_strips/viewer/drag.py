@@ -1,0 +1,55 @@
+"""Drag: what a page says while somebody holds an obstacle, or the goal, with the mouse."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+
+_KINDS = ("grab", "drag", "release")
+_FARTHEST, _LONGEST = 1e3, 1000  # [m], characters of a name
+
+
+@dataclass(frozen=True, slots=True)
+class Drag:
+    """One message: something is grabbed, dragged by so much since then, or let go.
+
+    Attributes:
+        kind: which of them.
+        name: of the obstacle; None for the goal.
+        shift: (3,) displacement since it was grabbed [m], world frame.
+        turn: about the vertical through its own origin since it was grabbed [rad].
+    """
+
+    kind: Literal["grab", "drag", "release"]
+    name: str | None
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn: float = 0.0
+
+    def applied(self, pose: Array) -> Array:
+        """``pose`` (4, 4) [m], the one at which it was grabbed, where it is dragged to."""
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        moved = np.array(pose, dtype=float)
+        moved[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ moved[:3, :3]
+        moved[:3, 3] += self.shift
+        return moved
+
+
+def parse(line: bytes) -> Drag | None:
+    """Read a message; None where it is none, for any program on this machine may write to the page's server."""
+    try:
+        data = json.loads(line)
+        kind, name = data["type"], data.get("name")
+        shift, turn = tuple(float(x) for x in data.get("shift", (0, 0, 0))), float(data.get("turn", 0))
+    except (AttributeError, LookupError, TypeError, ValueError, RecursionError, OverflowError):
+        return None
+    if kind not in _KINDS or not (name is None or (isinstance(name, str) and len(name) <= _LONGEST)):
+        return None
+    if len(shift) != 3 or not all(abs(x) <= _FARTHEST for x in (*shift, turn)):  # NaN neither
+        return None
+    return Drag(kind, name, shift, turn)

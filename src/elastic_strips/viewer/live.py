@@ -1,0 +1,309 @@
+"""Live: a strip that is kept certified in a thread of its own while obstacles and goal are moved, say by mouse."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+
+from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.errors import ConfigurationError, GoalError, RobotError, SceneError
+from elastic_strips.planning import PlanReport, plan_report
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
+from elastic_strips.validation import check_array, check_number, check_type
+
+from .drag import Drag
+from .viewer import Viewer
+
+_log = logging.getLogger(__name__)
+_PATIENCE = 0.4  # [s] that a strip may be broken before a path is looked for
+_AGAIN, _LONGEST = 1.0, 1.0  # between searches, and for each [s]
+_TURN = 3.0  # of what is moved [rad/s]
+_RECENT = 50  # ticks whose median is shown
+
+
+class LiveStrip:
+    """A strip that gives way, tick by tick, while obstacles and goal move where they are wanted.
+
+    What is moved, by :meth:`move`, :meth:`move_goal` or with the mouse in the viewer's page, goes there no faster
+    than ``speed``. Where the strip stays broken for 0.4 s a path is planned anew, in another thread, and taken where
+    it is certified in the scene of that moment. Obstacles that have a motion move on by the clock until they are
+    grabbed; then they stay where they are put.
+
+    Example:
+        >>> live = LiveStrip(robot, scene, strip, viewer=Viewer())  # doctest: +SKIP
+        >>> live.move("shelf", (1.5, 0.4, 0.6))  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        strip: Strip,
+        *,
+        viewer: Viewer | None = None,
+        params: DeformParams | None = None,
+        rate: float = 50.0,
+        speed: float = 2.0,
+    ) -> None:
+        """Start ticking.
+
+        Args:
+            robot: whose strip it is.
+            scene: the obstacles.
+            strip: to begin with.
+            viewer: shows it and is dragged in; none where None.
+            params: the deformer's.
+            rate: ticks a second.
+            speed: of what is moved [m/s].
+
+        Raises:
+            InputError: a rate or a speed out of range, another robot's strip, something that is none of these.
+        """
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("scene", scene, Scene, SceneError)
+        check_type("strip", strip, Strip)
+        check_type("viewer", viewer, Viewer, none=True)
+        check_number("rate", rate, low=1.0, high=1000.0, unit="Hz")
+        check_number("speed", speed, above=0.0, high=100.0, unit="m/s")
+        self._robot, self._scene, self._params = robot, scene, params
+        self._deformer = Deformer(robot, params)
+        self._period, self._speed = 1.0 / rate, speed
+        self._report = self._deformer.step(strip, scene)
+        self._viewer = viewer
+        self._lock = threading.Lock()
+        self._targets: dict[str, Array] = {}
+        self._goal: Array | None = None  # (3,) x, y, yaw
+        self._held: tuple[str | None, Array] | None = None  # name, and the pose (4, 4) at which it was grabbed
+        self._ticks: deque[float] = deque([self._report.seconds], maxlen=_RECENT)
+        self._broken_since: float | None = None
+        self._searched = -np.inf
+        self._search: Future[PlanReport] | None = None
+        self._searches = ThreadPoolExecutor(1, thread_name_prefix="elastic-strips search")
+        self._replans = self._count = 0
+        self._ended = threading.Event()
+        if viewer is not None:
+            viewer.show(robot, scene, self._report)
+            viewer.listen(self._hear, goal=robot.space.planar)
+        self._thread = threading.Thread(target=self._run, name="elastic-strips live", daemon=True)
+        self._thread.start()
+
+    @property
+    def report(self) -> DeformReport:
+        """The newest tick's."""
+        return self._report
+
+    @property
+    def scene(self) -> Scene:
+        """The obstacles as of the newest tick."""
+        return self._scene
+
+    @property
+    def replans(self) -> int:
+        """How many planned paths were taken."""
+        return self._replans
+
+    @property
+    def ticks(self) -> int:
+        """How many there were."""
+        return self._count
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still ticks."""
+        return self._thread.is_alive()
+
+    def move(self, name: str, at: ArrayLike) -> None:
+        """Let an obstacle go to another place.
+
+        Args:
+            name: the obstacle's.
+            at: (3,) place of its origin [m], or pose (4, 4).
+
+        Raises:
+            SceneError: there is none of that name.
+            InputError: no place.
+        """
+        there = np.asarray(at, dtype=float)
+        pose = np.array(self._scene.obstacle(name).pose)
+        if there.shape == (4, 4):
+            pose = np.array(self._scene.moved(name, there).obstacle(name).pose)  # checked
+        else:
+            pose[:3, 3] = check_array("at", at, (3,))
+        with self._lock:
+            self._targets[name] = pose
+
+    def move_goal(self, x: float, y: float, yaw: float = 0.0) -> None:
+        """Let the base's goal go to another place [m, m, rad]; the joints' goals stay.
+
+        Raises:
+            ConfigurationError: the robot's base is fixed.
+            InputError: a number that is none.
+        """
+        if not self._robot.space.planar:
+            raise ConfigurationError(f"{self._robot.name!r} stands on a fixed base, so its goal does not move")
+        where = [check_number(n, v, unit=u) for n, v, u in (("x", x, "m"), ("y", y, "m"), ("yaw", yaw, "rad"))]
+        with self._lock:
+            self._goal = np.array(where)
+
+    def close(self) -> None:
+        """End the ticks; the viewer stays as it is."""
+        self._ended.set()
+        if self._viewer is not None:
+            self._viewer.listen(None)
+        if threading.current_thread() is not self._thread:
+            self._thread.join(5.0)
+        self._searches.shutdown(wait=False, cancel_futures=True)
+
+    def __enter__(self) -> LiveStrip:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        if self._viewer is None or self._viewer.url is None:
+            return self._report.strip._repr_html_()
+        return (
+            f'<iframe src="{self._viewer.url}" style="width: 100%; height: 480px; border: 0; border-radius: 8px">'
+            "</iframe>"
+        )
+
+    # Messages of the page, in the viewer's thread
+
+    def _hear(self, drag: Drag) -> None:
+        if drag.kind == "release":
+            self._held = None
+            return
+        if drag.kind == "grab":
+            pose = self._pose(drag.name)
+            self._held = None if pose is None else (drag.name, pose)
+            if self._viewer is not None and pose is not None and drag.name is not None:
+                self._viewer.single(drag.name)
+        elif self._held is not None and self._held[0] == drag.name:
+            pose = drag.applied(self._held[1])
+            with self._lock:
+                if drag.name is not None:
+                    self._targets[drag.name] = pose
+                else:
+                    self._goal = np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+
+    def _pose(self, name: str | None) -> Array | None:
+        """Where something is that can be grabbed: the pose (4, 4) of an obstacle, or of the base at the goal."""
+        if name is not None:
+            return np.array(self._scene.obstacle(name).pose) if name in self._scene else None
+        if not self._robot.space.planar:
+            return None
+        x, y, yaw = self._report.strip.coordinates[-1, :3]
+        return Drag("drag", None, (float(x), float(y), 0.0), float(yaw)).applied(np.eye(4))
+
+    # The loop
+
+    def _run(self) -> None:
+        began = due = time.monotonic()
+        began -= self._scene.time
+        try:
+            while not self._ended.is_set():
+                self._tick(time.monotonic() - began)
+                due = max(due + self._period, time.monotonic())
+                self._ended.wait(due - time.monotonic())
+        except Exception:
+            _log.exception("the live strip has ended")
+
+    def _tick(self, now: float) -> None:
+        moving = any(obstacle.motion is not None for obstacle in self._scene)
+        scene = self._moved(self._scene.at(now) if moving else self._scene)
+        strip = self._taken(scene) or self._towards_goal(self._report.strip)
+        self._scene = scene
+        certified = self._report.certified
+        report = self._deformer.step(strip, scene, budget=None if certified else 0.5 * self._period, detail=True)
+        self._report = report
+        self._count += 1
+        self._ticks.append(report.seconds)
+        self._look_for_path(now)
+        if self._viewer is not None:
+            self._viewer.update(report, scene, tick=float(np.median(self._ticks)))
+
+    def _moved(self, scene: Scene) -> Scene:
+        """The scene with what is moved one step nearer to where it is wanted."""
+        with self._lock:
+            targets = dict(self._targets)
+        for name, pose in targets.items():
+            obstacle = scene.obstacle(name)
+            there = _towards(np.asarray(obstacle.pose), pose, self._speed * self._period, _TURN * self._period)
+            scene = scene.with_observations([obstacle.observed(there, None)])
+            if np.array_equal(there, pose):
+                with self._lock:
+                    if self._targets.get(name) is pose:
+                        del self._targets[name]
+        return scene
+
+    def _towards_goal(self, strip: Strip) -> Strip:
+        """The strip with its last node one step nearer to where the goal is wanted, the others the less the nearer to
+        the start."""
+        with self._lock:
+            goal = self._goal
+        if goal is None:
+            return strip
+        coordinates = np.array(strip.coordinates)
+        off = goal - coordinates[-1, :3]
+        off[2] = (off[2] + np.pi) % (2.0 * np.pi) - np.pi
+        far = max(float(np.hypot(off[0], off[1])) / (self._speed * self._period), abs(off[2]) / (_TURN * self._period))
+        if far <= 1.0:
+            with self._lock:
+                self._goal = None if self._goal is goal else self._goal
+        share = np.linspace(0.0, 1.0, len(coordinates))[:, None]
+        coordinates[:, :3] += share * off / max(far, 1.0)
+        return Strip.from_coordinates(self._robot, coordinates)
+
+    def _look_for_path(self, now: float) -> None:
+        """Plan anew where the strip stays broken."""
+        if self._report.certified:
+            self._broken_since = None
+            return
+        self._broken_since = now if self._broken_since is None else self._broken_since
+        waited = now - self._broken_since >= _PATIENCE and now - self._searched >= _AGAIN
+        if waited and self._search is None and not self._ended.is_set():
+            self._searched = now
+            q = self._report.strip.q
+            self._search = self._searches.submit(
+                plan_report, self._robot, self._scene, q[0], q[-1], params=self._params, timeout=_LONGEST
+            )
+
+    def _taken(self, scene: Scene) -> Strip | None:
+        """The path that was planned, where the goal has not moved since and it is certified in this scene."""
+        if self._search is None or not self._search.done():
+            return None
+        search, self._search = self._search, None
+        try:
+            strip = search.result().strip
+        except (ConfigurationError, GoalError) as error:  # start or goal touch something: the report says so as well
+            _log.debug("no path: %s", error)
+            return None
+        if self._report.certified or not np.array_equal(strip.q[-1], self._report.strip.q[-1]):
+            return None
+        if not self._deformer.certify(strip, scene).certified:
+            return None
+        self._replans += 1
+        return strip
+
+
+def _towards(pose: Array, target: Array, step: float, turn: float) -> Array:
+    """``pose`` (4, 4) at most ``step`` [m] and ``turn`` [rad] nearer to ``target``; exactly that where it is near."""
+    from scipy.spatial.transform import Rotation  # late: slow to import
+
+    off = target[:3, 3] - pose[:3, 3]
+    rotation = Rotation.from_matrix(pose[:3, :3].T @ target[:3, :3]).as_rotvec()
+    share = min(1.0, step / max(float(np.linalg.norm(off)), 1e-12), turn / max(float(np.linalg.norm(rotation)), 1e-12))
+    if share >= 1.0:
+        return target
+    there = np.eye(4)
+    there[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(share * rotation).as_matrix()
+    there[:3, 3] = pose[:3, 3] + share * off
+    return there

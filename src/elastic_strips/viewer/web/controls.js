@@ -1,0 +1,184 @@
+// What is shown and hidden, what things are called, and texts at places.
+const LAYERS = [  // name, whether it is shown at first, what belongs to it
+  ["ghosts", true, (p) => p[0] === "ghosts"],
+  ["strip", true, (p) => p[p.length - 1] === "base" && p[0] !== "robot"],
+  ["threads", true, (p) => p[p.length - 1] === "threads"],
+  ["tunnel", false, (p) => p[0] === "hulls"],
+  ["forces", true, (p) => p[0] === "forces"],
+  ["driven", true, (p) => p[1] === "trace"],
+  ["trails", true, (p) => p[1] === "trails"],
+  ["obstacles", true, (p) => p[0] === "obstacles"],
+];
+const store = (() => { try { return window.sessionStorage; } catch { return { }; } })();  // none in some frames
+const on = Object.fromEntries([...LAYERS, ["names", false]].map(([n, first]) => [n, (store["es-" + n] || first + "") === "true"]));
+const layer_of = (path) => LAYERS.find(([, , holds]) => holds(path));
+const buttons = { };
+
+// Meshes are hidden, not the nodes above them: those belong to what plays.
+function each_mesh(node, path, visit) {
+  for (const [name, child] of Object.entries(node.children)) {
+    if (name === "<object>") visit(child.object, path); else each_mesh(child, [...path, name], visit);
+  }
+}
+function apply(object, path) {
+  const layer = layer_of(path);
+  if (layer) object.visible = on[layer[0]];
+  return layer;
+}
+function button(name) {
+  if (buttons[name]) return;
+  const b = buttons[name] = element(byId("es-bar"), "button", name);
+  b.type = "button";
+  b.title = `show or hide: ${name}`;
+  b.setAttribute("aria-pressed", on[name]);
+  b.onclick = () => {
+    on[name] = !on[name];
+    try { store["es-" + name] = on[name]; } catch { /* kept for this page alone */ }
+    b.setAttribute("aria-pressed", on[name]);
+    each_mesh(viewer.scene_tree, [], apply);
+    viewer.set_dirty();
+  };
+  byId("es-bar").append(...[...LAYERS.map((l) => l[0]), "names"].filter((n) => buttons[n]).map((n) => buttons[n]));
+  byId("es-bar").style.display = "flex";
+}
+added = (path) => {
+  const node = viewer.scene_tree.find(path), inner = path.filter((x) => x !== "<object>");
+  if (node.children["<object>"]) {
+    apply(node.children["<object>"].object, inner);
+    simplify(node.children["<object>"].object, inner);
+  }
+  const layer = layer_of(inner);
+  if (layer) button(layer[0]);
+  if (layer && layer[0] === "obstacles") button("names");
+};
+
+// Without a graphics card a picture takes long: then it is drawn plainer, step by step, until it is quick enough. Not
+// where the address ends in #fine: pictures and films may take their time.
+const SLOW = 45;  // [ms] a picture
+let plain = 0;
+function simplify(object, path) {
+  const old = object.material;
+  if (plain >= 1 && object.userData.veil) {
+    object.userData.veil.visible = false;
+    object.material = new T.MeshBasicMaterial({ color: old.color, opacity: 0.2, transparent: true, depthWrite: false });
+  } else if (plain >= 2 && old && old.isMeshStandardMaterial && path[0] !== "lights") {
+    const { color: c, opacity, transparent, side, vertexColors, depthWrite } = old;
+    object.material = new T.MeshLambertMaterial({ color: c, opacity, transparent, side, vertexColors, depthWrite });
+  } else return;
+  old.dispose();
+}
+function plainer() {
+  plain++;
+  if (plain === 1) viewer.renderer.shadowMap.enabled = sun.castShadow = floor.visible = false;
+  if (plain === 2) viewer.renderer.setPixelRatio(0.5 * window.devicePixelRatio);
+  if (plain === 3 && on.ghosts && buttons.ghosts) buttons.ghosts.click();
+  each_mesh(viewer.scene_tree, [], simplify);
+  viewer.set_dirty();
+  document.body.dataset.plain = plain;
+}
+const one_pixel = new Uint8Array(4);
+let due_look = 0, looks = 0;
+function time_it() {  // what a picture takes is known only where its pixels are waited for
+  const gl = viewer.renderer.getContext(), begin = performance.now();
+  draw();
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, one_pixel);
+  looks++;
+  due_look = performance.now() + 600;
+  if (performance.now() - begin > SLOW && looks > 1 && plain < 3) plainer();  // the first one compiles
+}
+
+// Names.
+extra.names = (cmd) => cmd.paths.forEach((path, i) => { viewer.scene_tree.find(names(path)).object.userData.name = cmd.names[i]; });
+const shown = (object) => { for (let o = object; o; o = o.parent) if (!o.visible) return false; return true; };
+function called(object, instance) {
+  if (instance !== undefined && object.userData.names) return object.userData.names[instance];
+  for (let o = object; o; o = o.parent) if (o.userData.name !== undefined) return o.userData.name;
+  return undefined;
+}
+const ray = new T.Raycaster();
+function aim(event) {
+  const box = viewer.renderer.domElement.getBoundingClientRect();
+  ray.setFromCamera(new T.Vector2((event.clientX - box.left) / box.width * 2 - 1,
+                                  1 - (event.clientY - box.top) / box.height * 2), viewer.camera);
+}
+// The first thing under the pointer in one of the branches: what it is called, where, and in which branch.
+function pick(event, branches) {
+  aim(event);
+  let best = null;
+  for (const branch of branches) {
+    const node = viewer.scene_tree.children[branch];
+    for (const hit of node ? ray.intersectObject(node.object, true) : []) {
+      if (shown(hit.object) && (!best || hit.distance < best.distance))
+        best = { branch, distance: hit.distance, point: hit.point, object: hit.object, name: called(hit.object, hit.instanceId) };
+    }
+  }
+  return best;
+}
+const pane = byId("meshcat-pane"), tip = byId("es-tip");
+let waiting = null;
+pane.addEventListener("pointermove", (event) => {
+  if (event.buttons || waiting) return;
+  waiting = setTimeout(() => {
+    waiting = null;
+    const hit = pick(event, ["obstacles", "robot", "markers"]);
+    tip.style.display = hit && hit.name ? "block" : "none";
+    if (hit && hit.name) tip.textContent = hit.name;
+    tip.style.left = event.clientX + "px"; tip.style.top = event.clientY + "px";
+    pane.style.cursor = hit && can_drag(hit) ? "grab" : "";
+  }, 60);
+});
+pane.addEventListener("pointerdown", () => { tip.style.display = "none"; });
+let can_drag = () => false;
+
+// Where each obstacle is: [name, world position] of those that are shown.
+function places(limit) {
+  const list = [], m = new T.Matrix4(), node = viewer.scene_tree.children.obstacles;
+  if (!node) return list;
+  node.object.updateMatrixWorld();
+  each_mesh(node, ["obstacles"], (object) => {
+    if (!shown(object)) return;
+    if (object.isInstancedMesh && object.userData.names) {
+      for (let i = 0; i < object.count && list.length < limit; i++) {
+        object.getMatrixAt(i, m);
+        list.push([object.userData.names[i], new T.Vector3().setFromMatrixPosition(m).applyMatrix4(object.matrixWorld)]);
+      }
+    } else if (list.length < limit) list.push([called(object), object.getWorldPosition(new T.Vector3())]);
+  });
+  return list;
+}
+
+// Texts at places.
+const texts = new Map();  // group -> [[text, world position], ...]
+extra.labels = (cmd) => texts.set(cmd.group, cmd.texts.map((text, i) =>
+  [text, new T.Vector3(cmd.points[3 * i], cmd.points[3 * i + 2], -cmd.points[3 * i + 1])]));
+const board = byId("es-labels");
+function write() {
+  const list = [];
+  for (const [group, entries] of texts) for (const [text, at] of entries) list.push([text, at, group.slice(1)]);
+  if (on.names) for (const [text, at] of places(120)) list.push([text, at, ""]);
+  while (board.children.length > list.length) board.lastChild.remove();
+  while (board.children.length < list.length) element(board, "div");
+  const p = new T.Vector3(), box = viewer.renderer.domElement.getBoundingClientRect();
+  list.forEach(([text, at, kind], i) => {
+    const e = board.children[i];
+    p.copy(at).project(viewer.camera);
+    if (e.textContent !== text) e.textContent = text;
+    if (e.className !== kind) e.className = kind;
+    e.style.display = Math.abs(p.z) < 1 ? "block" : "none";
+    e.style.left = (p.x + 1) / 2 * box.width + "px";
+    e.style.top = (1 - p.y) / 2 * box.height + "px";
+  });
+}
+const draw = viewer.render.bind(viewer);
+viewer.render = () => {
+  const may = looks < 12 && location.hash !== "#fine" && document.body.dataset.ready;
+  if (may && performance.now() > due_look) time_it(); else draw();
+  write();
+};
+let toasting = null;
+function toast(text) {
+  byId("es-toast").textContent = text;
+  byId("es-toast").style.display = "block";
+  clearTimeout(toasting);
+  toasting = setTimeout(() => { byId("es-toast").style.display = "none"; }, 2500);
+}

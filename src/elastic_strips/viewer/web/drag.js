@@ -1,0 +1,103 @@
+// What can be dragged: obstacles and the ring at the goal. Over the floor; with Shift, or the arrow, up and down; with
+// Alt, or the ring, about the vertical. The picture follows what comes back from the program.
+let allowed = { obstacles: false, goal: false }, held = null, chosen = null;
+extra.draggable = (cmd) => { allowed = cmd; choose(null); };
+const say_back = (message) => {
+  if (viewer.connection && viewer.connection.readyState === 1) viewer.connection.send(JSON.stringify(message));
+};
+const is_goal = (object) => { for (let o = object; o; o = o.parent) if (o.userData.name === "goal") return true; return false; };
+can_drag = (hit) => (hit.branch === "obstacles" && allowed.obstacles && hit.name !== undefined) ||
+  (hit.branch === "markers" && allowed.goal && is_goal(hit.object));
+
+// Handles about what was chosen.
+const handle_color = new T.MeshBasicMaterial({ color: color(0x24606f), transparent: true, opacity: 0.85, depthTest: false });
+const handles = { up: new T.Group(), turn: new T.Group() };
+const shaft = new T.Mesh(new T.CylinderGeometry(0.02, 0.02, 0.5, 12), handle_color);
+const tops = [0.3, -0.3].map((y) => {
+  const tip = new T.Mesh(new T.ConeGeometry(0.07, 0.16, 18), handle_color);
+  tip.position.y = y;
+  if (y < 0) tip.rotation.x = Math.PI;
+  return tip;
+});
+handles.up.add(shaft, ...tops);
+handles.up.rotation.x = Math.PI / 2;  // cylinders stand along y
+handles.turn.add(new T.Mesh(new T.TorusGeometry(0.55, 0.022, 10, 48), handle_color));
+const gizmo = new T.Group();
+gizmo.add(handles.up, handles.turn);
+gizmo.visible = false;
+gizmo.traverse((o) => { o.renderOrder = 10; });
+viewer.scene.add(gizmo);  // the scene's own frame: z is up
+function choose(name) {
+  chosen = name;
+  gizmo.visible = name !== null;
+  place_gizmo();
+  viewer.set_dirty();
+}
+function place_gizmo() {
+  if (chosen === null) return;
+  const found = places(1e4).find(([name]) => name === chosen);
+  gizmo.visible = !!found;
+  if (found) gizmo.position.copy(viewer.scene.worldToLocal(found[1].clone()));
+}
+const render_all = viewer.render;
+viewer.render = () => { place_gizmo(); render_all(); };
+function on_handle(event) {
+  if (!gizmo.visible) return null;
+  aim(event);
+  gizmo.updateMatrixWorld(true);
+  for (const [mode, group] of [["up", handles.up], ["turn", handles.turn]])
+    if (ray.intersectObject(group, true).length) return mode;
+  return null;
+}
+
+// Where the pointer is, in the frame with z up, on the plane that the thing is dragged in.
+function on_plane(event) {
+  aim(event);
+  const plane = new T.Plane(), p = new T.Vector3();
+  if (held.mode === "up") {  // upright, facing the camera
+    const n = viewer.camera.getWorldDirection(new T.Vector3());
+    n.y = 0;
+    plane.setFromNormalAndCoplanarPoint(n.normalize(), held.point);
+  } else plane.setFromNormalAndCoplanarPoint(new T.Vector3(0, 1, 0), held.point);
+  if (!ray.ray.intersectPlane(plane, p) || p.distanceTo(held.point) > 60) return null;
+  return [p.x, -p.z, p.y];
+}
+let due = null;
+function drag_to(event) {
+  const p = on_plane(event);
+  if (held.mode === "turn") held.turn = (event.clientX - held.x) * 0.012;
+  else if (p && held.from) held.shift = held.mode === "up" ? [0, 0, p[2] - held.from[2]]
+    : [p[0] - held.from[0], p[1] - held.from[1], 0];
+  if (due === null) due = requestAnimationFrame(send);
+}
+function send() {
+  due = null;
+  if (held) say_back({ type: "drag", name: held.name, shift: held.shift, turn: held.turn });
+}
+pane.addEventListener("pointerdown", (event) => {
+  if (event.button !== 0 || !(allowed.obstacles || allowed.goal)) return;
+  const mode = on_handle(event), hit = mode ? null : pick(event, ["obstacles", "robot", "markers"]);
+  if (!mode && !(hit && can_drag(hit))) { choose(null); return; }
+  event.stopPropagation();  // the camera stays
+  viewer.controls.enabled = false;
+  const goal = !mode && hit.branch === "markers";
+  const point = mode ? viewer.scene.localToWorld(gizmo.position.clone()) : hit.point.clone();
+  held = { name: mode ? chosen : goal ? null : hit.name, point, x: event.clientX, shift: [0, 0, 0], turn: 0, from: null,
+           mode: mode || (event.altKey ? "turn" : event.shiftKey && !goal ? "up" : "flat") };
+  held.from = on_plane(event);
+  choose(goal ? null : held.name);
+  pane.setPointerCapture(event.pointerId);
+  pane.style.cursor = "grabbing";
+  say_back({ type: "grab", name: held.name });
+}, true);
+pane.addEventListener("pointermove", (event) => { if (held) { event.stopPropagation(); drag_to(event); } }, true);
+function let_go() {
+  if (!held) return;
+  if (due !== null) { cancelAnimationFrame(due); send(); }
+  say_back({ type: "release", name: held.name });
+  held = null;
+  viewer.controls.enabled = true;
+  pane.style.cursor = "";
+}
+for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) pane.addEventListener(kind, let_go, true);
+window.addEventListener("blur", let_go);

@@ -1,0 +1,208 @@
+"""The live page in a real browser: dragging, toggles, reload, two pages at once, and a server that is gone."""
+
+from __future__ import annotations
+
+import http.client
+import shutil
+import time
+
+import pytest
+
+from elastic_strips.planning import plan
+from elastic_strips.robot import load_robot
+from elastic_strips.scene import Box, Scene, Sphere
+from elastic_strips.viewer import LiveStrip, Viewer
+from elastic_strips.viewer.browser import NAMES
+
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
+ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage")
+PLACE = """(name) => {
+  viewer.render();
+  const at = places(1000).find(([n]) => n === name)[1].clone().project(viewer.camera);
+  return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight];
+}"""
+GOAL = """() => {
+  viewer.render();
+  const ring = viewer.scene_tree.find(["markers", "goal"]).object;
+  const at = ring.localToWorld(new T.Vector3(0, 0.47, 0)).project(viewer.camera);
+  return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight];
+}"""
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium"),
+]
+
+
+def wait(condition, patience=60.0):
+    end = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < end, "it never comes"
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def live():
+    robot = load_robot("bridge-arm")
+    scene = Scene([Box((0.5, 0.5, 1.2), at=(1.5, 1.4, 0.6), name="shelf"), Sphere(0.2, at=(3.0, 2.0, 1.0), name="<b>")])
+    strip = plan(robot, scene, robot.home(x=-1.0), robot.home(x=4.0))
+    with Viewer(title="page & <title>") as viewer, LiveStrip(robot, scene, strip, viewer=viewer) as live:
+        live.viewer_of_test = viewer
+        yield live
+
+
+@pytest.fixture
+def opened(browser, live):
+    """Open the page; every error that it reports fails the test."""
+    pages, errors = [], []
+
+    def open_page():
+        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+        page.goto(live.viewer_of_test.url)
+        page.wait_for_function("document.body.dataset.ready === 'yes' && allowed.obstacles")
+        page.wait_for_function("viewer.scene_tree.children.obstacles !== undefined && places(9).length > 1")
+        pages.append(page)
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+    assert not errors
+
+
+def drag(page, begin, by, steps=8):
+    page.mouse.move(*begin)
+    page.mouse.down()
+    for k in range(1, steps + 1):
+        page.mouse.move(begin[0] + by[0] * k / steps, begin[1] + by[1] * k / steps)
+    page.wait_for_timeout(200)
+
+
+def test_an_obstacle_is_dragged_and_the_strip_gives_way(opened, live):
+    page = opened()
+    eye = page.evaluate("viewer.camera.position.toArray()")
+    assert live.scene.obstacle("shelf").pose[1, 3] == 1.4
+    drag(page, page.evaluate(PLACE, "shelf"), (-20, 120))
+    wait(lambda: live.scene.obstacle("shelf").pose[1, 3] < 0.9)
+    assert live.scene.obstacle("shelf").pose[2, 3] == pytest.approx(0.6)  # over the floor
+    page.mouse.up()
+    wait(lambda: live.report.certified)
+    assert abs(live.report.strip.coordinates[:, 1]).max() > 0.1
+    assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(eye)  # the camera stays meanwhile
+    assert "tick" in page.inner_text("#es-card")
+
+    drag(page, page.evaluate(PLACE, "<b>"), (0, -40), steps=3)  # no markup of a name
+    assert page.query_selector("#es-tip b, #es-labels b") is None
+    page.mouse.up()
+
+    height = live.scene.obstacle("shelf").pose[2, 3]
+    page.keyboard.down("Shift")
+    drag(page, page.evaluate(PLACE, "shelf"), (0, -60))
+    page.mouse.up()
+    page.keyboard.up("Shift")
+    wait(lambda: live.scene.obstacle("shelf").pose[2, 3] > height + 0.05)
+
+
+def test_the_goal_is_dragged_by_its_ring(opened, live):
+    page = opened()
+    page.wait_for_function("allowed.goal && viewer.scene_tree.children.markers !== undefined")
+    before = live.report.strip.coordinates[-1].copy()
+    drag(page, page.evaluate(GOAL), (-60, 0))
+    page.mouse.up()
+    wait(lambda: abs(live.report.strip.coordinates[-1, :2] - before[:2]).max() > 0.1 and live.report.certified)
+
+
+def test_what_is_hidden_stays_hidden_after_a_reload(opened, live):
+    page = opened()
+    mesh = "viewer.scene_tree.find(['strip', 'threads', '<object>']).object.visible"
+    assert page.evaluate(mesh)
+    page.get_by_role("button", name="threads").click()
+    assert not page.evaluate(mesh)
+    page.get_by_role("button", name="names").click()
+    page.wait_for_function("[...document.querySelectorAll('#es-labels div')].some((e) => e.textContent === 'shelf')")
+    page.reload()
+    page.wait_for_function("viewer.scene_tree.children.strip !== undefined && buttons.threads !== undefined")
+    assert not page.evaluate(mesh)
+    assert page.get_by_role("button", name="threads").get_attribute("aria-pressed") == "false"
+
+
+def test_one_of_two_pages_holds(opened, live):
+    first, second = opened(), opened()
+    begin = first.evaluate(PLACE, "shelf")
+    first.bring_to_front()
+    first.mouse.move(*begin)
+    first.mouse.down()
+    first.mouse.move(begin[0], begin[1] + 10)
+    wait(lambda: live._held is not None)
+    second.evaluate("say_back({ type: 'grab', name: '<b>' })")
+    second.evaluate("say_back({ type: 'drag', name: '<b>', shift: [5, 5, 0], turn: 0 })")
+    second.wait_for_function("document.getElementById('es-toast').textContent.includes('another page')")
+    first.close()  # lets go
+    wait(lambda: live._held is None)
+    assert live.scene.obstacle("<b>").pose[0, 3] == 3.0
+    second.evaluate("say_back({ type: 'grab', name: '<b>' })")
+    second.evaluate("say_back({ type: 'drag', name: '<b>', shift: [0.2, 0, 0], turn: 0 })")
+    wait(lambda: live.scene.obstacle("<b>").pose[0, 3] == pytest.approx(3.2))
+
+
+def test_what_makes_no_sense_is_passed_over(opened, live):
+    page = opened()
+    for text in ("", "{", "[]", '{"type": "grab"', '{"type": "open", "name": "shelf"}', "x" * 3000):
+        page.evaluate("(text) => viewer.connection.send(text)", text)
+    page.evaluate("say_back({ type: 'grab', name: 'no such thing' })")
+    page.evaluate("say_back({ type: 'drag', name: 'no such thing', shift: [1, 0, 0] })")
+    page.evaluate("say_back({ type: 'release' })")
+    page.evaluate("say_back({ type: 'grab', name: 'shelf' })")
+    page.evaluate("say_back({ type: 'drag', name: 'shelf', shift: [0, 0, 0.3], turn: 0 })")
+    wait(lambda: live.scene.obstacle("shelf").pose[2, 3] == pytest.approx(0.9))
+    assert live.alive
+    assert live.viewer_of_test.alive
+
+
+def test_the_picture_is_framed_again_when_the_window_changes(opened, live):
+    page = opened()
+    before = page.evaluate("viewer.camera.position.toArray()")
+    page.set_viewport_size({"width": 420, "height": 600})
+    page.wait_for_function(
+        "(was) => viewer.camera.position.distanceTo(new T.Vector3(...was)) > 0.2", arg=before, timeout=30_000
+    )
+    assert page.evaluate("viewer.controls.maxPolarAngle") < 1.571  # the camera stays above the floor
+
+
+def test_a_page_says_that_the_program_has_ended(browser, live):
+    page = browser.new_page()
+    page.goto(live.viewer_of_test.url)
+    page.wait_for_function("document.body.dataset.ready === 'yes'")
+    live.close()
+    live.viewer_of_test.close()
+    page.wait_for_function("document.title.startsWith('(ended)')")
+    page.close()
+
+
+def test_pages_of_others_are_refused(live):
+    port = int(live.viewer_of_test.url.rsplit(":", 1)[1].strip("/"))
+    wanted = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
+    wanted["Sec-WebSocket-Key"] = "a" * 22 + "=="
+
+    def status(**headers):
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection.request("GET", "/ws", headers=wanted | headers)
+        with connection.getresponse() as answer:
+            return answer.status
+
+    assert status(Origin=f"http://127.0.0.1:{port}") == 101
+    assert status(Origin="http://example.org") == 403
+    assert status(Host="example.org") == 403
