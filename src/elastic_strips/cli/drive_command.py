@@ -81,6 +81,7 @@ _COMPUTING = {
     help="Write everything that happened (docs/record-format.md); view replays it.",
 )  # fmt: skip
 @options.html_option("Write a standalone 3D page of the drive.")
+@options.picture_options
 @click.option("--view", is_flag=True, help="Show it while it drives, in the browser on this machine only.")
 @options.browser_option
 def drive(
@@ -102,6 +103,8 @@ def drive(
     json_file: str | None,
     record_file: str | None,
     html_file: str | None,
+    png_file: str | None,
+    film_file: str | None,
     view: bool,
     no_browser: bool,
 ) -> int:
@@ -113,7 +116,7 @@ def drive(
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
-    options.check_outputs(scenario, json_file, record_file, html_file, log)
+    options.check_outputs(scenario, json_file, record_file, html_file, png_file, film_file, log)
     if record_file is not None:
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
@@ -176,8 +179,9 @@ def drive(
         click.echo(f"result  {write_json(json_file, drive_document(outcome))}")
     if record_file is not None:
         click.echo(f"record  {record_file}")
-    if html_file is not None:
-        options.write_page(lambda page: page.replay(model, result.record), html_file, title=problem.name)
+    options.write_pictures(
+        lambda page: page.replay(model, result.record), html_file, png_file, film_file, title=problem.name
+    )
     if interrupted:
         return EXIT_INTERRUPTED
     return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE

@@ -67,6 +67,15 @@ def html_option(help: str) -> Callable[[_F], _F]:
     return click.option("--html", "html_file", metavar="FILE", type=click.Path(), help=help)
 
 
+def picture_options(command: _F) -> _F:
+    """``--png`` and ``--film``: names of a picture and a film, or None."""
+    png = click.option("--png", "png_file", metavar="FILE", type=click.Path(), help="Write a picture (with Chromium).")
+    film = click.option(
+        "--film", "film_file", metavar="FILE.gif|.mp4|.webm", type=click.Path(), help="Write a film (extra 'film')."
+    )
+    return png(film(command))
+
+
 processes_option = click.option(
     "--processes", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
@@ -183,21 +192,33 @@ def open_viewer(*, no_browser: bool, title: str = TITLE) -> Viewer:
     return viewer
 
 
-def write_page(draw: Callable[[Viewer], object], file: str, *, title: str = TITLE) -> None:
-    """Write what ``draw`` shows as a standalone page.
+def write_pictures(
+    draw: Callable[[Viewer], object], html_file: str | None, png_file: str | None, film_file: str | None,
+    *, title: str = TITLE,
+) -> None:  # fmt: skip
+    """Write what ``draw`` shows as a standalone page, a picture and a film, as far as they are wanted.
 
     Raises:
         ViewerFailure: it cannot be drawn.
-        InputError: the file cannot be written.
+        BrowserError: there is no Chromium for picture and film.
+        MissingExtraError: what writes films is not installed.
+        InputError: a file cannot be written.
     """
+    if html_file is None and png_file is None and film_file is None:
+        return
     from elastic_strips.viewer import Viewer
 
     with Viewer(server=False, title=title) as viewer:
         draw(viewer)
-        page = viewer.save_html(file)
+        viewer.html()
         if not viewer.alive:
-            raise ViewerFailure(f"{page}: the picture could not be drawn; the page is not complete")
-    click.echo(f"page    {page}")
+            raise ViewerFailure("the picture could not be drawn (elastic-strips -v says why)")
+        if html_file is not None:
+            click.echo(f"page    {viewer.save_html(html_file)}")
+        if png_file is not None:
+            click.echo(f"picture {viewer.save_png(png_file)}")
+        if film_file is not None:
+            click.echo(f"film    {viewer.save_film(film_file)}")
 
 
 def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TITLE) -> None:

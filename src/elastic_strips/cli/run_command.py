@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 )
 @options.json_option("Write the result (docs/result-format.md).")
 @options.html_option("Write a standalone 3D page of the result.")
+@options.picture_options
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
 @options.browser_option
 def run(
@@ -40,6 +41,8 @@ def run(
     timeout: float,
     json_file: str | None,
     html_file: str | None,
+    png_file: str | None,
+    film_file: str | None,
     view: bool,
     no_browser: bool,
 ) -> int:
@@ -49,7 +52,7 @@ def run(
 
     Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
     """
-    options.check_outputs(scenario, json_file, html_file)
+    options.check_outputs(scenario, json_file, html_file, png_file, film_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, preset, base)
     with options.LateProgress(f"{problem.name}: deforming") as bar:
@@ -65,8 +68,7 @@ def run(
     def draw(viewer: Viewer) -> None:
         viewer.animate(model, problem.scene, result.report, duration=10.0)
 
-    if html_file is not None:
-        options.write_page(draw, html_file, title=problem.name)
+    options.write_pictures(draw, html_file, png_file, film_file, title=problem.name)
     if view:
         options.serve(draw, no_browser=no_browser, title=problem.name)
     return options.EXIT_DONE if result.certified else options.EXIT_NOT_DONE

@@ -42,6 +42,7 @@ _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 @click.option("--begin", type=options.Finite(0.0), help="Of a record: time to begin with [s].")
 @click.option("--end", type=options.Finite(0.0), help="Of a record: time to end with [s].")
 @options.html_option("Write a standalone page instead of serving one.")
+@options.picture_options
 @options.browser_option
 def view(
     what: str,
@@ -52,6 +53,8 @@ def view(
     begin: float | None,
     end: float | None,
     html_file: str | None,
+    png_file: str | None,
+    film_file: str | None,
     no_browser: bool,
 ) -> None:
     """Show in the browser: a scenario with the straight strip from start to goal, the strip of a result file, or a
@@ -59,7 +62,7 @@ def view(
 
     The server listens on this machine only; Ctrl-C ends it.
     """
-    options.check_outputs(what, html_file)
+    options.check_outputs(what, html_file, png_file, film_file)
     kind = _KINDS.get(Path(what).suffix.lower(), "a scenario")
     given = {"--base": base, "--seed": seed, "--speed": speed, "--begin": begin, "--end": end}
     for option, value in given.items():
@@ -85,8 +88,8 @@ def view(
         def draw(viewer: Viewer) -> None:
             viewer.animate(model, scene, strip, duration=10.0)
 
-    if html_file is not None:
-        options.write_page(draw, html_file, title=title)
+    if html_file or png_file or film_file:
+        options.write_pictures(draw, html_file, png_file, film_file, title=title)
     else:
         options.serve(draw, no_browser=no_browser, title=title)
 

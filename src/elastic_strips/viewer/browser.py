@@ -14,7 +14,7 @@ import time
 import urllib.request
 from collections.abc import Coroutine
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from elastic_strips.arrays import Document
 from elastic_strips.errors import ElasticStripsError
@@ -65,7 +65,7 @@ class Browser:
             BrowserError: there is none, or it does not start.
         """
         self.errors: list[str] = []
-        self._patience, self._number = patience, 0
+        self._patience, self._number, self._pressed = patience, 0, False
         path = find_browser()
         if path is None:
             raise BrowserError("there is no Chromium to draw with; on Debian: apt-get install chromium")
@@ -98,6 +98,18 @@ class Browser:
     def evaluate(self, script: str) -> object:
         """The value of a JavaScript expression, or of the promise that it is."""
         return self._wait(self._evaluate(script))
+
+    def mouse(self, kind: Literal["press", "move", "release"], x: float, y: float) -> None:
+        """Press, move or let go the left button at a place in the page [pixels]."""
+        names = {"press": "mousePressed", "move": "mouseMoved", "release": "mouseReleased"}
+        held = {"press": 1, "move": int(self._pressed), "release": 0}[kind]
+        self._pressed = held == 1
+        button = "none" if kind == "move" and not held else "left"
+        self._wait(
+            self._call(
+                "Input.dispatchMouseEvent", type=names[kind], x=x, y=y, button=button, buttons=held, clickCount=1
+            )
+        )
 
     def picture(self) -> bytes:
         """The page as it looks now: a PNG."""

@@ -26,13 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 from umsgpack import Ext, packb
 
-from elastic_strips.arrays import ArrayLike, Document, Mask
+from elastic_strips.arrays import ArrayLike, Document, Indices, Mask
 
 from .geometry import Floats, MeshData
 from .server import Command, CommandLog
 
 _WEB = Path(__file__).parent / "web"
-_FLOAT32, _UINT32 = 0x17, 0x16
+_UINT8, _UINT16, _FLOAT32 = 0x12, 0x14, 0x17
+_LARGE = 20.0  # [m]: places in a larger mesh are sent as they are
 _serial = itertools.count()
 
 
@@ -76,7 +77,14 @@ def material(
 
 
 def mesh(
-    path: str, data: MeshData, look: Document, *, instances: int | None = None, cast: bool = True, veiled: bool = False
+    path: str,
+    data: MeshData,
+    look: Document,
+    *,
+    instances: int | None = None,
+    cast: bool = True,
+    veiled: bool = False,
+    steps: int = 65535,
 ) -> Command:
     """Put a mesh at a path, in the place of what was there.
 
@@ -87,13 +95,14 @@ def mesh(
         instances: If given, the mesh is drawn at the poses of an ``instances`` command; room for so many at first.
         cast: Whether it casts and receives shadows.
         veiled: Whether a translucent mesh hides its own inside (with ``instances`` only).
+        steps: How finely places are sent, as a share of the mesh's size.
     """
-    attributes = {"position": _attribute(data.vertices), "normal": _attribute(data.normals)}
+    order, index = _in_order(data.faces)
+    attributes = {"position": _places(data.vertices[order], steps)}
     if data.colors is not None:
-        attributes["color"] = _attribute(data.colors)
+        colors = np.rint(255 * np.clip(data.colors[order], 0, 1))
+        attributes["color"] = _attribute(colors, _UINT8, "u1", normalized=True)
     identity = f"es-{next(_serial)}"
-    faces = Ext(_UINT32, np.ascontiguousarray(data.faces, dtype="<u4").tobytes())
-    index = {"itemSize": 1, "type": "Uint32Array", "array": faces, "normalized": False}
     buffers = {"attributes": attributes, "index": index}
     geometry = {"uuid": identity + "-g", "type": "BufferGeometry", "data": buffers}
     look = {**look, "uuid": identity + "-m", "vertexColors": data.colors is not None}
@@ -241,8 +250,38 @@ def columns(T: ArrayLike) -> Floats:
     return np.swapaxes(T, -1, -2).reshape(*T.shape[:-2], 16)
 
 
-def _attribute(values: Floats) -> Document:
-    return {"itemSize": values.shape[1], "type": "Float32Array", "array": _floats(values), "normalized": False}
+_ARRAYS = {_UINT8: "Uint8Array", _UINT16: "Uint16Array", _FLOAT32: "Float32Array"}
+
+
+def _attribute(values: NDArray[np.generic], code: int, dtype: str, *, normalized: bool = False) -> Document:
+    packed = Ext(code, np.ascontiguousarray(values).astype(dtype).tobytes())
+    return {"itemSize": values.shape[1], "type": _ARRAYS[code], "array": packed, "normalized": normalized}
+
+
+def _in_order(faces: NDArray[np.uint32]) -> tuple[Indices, Document]:
+    """The vertices (V,) in the order of their first use, and the faces (F, 3) as whole numbers that compress well.
+
+    Each says how far behind the next vertex it is that was not used yet; 0 is that one. Lowest bytes first, of all.
+    """
+    flat = faces.ravel()
+    used, first, inverse = np.unique(flat, return_index=True, return_inverse=True)
+    rank = np.argsort(first)
+    place = np.empty(len(used), dtype=np.int64)
+    place[rank] = np.arange(len(used))
+    renamed = place[inverse.reshape(-1)]
+    behind = np.maximum.accumulate(np.concatenate(([-1], renamed)))[:-1] + 1 - renamed
+    planes = np.concatenate([(behind >> shift) & 255 for shift in (0, 8, 16)]).astype(np.uint8)
+    data: Document = {"itemSize": 1, "type": "Uint32Array", "behind": Ext(_UINT8, planes.tobytes()), "array": []}
+    return used[rank].astype(np.intp), data
+
+
+def _places(vertices: Floats, steps: int) -> Document:
+    """Pack places (V, 3) [m] as whole numbers, ``steps`` for the mesh's size, or as they are in a large mesh."""
+    if not len(vertices) or not 0.0 < float(np.ptp(vertices, axis=0).max()) <= _LARGE:
+        return _attribute(vertices, _FLOAT32, "<f4")
+    low = vertices.min(axis=0)
+    unit = float(np.ptp(vertices, axis=0).max()) / steps
+    return _attribute(np.rint((vertices - low) / unit), _UINT16, "<u2") | {"low": low.tolist(), "unit": unit}
 
 
 # The page
@@ -262,7 +301,7 @@ def _meshcat_script() -> str:
     return (Path(spec.submodule_search_locations[0]) / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
 
 
-def _page(title: str, scripts: Sequence[str], data: str = "") -> str:
+def _page(title: str, scripts: str) -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
@@ -276,9 +315,7 @@ def _page(title: str, scripts: Sequence[str], data: str = "") -> str:
 <div id="es-play"><button id="es-toggle" title="play or pause"></button>
 <input id="es-time" type="range" min="0" max="1" step="0.01" value="0" aria-label="time"><output id="es-now"></output>
 <select id="es-speed" title="speed" aria-label="speed"></select></div>
-{data}
-<script>{_meshcat_script()}</script>
-<script>{"".join(map(_text, scripts))}</script>
+{scripts}
 </body>
 </html>
 """
@@ -286,14 +323,32 @@ def _page(title: str, scripts: Sequence[str], data: str = "") -> str:
 
 def live_page(title: str) -> str:
     """Return the page that gets the picture from its server."""
-    return _page(title, ("page.js", "controls.js", "drag.js", "live.js"))
+    ours = "".join(map(_text, ("page.js", "controls.js", "drag.js", "live.js")))
+    return _page(title, f"<script>{_meshcat_script()}</script>\n<script>{ours}</script>")
 
 
 def static_page(title: str, log: CommandLog) -> str:
-    """Return a standalone page with the picture inside; it needs no server and no network."""
-    packed = base64.b64encode(zlib.compress(log.batch(), 9)).decode()
-    scripts = ("page.js", "controls.js", "standalone.js")
-    return _page(title, scripts, f'<script id="es-data" type="application/octet-stream">{packed}</script>')
+    """Return a standalone page with the picture inside; it needs no server and no network.
+
+    Scripts and picture are compressed: a page is to be small enough for a notebook.
+    """
+    parts = {"es-meshcat": _packed_script(), "es-page": _packed_page(), "es-data": _packed(log.batch())}
+    blocks = (f'<script id="{name}" type="application/octet-stream">{part}</script>' for name, part in parts.items())
+    return _page(title, "\n".join((*blocks, f"<script>{_text('standalone.js')}</script>")))
+
+
+def _packed(data: bytes) -> str:
+    return base64.b64encode(zlib.compress(data, 9)).decode()
+
+
+@cache
+def _packed_script() -> str:
+    return _packed(_meshcat_script().encode())
+
+
+@cache
+def _packed_page() -> str:
+    return _packed((_text("page.js") + _text("controls.js")).encode())
 
 
 def inline_frame(page: str) -> str:

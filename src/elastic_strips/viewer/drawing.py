@@ -33,6 +33,7 @@ MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
+_FEW, _MANY = 16_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
 _MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
 _NONE = np.zeros((0, 16), dtype=np.float32)
@@ -110,16 +111,22 @@ class Drawing:
         self.joints = [body.joint for body in self.bodies]
         self.body_paths = [f"/robot/{joint}" for joint in self.joints]
         out = [commands.delete("/robot"), commands.delete("/ghosts")]
-        look = commands.material(roughness=0.55)
-        out += [commands.mesh(p, b.mesh, look) for p, b in zip(self.body_paths, self.bodies, strict=True)]
+        out += self.robot_meshes()
         links = [", ".join(dict.fromkeys(g.name for g in robot.geometries if g.joint == j)) for j in self.joints]
         out.append(commands.names("/robot", self.body_paths, [link or robot.name for link in links]))
-        look = commands.material(linear(_GHOST), opacity=0.27, roughness=0.9)
-        for body in geometry.ghost_bodies(self.bodies):
-            out.append(
-                commands.mesh(f"/ghosts/{body.joint}", body.mesh, look, instances=self.ghosts, cast=False, veiled=True)
-            )
         return self.poses, out
+
+    def robot_meshes(self, *, coarse: bool = False) -> list[Command]:
+        """The robot's bodies and its ghosts'; ``coarse`` ones are small enough for a notebook."""
+        bodies = geometry.coarse_bodies(self.bodies, _FEW) if coarse else self.bodies
+        steps, look = 4095 if coarse else 65535, commands.material(roughness=0.55)
+        out = [commands.mesh(p, b.mesh, look, steps=steps) for p, b in zip(self.body_paths, bodies, strict=True)]
+        look = commands.material(linear(_GHOST), opacity=0.27, roughness=0.9)
+        for body in geometry.coarse_bodies(geometry.plain_bodies(self.bodies), _FEW // 2 if coarse else _MANY):
+            path = f"/ghosts/{body.joint}"
+            ghosts = commands.mesh(path, body.mesh, look, instances=self.ghosts, cast=False, veiled=True, steps=steps)
+            out.append(ghosts)
+        return out
 
     def stop(self) -> list[Command]:
         """End what plays and bring back what it hid."""

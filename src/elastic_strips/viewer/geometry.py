@@ -19,7 +19,6 @@ from elastic_strips.scene import Obstacle
 
 Floats = NDArray[np.float32]
 _CREASE = float(np.radians(35.0))
-_GHOST_FACES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +95,17 @@ def merged(meshes: Iterable[MeshData]) -> MeshData:
 
 
 def clustered(mesh: MeshData, cell: float) -> MeshData:
-    """Return a coarser mesh: vertices that share a cell of edge ``cell`` [m] become one."""
+    """Return a coarser mesh: vertices of one colour that share a cell of edge ``cell`` [m] become one."""
+    if mesh.colors is not None:
+        shades, shade = np.unique(mesh.colors, axis=0, return_inverse=True)
+        shade = shade.reshape(-1)[mesh.faces[:, 0]]
+        parts = [replace(mesh, faces=mesh.faces[shade == k], colors=None) for k in range(len(shades))]
+        colored = [
+            clustered(part, cell).colored((float(r), float(g), float(b)))
+            for part, (r, g, b) in zip(parts, shades, strict=True)
+            if len(part.faces)
+        ]
+        return merged(colored) if colored else mesh
     key = np.floor(mesh.vertices / cell).astype(np.int64)
     _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
     faces = inverse.reshape(-1)[mesh.faces]
@@ -229,11 +238,19 @@ def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
     return tuple(Body(joint, merged(found)) for joint, found in sorted(parts.items()))
 
 
-def ghost_bodies(bodies: tuple[Body, ...]) -> tuple[Body, ...]:
-    """Return the bodies without colours, and coarser where they are heavy."""
-    heavy = sum(len(body.mesh.faces) for body in bodies) > _GHOST_FACES
-    coarse = [clustered(body.mesh, 0.012) if heavy else body.mesh for body in bodies]
-    return tuple(Body(body.joint, replace(mesh, colors=None)) for body, mesh in zip(bodies, coarse, strict=True))
+def plain_bodies(bodies: tuple[Body, ...]) -> tuple[Body, ...]:
+    """Return the bodies without colours."""
+    return tuple(Body(body.joint, replace(body.mesh, colors=None)) for body in bodies)
+
+
+def coarse_bodies(bodies: tuple[Body, ...], faces: int) -> tuple[Body, ...]:
+    """Return the bodies, coarser until all of them have no more than so many ``faces``, or cells are 2 cm wide."""
+    coarse = bodies
+    for cell in (0.004, 0.008, 0.012, 0.016, 0.02):
+        if sum(len(body.mesh.faces) for body in coarse) <= faces:
+            break
+        coarse = tuple(Body(body.joint, clustered(body.mesh, cell)) for body in bodies)
+    return coarse
 
 
 UNIT_MESHES: dict[str, Callable[[], MeshData]] = {"box": box, "sphere": sphere, "cylinder": cylinder, "cone": cone}

@@ -51,6 +51,7 @@ class LiveStrip:
         params: DeformParams | None = None,
         rate: float = 50.0,
         speed: float = 2.0,
+        thread: bool = True,
     ) -> None:
         """Start ticking.
 
@@ -62,6 +63,7 @@ class LiveStrip:
             params: the deformer's.
             rate: ticks a second.
             speed: of what is moved [m/s].
+            thread: False leaves it to the caller to call :meth:`tick`, and time goes on by 1 / ``rate`` each.
 
         Raises:
             InputError: a rate or a speed out of range, another robot's strip, something that is none of these.
@@ -87,12 +89,15 @@ class LiveStrip:
         self._search: Future[PlanReport] | None = None
         self._searches = ThreadPoolExecutor(1, thread_name_prefix="elastic-strips search")
         self._replans = self._count = 0
+        self._first_time = scene.time
         self._ended = threading.Event()
         if viewer is not None:
             viewer.show(robot, scene, self._report)
             viewer.listen(self._hear, goal=robot.space.planar)
-        self._thread = threading.Thread(target=self._run, name="elastic-strips live", daemon=True)
-        self._thread.start()
+        self._thread: threading.Thread | None = None
+        if thread:
+            self._thread = threading.Thread(target=self._run, name="elastic-strips live", daemon=True)
+            self._thread.start()
 
     @property
     def report(self) -> DeformReport:
@@ -117,7 +122,7 @@ class LiveStrip:
     @property
     def alive(self) -> bool:
         """Whether it still ticks."""
-        return self._thread.is_alive()
+        return not self._ended.is_set() and (self._thread is None or self._thread.is_alive())
 
     def move(self, name: str, at: ArrayLike) -> None:
         """Let an obstacle go to another place.
@@ -157,7 +162,7 @@ class LiveStrip:
         self._ended.set()
         if self._viewer is not None:
             self._viewer.listen(None)
-        if threading.current_thread() is not self._thread:
+        if self._thread is not None and threading.current_thread() is not self._thread:
             self._thread.join(5.0)
         self._searches.shutdown(wait=False, cancel_futures=True)
 
@@ -207,7 +212,7 @@ class LiveStrip:
 
     def _run(self) -> None:
         began = due = time.monotonic()
-        began -= self._scene.time
+        began -= self._first_time
         try:
             while not self._ended.is_set():
                 self._tick(time.monotonic() - began)
@@ -215,6 +220,11 @@ class LiveStrip:
                 self._ended.wait(due - time.monotonic())
         except Exception:
             _log.exception("the live strip has ended")
+
+    def tick(self) -> DeformReport:
+        """Make one tick, where there is no thread that does; return its report."""
+        self._tick(self._first_time + (self._count + 1) * self._period)
+        return self._report
 
     def _tick(self, now: float) -> None:
         moving = any(obstacle.motion is not None for obstacle in self._scene)

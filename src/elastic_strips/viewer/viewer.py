@@ -21,7 +21,7 @@ from elastic_strips.strip import Strip
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.validation import check_count, check_type, shown
 
-from . import animation, commands
+from . import animation, commands, film
 from .animation import Animated, RunReplay, StripAnimation
 from .commands import Command, inline_frame, live_page, static_page
 from .drag import Drag, parse
@@ -220,14 +220,23 @@ class Viewer:
         job = animation.run_replay(robot, record, speed=speed, begin=begin, end=end)
         return self._play(job, record.world.at(job.end))
 
-    def html(self) -> str:
-        """Return the picture as a standalone page that needs neither a server nor a network."""
+    def html(self, *, coarse: bool = False) -> str:
+        """Return the picture as a standalone page that needs neither a server nor a network.
+
+        Args:
+            coarse: Draw the robot from fewer triangles, as notebooks do, where many pages are in one file.
+        """
         missed, self._missed = self._missed, None
         if missed is not None:
             self._post(missed)
         self._flush()
         with self._log_lock:
-            return static_page(self._title, self._log)
+            items = dict(self._log.items())
+        if coarse and self._drawing.robot is not None:
+            items.update(self._drawing.robot_meshes(coarse=True))  # in the places of the fine ones
+        log = CommandLog()
+        log.extend(items.items())
+        return static_page(self._title, log)
 
     def save_html(self, path: str | os.PathLike[str]) -> Path:
         """Write the picture as a standalone page; the file is complete or not there at all.
@@ -237,8 +246,39 @@ class Viewer:
         """
         return atomic_write(check_writable(path), self.html().encode())
 
+    def save_png(
+        self, path: str | os.PathLike[str], *, size: tuple[int, int] = (1280, 720), time: float | None = None
+    ) -> Path:
+        """Draw the picture with a Chromium without a window.
+
+        Args:
+            path: PNG to write.
+            size: Width and height [pixels].
+            time: Moment of what plays [s]; its first where None.
+
+        Raises:
+            BrowserError: There is no Chromium.
+            InputError: The file cannot be written.
+        """
+        return film.save_picture(self.html(), path, size=size, time=time)
+
+    def save_film(self, path: str | os.PathLike[str], *, size: tuple[int, int] = (960, 540), fps: float = 20.0) -> Path:
+        """Draw what plays, from its beginning to its end: .gif, .mp4 or .webm. Takes up to a second a picture.
+
+        Args:
+            path: File to write; the ending says what.
+            size: Width and height [pixels].
+            fps: Pictures a second.
+
+        Raises:
+            BrowserError: There is no Chromium.
+            MissingExtraError: The extra ``film`` is not installed.
+            InputError: Nothing plays, another ending, or the file cannot be written.
+        """
+        return film.save_film(self.html(), path, size=size, fps=fps)
+
     def _repr_html_(self) -> str:
-        return inline_frame(self.html())
+        return inline_frame(self.html(coarse=True))
 
     def wait(self) -> None:
         """Block until the viewer is closed, its server ends or the user presses Ctrl-C: for the end of a script."""

@@ -322,7 +322,8 @@ def test_notebooks_get_an_inline_frame(robot, scene, make_report):
     assert frame.startswith('<iframe srcdoc="<!DOCTYPE html>')
     source = frame.split('srcdoc="')[1].split('" style')[0]
     assert '"' not in source
-    assert source.replace("&quot;", '"').replace("&amp;", "&") == viewer.html()
+    assert source.replace("&quot;", '"').replace("&amp;", "&").startswith("<!DOCTYPE html>")
+    assert len(frame) <= 500_000 < len(viewer.html())  # a notebook has many
 
 
 def test_animate_moves_robot_and_obstacles_and_stops_again(robot, scene, make_report):

@@ -85,6 +85,7 @@ pane.addEventListener("pointerdown", (event) => {
   held = { name: mode ? chosen : goal ? null : hit.name, point, x: event.clientX, shift: [0, 0, 0], turn: 0, from: null,
            mode: mode || (event.altKey ? "turn" : event.shiftKey && !goal ? "up" : "flat") };
   held.from = on_plane(event);
+  tip.style.display = "none";
   choose(goal ? null : held.name);
   pane.setPointerCapture(event.pointerId);
   pane.style.cursor = "grabbing";

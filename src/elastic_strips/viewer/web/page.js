@@ -177,9 +177,28 @@ setInterval(() => {
   byId("es-now").textContent = (+slider.value).toFixed(1) + " s";
 }, 100);
 
+// Places come as whole numbers, and faces as how far behind the next new vertex theirs are.
+function unpack(geometry) {
+  const p = geometry.data.attributes.position, index = geometry.data.index, planes = index.behind;
+  if (planes) {
+    const n = planes.length / 3, faces = new Uint32Array(n);
+    for (let i = 0, next = 0; i < n; i++) {
+      const behind = planes[i] | planes[n + i] << 8 | planes[2 * n + i] << 16;
+      faces[i] = next - behind;
+      if (behind === 0) next++;
+    }
+    index.array = faces;
+  }
+  if (p.unit === undefined) return;
+  const places = new Float32Array(p.array.length);
+  for (let i = 0; i < places.length; i++) places[i] = p.low[i % 3] + p.unit * p.array[i];
+  p.array = places;
+  p.type = "Float32Array";
+}
 const set_object = viewer.set_object.bind(viewer), handle = viewer.handle_command.bind(viewer);
 viewer.set_object = (path, object) => {
   if (object.userData && object.userData.shadow === false) object.castShadow = object.receiveShadow = false;
+  if (object.geometry && !object.geometry.attributes.normal) object.geometry.computeVertexNormals();
   if (object.userData && object.userData.veiled) veiled(object);
   set_object(path, object);
   added(path);
@@ -188,6 +207,7 @@ const extra = { };  // commands of the other scripts
 let added = () => { };  // told of new objects
 viewer.handle_command = (cmd) => {
   switch (cmd.type) {
+    case "set_object": cmd.object.geometries.forEach(unpack); handle(cmd); break;
     case "instances": place(cmd); break;
     case "transforms":
       cmd.paths.forEach((p, i) => viewer.set_transform(names(p), cmd.matrices.subarray(16 * i, 16 * i + 16)));

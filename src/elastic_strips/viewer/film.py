@@ -1,0 +1,133 @@
+"""Film: pictures and films of the viewer's pages, drawn by a Chromium without a window."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from elastic_strips.errors import InputError, missing_extra
+from elastic_strips.files import atomic_write, check_writable
+from elastic_strips.validation import check_number
+
+from .browser import Browser
+
+ENDINGS = (".gif", ".mp4", ".webm")
+_BARE = "for (const e of document.querySelectorAll('.dg, #es-play, #es-bar')) e.style.visibility = 'hidden'; void 0"
+_AT = "animator.pause(); animator.seek({0}); animator.display_progress({0}); viewer.render(); void 0"
+_LONGEST = 5000  # pictures of a film
+
+
+def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, int], time: float | None) -> Path:
+    """Draw a standalone page.
+
+    Args:
+        html: the page.
+        path: PNG to write.
+        size: width and height [pixels].
+        time: moment of what plays [s]; the first where None.
+
+    Raises:
+        BrowserError: there is no Chromium.
+        InputError: the file cannot be written.
+    """
+    path = check_writable(path)
+    with _opened(html, size) as browser:
+        browser.evaluate(_AT.format(0.0 if time is None else float(time)))
+        return atomic_write(path, browser.picture())
+
+
+def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int], fps: float) -> Path:
+    """Draw what plays in a standalone page, from its beginning to its end.
+
+    Args:
+        html: the page.
+        path: .gif, .mp4 or .webm to write.
+        size: width and height [pixels].
+        fps: pictures a second.
+
+    Raises:
+        BrowserError: there is no Chromium.
+        MissingExtraError: the extra ``film`` is not installed.
+        InputError: nothing plays, another ending, or the file cannot be written.
+    """
+    with _opened(html, size) as browser, film_writer(path, fps=fps) as film:
+        duration = browser.evaluate("animator.duration")
+        seconds = float(duration) if isinstance(duration, (int, float)) else 0.0
+        if not seconds > 0.0:
+            raise InputError("nothing plays in this picture, so there is no film of it")
+        for k in range(min(int(seconds * fps) + 1, _LONGEST)):
+            browser.evaluate(_AT.format(k / fps))
+            film.add(browser.picture())
+    return film.path
+
+
+class Film(Protocol):
+    """What takes the pictures of a film."""
+
+    path: Path
+
+    def add(self, picture: bytes) -> None:
+        """Add a PNG."""
+
+
+@contextmanager
+def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
+    """Write a film picture by picture; the file is complete or not there at all.
+
+    Raises:
+        MissingExtraError: the extra ``film`` is not installed.
+        InputError: another ending than .gif, .mp4 or .webm, or the file cannot be written.
+    """
+    path = check_writable(path)
+    check_number("fps", fps, low=1.0, high=60.0)
+    ending = path.suffix.lower()
+    if ending not in ENDINGS:
+        raise InputError(f"{path}: a film ends in {', '.join(ENDINGS)}")
+    try:
+        import imageio.v2 as imageio
+
+        if ending != ".gif":
+            import imageio_ffmpeg  # noqa: F401 (imageio's own message names no extra)
+    except ModuleNotFoundError as error:
+        raise missing_extra("a film", str(error.name).replace("_", "-"), "film") from None
+    with tempfile.TemporaryDirectory() as folder:
+        there = Path(folder) / ("film" + ending)
+        # A GIF's times are whole hundredths of a second.
+        gif = ending == ".gif"
+        writer = (
+            imageio.get_writer(there, duration=10 * round(100 / fps), loop=0)
+            if gif
+            else imageio.get_writer(there, fps=fps, quality=8, macro_block_size=2)
+        )
+        with writer:
+            yield _Frames(path, writer.append_data)
+        atomic_write(path, there.read_bytes())
+
+
+class _Frames:
+    def __init__(self, path: Path, append: object) -> None:
+        self.path = path
+        self._append = append
+
+    def add(self, picture: bytes) -> None:
+        from PIL import Image
+
+        assert callable(self._append)
+        self._append(np.asarray(Image.open(BytesIO(picture)).convert("RGB")))
+
+
+@contextmanager
+def _opened(html: str, size: tuple[int, int]) -> Iterator[Browser]:
+    with tempfile.TemporaryDirectory() as folder, Browser(size=size) as browser:
+        page = Path(folder) / "page.html"
+        page.write_text(html, encoding="utf-8")
+        browser.open(page)
+        browser.evaluate(_BARE)
+        yield browser
