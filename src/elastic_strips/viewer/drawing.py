@@ -33,7 +33,7 @@ MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
-_FEW, _MANY = 16_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
+_FEW, _MANY = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
 _MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
 _NONE = np.zeros((0, 16), dtype=np.float32)
