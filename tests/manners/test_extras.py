@@ -55,6 +55,10 @@ def _study(robot: es.RobotModel) -> object:
     return paper_study("nowhere")
 
 
+def _film(robot: es.RobotModel) -> object:
+    return es.Viewer(server=False).save_film("film.gif")
+
+
 @pytest.mark.parametrize(
     ("package", "extra", "use"),
     [
@@ -62,6 +66,7 @@ def _study(robot: es.RobotModel) -> object:
         ("embreex", "sensing", _embree),
         ("py_trees", "control", _tree),
         ("matplotlib", "study", _study),
+        ("imageio", "film", _film),
     ],
 )
 def test_a_missing_extra_is_said_with_the_command_that_installs_it(monkeypatch, silvermate, package, extra, use):

@@ -280,7 +280,7 @@ def _obstacles(drawing: Drawing, record: Record, scene: Scene, times: Array, tra
         if mesh is None:
             continue
         for k, (lag, opacity) in enumerate(trail):
-            behind = f"/playback/trails/{k}{path.removeprefix('/obstacles')}"
+            behind = f"/playback/trails/{k}/{path.rsplit('/', 1)[1]}"
             look = commands.material(MOVING, opacity=opacity, hides=False)
             out.append(commands.mesh(behind, mesh, look, cast=False))
             tracks += commands.motion_tracks(behind, _obstacle_poses(obstacle, np.maximum(times - lag, begin)))

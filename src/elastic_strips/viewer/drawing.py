@@ -21,7 +21,7 @@ from .geometry import Body, Floats, MeshData, RobotPoses, linear
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
 THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
-STATIC = ("/ghosts", "/strip", "/forces", "/trouble")
+STATIC = ("/ghosts", "/strip", "/forces", "/trouble", "/predictions")
 """Parts of a still picture that an animation may hide."""
 _TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
 _KINDS = {  # of obstacles: what they are called, and their colour
@@ -34,8 +34,10 @@ _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
 _FEW, _MANY = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
+_AHEAD, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
 _MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
+_CLOUDS = ("voxels", "points")  # shapes of what sensors saw
 _NONE = np.zeros((0, 16), dtype=np.float32)
 
 
@@ -85,6 +87,7 @@ class Drawing:
         poses, out = self.prepare(snapshot.robot)
         out += self.stop()
         out += self.obstacles.draw(snapshot.scene)
+        out += self.obstacles.predictions(snapshot.scene)
         coordinates = snapshot.robot.space.to_coordinates(snapshot.nodes)
         poses.update(coordinates)
         points = poses.points()
@@ -332,11 +335,15 @@ class ObstacleDrawing:
         self._own: dict[str, tuple[tuple[Part, ...], Array]] = {}
         self._shared: dict[str, Floats] = {}
         self._seen: set[str] = set()  # kinds of things
+        self._predicted: set[str] = set()  # paths of predictions
         self.singles: set[str] = set()  # names of what is an object of its own because it is dragged
 
     def legend(self) -> list[list[str]]:
         """What the colours of the obstacles mean."""
-        return [[name, color] for kind, (name, color) in _KINDS.items() if kind in self._seen]
+        entries = [[name, color] for kind, (name, color) in _KINDS.items() if kind in self._seen]
+        if self._predicted:
+            entries.append(["where it will be in 0.5 and 1 s", f"color-mix(in srgb, {MOVING_COLOR} 35%, white)"])
+        return entries
 
     def draw(self, scene: Scene, *, alone: frozenset[str] = frozenset()) -> list[Command]:
         """Return the commands that turn the picture of the last scene into that of this one.
@@ -366,7 +373,7 @@ class ObstacleDrawing:
                 continue
             path = self.path(obstacle)
             parts, pose = self._own.get(path, (None, None))
-            kind = "moving" if single else "cloud" if obstacle.shape in ("voxels", "points") else "standing"
+            kind = "moving" if single else "cloud" if obstacle.shape in _CLOUDS else "standing"
             self._seen.add(kind)
             if parts is not obstacle.parts:
                 mesh = geometry.obstacle_mesh(obstacle)
@@ -386,10 +393,30 @@ class ObstacleDrawing:
         out += [commands.transforms(path, [path], commands.columns(T[None])) for path, T in moved]
         return out
 
+    def predictions(self, scene: Scene) -> list[Command]:
+        """Draw where obstacles that move will be soon, if they go on as their motions say."""
+        out, seen = [], set()
+        for obstacle in self.moving(scene)[:_MOST_MOVING]:
+            for k, (ahead, opacity) in enumerate(_AHEAD):
+                path = f"/predictions/{k}/{self.path(obstacle).rsplit('/', 1)[1]}"
+                seen.add(path)
+                if path not in self._predicted:
+                    mesh = geometry.obstacle_mesh(obstacle)
+                    assert mesh is not None  # it is drawn itself
+                    out.append(
+                        commands.mesh(path, mesh, commands.material(MOVING, opacity=opacity, hides=False), cast=False)
+                    )
+                T = commands.columns(np.asarray(obstacle.at(scene.time + ahead).pose)[None])
+                out.append(commands.transforms(path, [path], T))
+        out += [commands.delete(path) for path in self._predicted - seen]
+        self._predicted = seen
+        return out
+
     @staticmethod
     def path(obstacle: Obstacle) -> str:
         """Where an obstacle is in the tree; its name may contain anything."""
-        return "/obstacles/" + str(obstacle.name).replace("/", "\N{DIVISION SLASH}").replace("\0", "")
+        branch = "/sensed/" if obstacle.shape in _CLOUDS else "/obstacles/"
+        return branch + str(obstacle.name).replace("/", "\N{DIVISION SLASH}").replace("\0", "")
 
     def moving(self, scene: Scene) -> list[Obstacle]:
         """Obstacles that have an object of their own because they move."""

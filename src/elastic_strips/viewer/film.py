@@ -57,14 +57,16 @@ def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int],
         MissingExtraError: the extra ``film`` is not installed.
         InputError: nothing plays, another ending, or the file cannot be written.
     """
-    with _opened(html, size) as browser, film_writer(path, fps=fps) as film:
+    _check_film(path, fps)
+    with _opened(html, size) as browser:
         duration = browser.evaluate("animator.duration")
         seconds = float(duration) if isinstance(duration, (int, float)) else 0.0
         if not seconds > 0.0:
             raise InputError("nothing plays in this picture, so there is no film of it")
-        for k in range(min(int(seconds * fps) + 1, _LONGEST)):
-            browser.evaluate(_AT.format(k / fps))
-            film.add(browser.picture())
+        with film_writer(path, fps=fps) as film:
+            for k in range(min(int(seconds * fps) + 1, _LONGEST)):
+                browser.evaluate(_AT.format(min(k / fps, seconds - 1e-3)))  # at its end it begins again
+                film.add(browser.picture())
     return film.path
 
 
@@ -85,18 +87,9 @@ def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
         MissingExtraError: the extra ``film`` is not installed.
         InputError: another ending than .gif, .mp4 or .webm, or the file cannot be written.
     """
-    path = check_writable(path)
-    check_number("fps", fps, low=1.0, high=60.0)
-    ending = path.suffix.lower()
-    if ending not in ENDINGS:
-        raise InputError(f"{path}: a film ends in {', '.join(ENDINGS)}")
-    try:
-        import imageio.v2 as imageio
+    path, ending = _check_film(path, fps)
+    import imageio.v2 as imageio
 
-        if ending != ".gif":
-            import imageio_ffmpeg  # noqa: F401 (imageio's own message names no extra)
-    except ModuleNotFoundError as error:
-        raise missing_extra("a film", str(error.name).replace("_", "-"), "film") from None
     with tempfile.TemporaryDirectory() as folder:
         there = Path(folder) / ("film" + ending)
         # A GIF's times are whole hundredths of a second.
@@ -109,6 +102,23 @@ def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
         with writer:
             yield _Frames(path, writer.append_data)
         atomic_write(path, there.read_bytes())
+
+
+def _check_film(path: str | os.PathLike[str], fps: float) -> tuple[Path, str]:
+    """The file and its ending, where it can be written."""
+    path = check_writable(path)
+    check_number("fps", fps, low=1.0, high=60.0)
+    ending = path.suffix.lower()
+    if ending not in ENDINGS:
+        raise InputError(f"{path}: a film ends in {', '.join(ENDINGS)}")
+    try:
+        import imageio  # noqa: F401
+
+        if ending != ".gif":
+            import imageio_ffmpeg  # noqa: F401 (imageio's own message names no extra)
+    except ImportError:
+        raise missing_extra("a film", "imageio" if ending == ".gif" else "imageio-ffmpeg", "film") from None
+    return path, ending
 
 
 class _Frames:

@@ -144,7 +144,7 @@ def test_obstacles_come_and_go(robot, scene, make_report):
         viewer.show(robot, scene, make_report())
         viewer._flush()
         paths = {key.split("\0")[0] for key, _ in viewer._log.items()}
-        cloud = "/obstacles/<\N{DIVISION SLASH}script><b>cloud<\N{DIVISION SLASH}b>\N{DIVISION SLASH}1"
+        cloud = "/sensed/<\N{DIVISION SLASH}script><b>cloud<\N{DIVISION SLASH}b>\N{DIVISION SLASH}1"
         assert cloud in paths
         smaller = scene.without("</script><b>cloud</b>/1").without("sphere-1")
         viewer.update(make_report(), smaller)
@@ -153,6 +153,28 @@ def test_obstacles_come_and_go(robot, scene, make_report):
     assert cloud + "\0object" not in after
     assert umsgpack.unpackb(after["/obstacles/all sphere\0instances"])["matrices"].data == b""
     assert len(umsgpack.unpackb(after["/obstacles/all box\0instances"])["matrices"].data) == 64
+
+
+def test_what_moves_shows_where_it_will_be_and_everything_has_a_name(robot, scene, make_report):
+    with Viewer(server=False) as viewer:
+        viewer.show(robot, scene, make_report())
+        viewer._flush()
+        log = dict(viewer._log.items())
+        legend = dict(umsgpack.unpackb(log["\0hud"])["legend"])
+        assert {"obstacle", "obstacle that moves", "points, voxels", "start", "goal", "robot along the strip"} <= set(
+            legend
+        )
+        assert len(set(legend.values())) == len(legend)  # no colour means two things
+        for k, ahead in ((0, 0.5), (1, 1.0)):
+            path = f"/predictions/{k}/capsule-4"
+            T = np.asarray(umsgpack.unpackb(log[path + "\0transforms"])["matrices"].data)
+            there = np.frombuffer(T, dtype="<f4").reshape(4, 4).T[:3, 3]
+            np.testing.assert_allclose(there, scene.at(ahead).obstacle("capsule-4").pose[:3, 3], atol=1e-6)
+        assert umsgpack.unpackb(log["/obstacles/all sphere\0instances"])["names"] == ["sphere-1"]
+        assert umsgpack.unpackb(log["/sensed/voxels-7\0names"])["names"] == ["voxels-7"]
+        viewer.update(make_report(), scene.without("capsule-4"))
+        viewer._flush()
+        assert not any(key.startswith("/predictions") for key, _ in viewer._log.items())
 
 
 def test_a_plain_strip_is_shown_as_not_checked(robot, scene, make_report):

@@ -7,6 +7,8 @@ const LAYERS = [  // name, whether it is shown at first, what belongs to it
   ["forces", true, (p) => p[0] === "forces"],
   ["driven", true, (p) => p[1] === "trace"],
   ["trails", true, (p) => p[1] === "trails"],
+  ["predictions", true, (p) => p[0] === "predictions"],
+  ["sensed", true, (p) => p[0] === "sensed"],
   ["obstacles", true, (p) => p[0] === "obstacles"],
 ];
 const store = (() => { try { return window.sessionStorage; } catch { return { }; } })();  // none in some frames
@@ -120,7 +122,7 @@ pane.addEventListener("pointermove", (event) => {
   if (event.buttons || waiting) return;
   waiting = setTimeout(() => {
     waiting = null;
-    const hit = pick(event, ["obstacles", "robot", "markers"]);
+    const hit = pick(event, ["obstacles", "sensed", "robot", "markers"]);
     tip.style.display = hit && hit.name ? "block" : "none";
     if (hit && hit.name) tip.textContent = hit.name;
     tip.style.left = event.clientX + "px"; tip.style.top = event.clientY + "px";

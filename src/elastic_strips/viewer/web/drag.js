@@ -76,7 +76,7 @@ function send() {
 }
 pane.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !(allowed.obstacles || allowed.goal)) return;
-  const mode = on_handle(event), hit = mode ? null : pick(event, ["obstacles", "robot", "markers"]);
+  const mode = on_handle(event), hit = mode ? null : pick(event, ["obstacles", "sensed", "robot", "markers"]);
   if (!mode && !(hit && can_drag(hit))) { choose(null); return; }
   event.stopPropagation();  // the camera stays
   viewer.controls.enabled = false;
