@@ -111,20 +111,26 @@ def page_of(path: Path) -> str | None:
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Put the pages that come from the code into the navigation, under the indexes that stand there."""
+    """Put the pages that come from the code into the navigation, under the indexes that stand there; and those of docs/
+    that mkdocs.yml does not place under *More*, so that none is forgotten."""
     inside = {
         "api/index.md": [{page[4:-3]: page} for page in api_pages() if page != "api/index.md"],
         "examples/index.md": [f"examples/{path.stem}.md" for path in sorted(EXAMPLES.glob("*.py"))],
     }
+    named = set[str]()
     for section in config.nav or []:
         for entries in section.values():
             for k, item in enumerate(entries):
                 ((title, page),) = item.items() if isinstance(item, dict) else [("", item)]
+                named.add(page)
                 if page in inside and title:
                     entries[k] = {title: [page, *inside[page]]}
                 elif page in inside:
                     entries.extend(inside[page])
                     break
+    left = sorted({path.name for path in Path(config.docs_dir).glob("*.md")} - named)
+    if left and config.nav:
+        config.nav.append({"More": left})
     return config
 
 
