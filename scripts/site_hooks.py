@@ -24,6 +24,10 @@ LINK = re.compile(r"\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
 LANGUAGES = {".py": "python", ".sh": "bash", ".yaml": "yaml", ".cff": "yaml"}
 FENCE = re.compile(r"^```(\w+) [^\n{]+$", re.MULTILINE)
 """First line of a block with a word for the tests, as in ```python sketch: Markdown knows no such blocks."""
+ATTRIBUTES = re.compile(r"^Attributes:\n((?:[ ]{4}.*(?:\n|\Z))+)", re.MULTILINE)
+"""The section of a docstring that lists attributes."""
+SEVERAL = re.compile(r"^ {4}[\w*]+(?:, [\w*]+)+(?=:)", re.MULTILINE)
+"""Names of a section that have one description together."""
 ROLE = re.compile(r":(?:class|meth|func|mod|attr|data|exc):`~?([^`]+)`")
 
 
@@ -170,10 +174,28 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 class PlainDocstrings(griffe.Extension):
-    """Turns what the docstrings have of reStructuredText into Markdown."""
+    """Turns what the docstrings have of reStructuredText into Markdown, and tells of inherited attributes."""
 
     def on_object(self, *, obj: griffe.Object, **kwargs: object) -> None:
         """Rewrite one docstring."""
         if obj.docstring:
             text = ROLE.sub(r"`\1`", obj.docstring.value).replace("``", "`")
+            text = SEVERAL.sub(lambda match: match[0].replace(", ", ",\u202f"), text)  # else the second is a type
             obj.docstring.value = re.sub(r"(?m)::$", ":", text)
+
+    def on_package(self, *, pkg: griffe.Module, **kwargs: object) -> None:
+        """Say of each public class what it has of bases that have no entry of their own."""
+        names = {f"{room}.{name}" for room, its in rooms().items() for name in its}
+        public = {pkg[name.partition(".")[2]].canonical_path for name in names if name.count(".") > 1}
+        for path in sorted(public):
+            found = pkg[path.partition(".")[2]]
+            if found.is_class and found.docstring:
+                bases = [base for base in found.mro() if base.canonical_path not in public and base.docstring]
+                inherited = [ATTRIBUTES.search(base.docstring.value) for base in bases]
+                lines = "".join(match[1] for match in inherited if match)
+                own = ATTRIBUTES.search(found.docstring.value)
+                if lines and own:
+                    text, end = found.docstring.value, own.end(1)
+                    found.docstring.value = f"{text[:end].rstrip()}\n{lines}{text[end:]}"
+                elif lines:
+                    found.docstring.value += f"\n\nAttributes:\n{lines}"

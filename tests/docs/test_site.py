@@ -115,6 +115,14 @@ def test_names_at_the_top_lead_to_their_entries(site: Path, pages: dict[Path, Pa
     assert set(importlib.import_module("elastic_strips").__all__) - {"__version__"} <= linked
 
 
+def test_inherited_attributes_are_told(site: Path) -> None:
+    page = (site / "api" / "strip.html").read_text(encoding="utf-8")
+    entry = page[
+        page.index('id="elastic_strips.strip.DeformParams"') : page.index('id="elastic_strips.strip.DeformReport"')
+    ]
+    assert "distance that the certificate proves" in entry
+
+
 def test_docstrings_have_no_markup_left(site: Path) -> None:
     for path in sorted((site / "api").glob("*.html")):
         assert not re.search(r":(?:class|meth|func|mod):", path.read_text(encoding="utf-8")), path.name
