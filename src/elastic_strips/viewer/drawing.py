@@ -207,6 +207,10 @@ class Drawing:
             card["chip"] = [status, _CHIP[status]]
             if bad:
                 card["note"] = report.reason[:_MOST]
+            if snapshot.live:  # whether it is certified is what one looks for; a note that comes and goes moves the rest
+                rows.insert(0, ["state", status])
+                card["chip"] = ["certified", CERTIFIED] if report.certificate.certified else ["not certified", REFUSED]
+                card["note"] = report.reason[:_MOST] if bad or not report.certificate.certified else ""
         if snapshot.tick is not None:
             rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
         if snapshot.scene.time:

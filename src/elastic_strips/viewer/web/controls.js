@@ -167,8 +167,9 @@ function write() {
     if (e.textContent !== text) e.textContent = text;
     if (e.className !== kind) e.className = kind;
     e.style.display = Math.abs(p.z) < 1 ? "block" : "none";
-    e.style.left = (p.x + 1) / 2 * box.width + "px";
-    e.style.top = (1 - p.y) / 2 * box.height + "px";
+    const half = e.offsetWidth / 2, wide = box.width - half;
+    e.style.left = Math.min(Math.max((p.x + 1) / 2 * box.width, half), wide) + "px";
+    e.style.top = Math.max((1 - p.y) / 2 * box.height, e.offsetHeight) + "px";
   });
 }
 const draw = viewer.render.bind(viewer);
