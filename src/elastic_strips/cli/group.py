@@ -35,6 +35,7 @@ Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken, refuted or
 _COMMANDS = {
     "bench": ("bench_command", "bench", "Measure planning, replanning, the tick and the closed loop."),
     "certify": ("certify_command", "certify", "Prove that anybody's path is free of collisions, or show where not."),
+    "doctor": ("doctor_command", "doctor", "Look at this installation: what is there, and what is broken."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("group", "list_command", "Show the scenarios, robots and presets that have names."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),

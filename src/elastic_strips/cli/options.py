@@ -10,13 +10,15 @@ from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
 
+from . import output
+
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from elastic_strips.sim.sensors import SensorConfig
     from elastic_strips.viewer import Viewer
 
@@ -34,6 +36,17 @@ class OutputFile(click.Path):
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         check_writable(value)
+        return value
+
+
+class JsonFile(OutputFile):
+    """A file that can be written, or ``-``: standard output, from which everything else goes away then."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if value != output.STDOUT:
+            return super().convert(value, param, ctx)
+        if ctx is not None:
+            output.leave_stdout_to_json(ctx)
         return value
 
 
@@ -58,8 +71,9 @@ def base_option(help: str = "How the base moves; the robot's own by default.") -
 
 
 def json_option(help: str) -> Callable[[_F], _F]:
-    """``--json``: a file that can be written, or None."""
-    return click.option("--json", "json_file", metavar="FILE", type=OutputFile(), help=help)
+    """``--json``: a file that can be written, ``-`` or None; for ``output.write_document``."""
+    help = help.removesuffix(".") + " as JSON; -: to standard output, and all else to standard error."
+    return click.option("--json", "json_file", metavar="FILE|-", type=JsonFile(), help=help)
 
 
 def html_option(help: str) -> Callable[[_F], _F]:
@@ -120,7 +134,7 @@ def check_outputs(scenario: str, *files: str | None) -> None:
     """
     taken = {Path(scenario).absolute()}
     for name in files:
-        if name is None:
+        if name is None or name == output.STDOUT:
             continue
         path = check_writable(name).absolute()
         if path in taken:
@@ -139,8 +153,8 @@ class LateProgress:
 
     def __init__(self, label: str, total: int | None = None) -> None:
         self._label, self._total = label, total
-        self._console = Console(stderr=True)
         self._progress: Progress | None = None
+        self._looked = False
         self._count = 0
 
     def __enter__(self) -> LateProgress:
@@ -150,14 +164,25 @@ class LateProgress:
     def step(self, note: str = "") -> None:
         """One step is done; ``note`` is shown beside the bar."""
         self._count += 1
-        if self._progress is None and self._console.is_terminal and perf_counter() - self._begin > _PATIENCE:
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                       TextColumn("{task.fields[note]}"))  # fmt: skip
-            self._progress = Progress(*columns, console=self._console, transient=True)
-            self._task = self._progress.add_task(self._label, total=self._total, note=note)
-            self._progress.start()
+        if not self._looked and perf_counter() - self._begin > _PATIENCE:
+            self._looked = True
+            self._draw(note)
         if self._progress is not None:
             self._progress.update(self._task, completed=self._count, note=note)
+
+    def _draw(self, note: str) -> None:
+        try:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        except ImportError:  # the doctor has to say so
+            return
+        console = Console(stderr=True)
+        if console.is_terminal:
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                       TextColumn("{task.fields[note]}"))  # fmt: skip
+            self._progress = Progress(*columns, console=console, transient=True)
+            self._task = self._progress.add_task(self._label, total=self._total, note=note)
+            self._progress.start()
 
     def __exit__(self, *_: object) -> None:
         if self._progress is not None:
@@ -197,7 +222,7 @@ def write_page(draw: Callable[[Viewer], object], file: str, *, title: str = TITL
         page = viewer.save_html(file)
         if not viewer.alive:
             raise ViewerFailure(f"{page}: the picture could not be drawn; the page is not complete")
-    click.echo(f"page    {page}")
+    output.say(f"page    {page}")
 
 
 def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TITLE) -> None:
@@ -208,5 +233,5 @@ def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TI
     """
     with open_viewer(no_browser=no_browser, title=title) as viewer:
         draw(viewer)
-        click.echo(f"viewer  {viewer.url}  (Ctrl-C ends)")
+        output.say(f"viewer  {viewer.url}  (Ctrl-C ends)")
         viewer.wait()
