@@ -89,7 +89,7 @@ def doctor(json_file: str | None) -> int:
             bar.step(check.name)
     rows = [(check.name, (check.status, _COLOURS[check.status]), check.text) for check in checks]
     output.show(
-        lambda: output.table(("", "", "found"), rows),
+        lambda: output.table(("", "", ""), rows),
         "\n".join(f"{check.status:<8} {check.name:<22} {check.text}" for check in checks),
     )
     problems = sum(check.status == PROBLEM for check in checks)

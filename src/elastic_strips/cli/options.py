@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
+from elastic_strips.catalogue import FAULTS, METHODS, PLANTS, PRESETS, SCENARIOS
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
 
@@ -60,14 +63,80 @@ class Finite(click.FloatRange):
         return number
 
 
+class LateChoice(click.ParamType):
+    """One of the names that a module has; it is imported when they are asked for.
+
+    Args:
+        module: where they are, below ``elastic_strips``.
+        name: of a tuple, a mapping or an enumeration of them.
+    """
+
+    name = "choice"
+
+    def __init__(self, module: str, name: str) -> None:
+        self._module, self._name = module, name
+
+    @property
+    def choice(self) -> click.Choice:
+        """The same with its names."""
+        names = getattr(import_module(f"elastic_strips.{self._module}"), self._name)
+        return click.Choice([getattr(name, "value", name) for name in names])
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        return self.choice.convert(value, param, ctx)
+
+    def get_metavar(self, *given: object, **named: object) -> str | None:
+        return self.choice.get_metavar(*given, **named)  # type: ignore[arg-type] # of click 8.1, or of 8.2
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return self.choice.shell_complete(ctx, param, incomplete)
+
+
+class KnownName(click.ParamType):
+    """A name that the catalogue has, or a file; a shell completes both.
+
+    Args:
+        names: gives names, and a line about each where there is one.
+    """
+
+    name = "text"
+
+    def __init__(self, names: Callable[[], Mapping[str, str]], *, files: bool = True) -> None:
+        self._names, self._files = names, files
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        found = [CompletionItem(name, help=help) for name, help in self._names().items() if name.startswith(incomplete)]
+        return [*found, CompletionItem(incomplete, type="file")] if self._files else found
+
+
+def _robot_names() -> dict[str, str]:
+    from elastic_strips.catalogue import find_robot, robot_names
+
+    return {name: find_robot(name).summary for name in robot_names()}
+
+
+def _fault_kinds() -> dict[str, str]:
+    return {kind.replace("_", "-"): what for kind, what in FAULTS.items()}
+
+
+SCENARIO = KnownName(lambda: SCENARIOS)
+SEEDED = KnownName(lambda: {name: text for name, text in SCENARIOS.items() if "(seeded" in text}, files=False)
+ROBOT = KnownName(_robot_names)
+FILE = KnownName(dict)
+FAULT = KnownName(lambda: {f"{kind}@": what for kind, what in _fault_kinds().items()}, files=False)
+FAULT_KIND = KnownName(_fault_kinds, files=False)
+PLANT, METHOD, PRESET = click.Choice(list(PLANTS)), click.Choice(list(METHODS)), click.Choice(list(PRESETS))
+BASE = click.Choice(["diff_drive", "omni", "fixed"])
+
+
 def robot_option(default: str | None = None, help: str = "The robot.") -> Callable[[_F], _F]:
     """``--robot``."""
-    return click.option("--robot", default=default, show_default=True, metavar="NAME|FILE.urdf", help=help)
+    return click.option("--robot", type=ROBOT, default=default, show_default=True, metavar="NAME|FILE.urdf", help=help)
 
 
 def base_option(help: str = "How the base moves; the robot's own by default.") -> Callable[[_F], _F]:
     """``--base``."""
-    return click.option("--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help=help)
+    return click.option("--base", type=BASE, help=help)
 
 
 def json_option(help: str) -> Callable[[_F], _F]:
@@ -97,7 +166,7 @@ evade_option = click.option(
 sensors_option = click.option(
     "--sensors", metavar="NAMES|FILE.yaml",
     help="Drive by what the robot's simulated sensors see, not by the scene: all, or some by name (laser,sonar), of "
-    "the Silvermate's, or TIAGo's laser; or those of a file (docs/sensors.md).",
+    "the Silvermate's, or TIAGo's laser; or those of a file, as elastic_strips.sim.sensors reads it.",
 )  # fmt: skip
 
 level_option = click.option(

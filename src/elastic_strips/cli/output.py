@@ -50,29 +50,37 @@ def row(label: str, text: str, good: bool | None = None) -> None:
     say("  ", (f"{label:<22}", NAME), " ", text if good is None else verdict(text, good))
 
 
-def show(make: Callable[[], RenderableType], plain: str) -> None:
-    """On a terminal what ``make`` makes of rich's; elsewhere plain text."""
+def show(make: Callable[[], RenderableType], plain: str, after: str = "") -> None:
+    """On a terminal what ``make`` makes of rich's, and a line after it; elsewhere plain text, which has that line."""
     stream = _stream(False)
     if (console := _console(stream)) is None:
         click.echo(plain, file=stream)
     else:
         console.print(make())
+        if after:
+            console.print(after, markup=False, soft_wrap=True)
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[Part]], *, title: str = "") -> RenderableType:
-    """A table of rich's, for `show`; its last column takes what room there is."""
-    from rich.box import SIMPLE_HEAD
+    """A table of rich's, for `show`; without a head where no column has a name."""
+    from rich.box import SIMPLE
     from rich.table import Table
     from rich.text import Text
 
-    made = Table(
-        box=SIMPLE_HEAD, title=title or None, title_justify="left", title_style="bold", expand=False, pad_edge=False
-    )
+    made = Table(box=SIMPLE, title=title or None, title_justify="left", title_style="bold", pad_edge=False)
+    made.show_header = any(columns)
     for k, column in enumerate(columns):
         made.add_column(column, no_wrap=k == 0, overflow="fold", style=NAME if k == 0 else None)
     for cells in rows:
         made.add_row(*(Text(cell) if isinstance(cell, str) else Text(*cell) for cell in cells))
     return made
+
+
+def markdown(text: str) -> RenderableType:
+    """Markdown, for `show`."""
+    from rich.markdown import Markdown
+
+    return Markdown(text)
 
 
 def write_document(label: str, file: str | None, document: object) -> None:
