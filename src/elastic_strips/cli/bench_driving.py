@@ -179,16 +179,18 @@ def _problem(kind: str, text: str, data: str) -> click.Command:
 _CHALLENGE = "from the BARN challenge (github.com/Daffan/the-barn-challenge)"
 barn = _problem(
     "barn", "BARN's static worlds, for a base as large as a Jackal.",
-    f"barn/barn_worlds.json: worlds of cylinders {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
+    f"barn/barn_worlds.json: made of the worlds {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
 )  # fmt: skip
 dynabarn = _problem(
     "dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal.",
-    f"dynabarn/dynabarn_worlds.json: arenas of moving discs {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
+    f"dynabarn/dynabarn_worlds.json: made of the arenas {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
 )  # fmt: skip
 
 
 @click.command(short_help="The bridge: the arm has to duck.")
-@root_option("bridge/bridge.json: the first experiment of REMANI-Planner; elastic_strips.sim.datasets reads it.")
+@root_option(
+    "bridge/bridge.json: numbers of the first experiment of REMANI-Planner; elastic_strips.sim.datasets reads it."
+)
 @options.robot_option("bridge-arm")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
 @options.compute_option
@@ -214,7 +216,8 @@ def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str
 
 @click.command(short_help="Across a furnished house.")
 @root_option(
-    "house/house.json: AWS RoboMaker's small house (aws-robotics/aws-robomaker-small-house-world) as convex pieces; "
+    "house/house.json: AWS RoboMaker's small house (github.com/aws-robotics/aws-robomaker-small-house-world) as convex "
+    "pieces; "
     "elastic_strips.sim.datasets reads it."
 )
 @options.robot_option("silvermate")

@@ -138,8 +138,8 @@ def robots(
 
 @click.command(short_help="Reach into shelves, boxes and cages.")
 @root_option(
-    "mbm/fetch and mbm/panda: MotionBenchMaker's problems as VAMP ships them (KavrakiLab/vamp), each with URDF, SRDF, "
-    "meshes and problems.json.gz; elastic_strips.sim.reach_problems reads them."
+    "mbm/fetch and mbm/panda: MotionBenchMaker's problems as VAMP ships them (github.com/KavrakiLab/vamp), each "
+    "with URDF, SRDF, meshes and problems.json.gz; elastic_strips.sim.reach_problems reads them."
 )
 @click.option(
     "--robot",

@@ -83,6 +83,8 @@ class LateChoice(click.ParamType):
         return click.Choice([getattr(name, "value", name) for name in names])
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if ctx is not None and ctx.resilient_parsing:  # a shell completes another word
+            return value
         return self.choice.convert(value, param, ctx)
 
     def get_metavar(self, *given: object, **named: object) -> str | None:
