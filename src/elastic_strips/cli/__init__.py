@@ -1,4 +1,4 @@
-"""Command line: ``elastic-strips run | drive | view | bench | study | list``."""
+"""Command line: ``elastic-strips run | drive | view | certify | bench | study | list | doctor``."""
 
 import os
 import signal
