@@ -110,3 +110,11 @@ def test_wrong_input_leaves_standard_output_empty(capsys: pytest.CaptureFixture[
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "case-8" in printed.err
+
+
+@pytest.mark.parametrize("words", [(), ("bench",), ("study",)])
+def test_a_group_without_a_command_shows_its_help(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    assert _call(*words) == 2
+    printed = capsys.readouterr()
+    assert (printed.out + printed.err).startswith("Usage: elastic-strips")
+    assert "Commands:" in printed.out + printed.err

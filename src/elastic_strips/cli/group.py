@@ -107,5 +107,5 @@ def _show(error: click.ClickException) -> None:
     """As click does, with colour."""
     text = io.StringIO()
     error.show(text)
-    *usage, message = text.getvalue().rstrip("\n").rsplit("Error:", 1)
-    output.say("".join(usage), ("Error:", output.BAD), message, err=True)
+    usage, word, message = text.getvalue().rstrip("\n").rpartition("Error:")  # there is none where help is shown
+    output.say(usage, (word, output.BAD), message, err=True)
