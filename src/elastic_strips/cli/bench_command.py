@@ -13,9 +13,9 @@ def bench() -> None:
     """Measure on this machine. The figures are percentiles; on a shared machine trust the ratios."""
 
 
-for command in (
+for _command in (
     planning.plan, planning.replan, planning.tick, planning.settle, planning.ik, planning.robots, planning.mbm,
     planning.peers, driving.drive, driving.disturb, driving.faults, driving.reaction, driving.soak, driving.realtime,
     driving.trials, driving.barn, driving.dynabarn, driving.bridge, driving.house,
 ):  # fmt: skip
-    bench.add_command(command)
+    bench.add_command(_command)

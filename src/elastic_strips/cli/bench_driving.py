@@ -134,8 +134,8 @@ def _disturb(name: str, scenario: str) -> click.Command:
     return command
 
 
-disturb = _disturb("disturb", "corridor")
-faults = _disturb("faults", "moving-corridor")
+disturb: click.Command = _disturb("disturb", "corridor")
+faults: click.Command = _disturb("faults", "moving-corridor")
 
 
 def _problem(kind: str, text: str, data: str) -> click.Command:
@@ -177,11 +177,11 @@ def _problem(kind: str, text: str, data: str) -> click.Command:
 
 
 _CHALLENGE = "from the BARN challenge (github.com/Daffan/the-barn-challenge)"
-barn = _problem(
+barn: click.Command = _problem(
     "barn", "BARN's static worlds, for a base as large as a Jackal.",
     f"barn/barn_worlds.json: made of the worlds {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
 )  # fmt: skip
-dynabarn = _problem(
+dynabarn: click.Command = _problem(
     "dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal.",
     f"dynabarn/dynabarn_worlds.json: made of the arenas {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
 )  # fmt: skip

@@ -10,8 +10,16 @@ import click
 from . import options
 
 _F = TypeVar("_F", bound=Callable[..., object])
-figures_option = options.json_option("Write all figures.")
-runs_option = options.json_option("Write all figures and runs.")
+
+
+def figures_option(command: _F) -> _F:
+    """``--json`` of the figures."""
+    return options.json_option("Write all figures.")(command)
+
+
+def runs_option(command: _F) -> _F:
+    """``--json`` of the figures and of every run."""
+    return options.json_option("Write all figures and runs.")(command)
 
 
 def seeds_option(default: int, help: str, most: int = 100_000) -> Callable[[_F], _F]:

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from elastic_strips.sim.sensors import SensorConfig
     from elastic_strips.viewer import Viewer
 
+    _TextType = click.ParamType[str]
+else:  # of click 8.1 it cannot be told of what
+    _TextType = click.ParamType
+
 EXIT_DONE, EXIT_NOT_DONE = 0, 3
 """Exit codes: certified or reached; or not."""
 SEED = click.IntRange(0, 2**31 - 1)
@@ -63,7 +67,7 @@ class Finite(click.FloatRange):
         return number
 
 
-class LateChoice(click.ParamType):
+class LateChoice(_TextType):
     """One of the names that a module has; it is imported when they are asked for.
 
     Args:
@@ -77,7 +81,7 @@ class LateChoice(click.ParamType):
         self._module, self._name = module, name
 
     @property
-    def choice(self) -> click.Choice:
+    def choice(self) -> click.Choice[str]:
         """The same with its names."""
         names = getattr(import_module(f"elastic_strips.{self._module}"), self._name)
         return click.Choice([getattr(name, "value", name) for name in names])
@@ -94,7 +98,7 @@ class LateChoice(click.ParamType):
         return self.choice.shell_complete(ctx, param, incomplete)
 
 
-class KnownName(click.ParamType):
+class KnownName(_TextType):
     """A name that the catalogue has, or a file; a shell completes both.
 
     Args:
