@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from hypothesis import settings
 from elastic_strips.robot import RobotModel, load_robot
 
 sys.path.insert(0, str(Path(__file__).parent / "oracle"))
+
+os.environ.pop("FORCE_COLOR", None)  # what is printed is compared as plain text
 
 # The same examples everywhere, and no limit on the time of one: what is green here is green on a busy machine, too.
 settings.register_profile("elastic_strips", deadline=None, derandomize=True)

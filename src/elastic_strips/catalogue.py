@@ -1,4 +1,4 @@
-"""The catalogue: every robot, scenario and preset that has a name, with a line about each; where robots' files are.
+"""The catalogue: every robot, scenario, preset and fault that has a name, with a line about each; robots' files.
 
 It makes and reads none of them, so that they can be listed at once.
 """
@@ -37,6 +37,47 @@ PRESETS = {
     "default": "forces at witness points, implicit update, exact rolling constraint",
     "paper": "Eqs. 2-9 of the paper at its control points; the base moves as if omnidirectional",
 }
+
+PLANTS = {
+    "kinematic": "wheels with slip and lag",
+    "mujoco": "the physics of MuJoCo (extra sim)",
+}
+"""Machines that are driven."""
+METHODS = {
+    "strip": "the elastic strip",
+    "apf": "artificial potential field, for a base alone",
+    "vff": "virtual force field, for a base alone",
+    "vfh": "vector field histogram, for a base alone",
+    "band": "elastic band, for a base alone",
+}
+"""What steers a drive."""
+
+FAULTS = {
+    "slip": "the wheels lose this part of their travel",
+    "slip_left": "the left wheel loses this part of its travel",
+    "slip_right": "the right wheel loses this part of its travel",
+    "spin": "the wheels spin: they lose this part, all, of their travel",
+    "amplifier_holds": "the motors go on at the last speeds and take no commands; a safe stop works",
+    "amplifier_dead": "the motors are without power, and the robot rolls on; a safe stop works",
+    "localization_lost": "no fixes come",
+    "localization_jump": "fixes are so far [m] beside the truth",
+    "localization_coarse": "fixes of 20 mm and 10 mrad (times this) at 10 Hz, 0.1 s late, one in 50 off by 0.3 m",
+    "lost_odometry": "neither wheel travel nor fixes are measured",
+    "nan_fix": "fixes are not numbers",
+    "nan_odometry": "wheel travel is not a number",
+    "nan_joints": "joint readings are not numbers",
+    "nan_obstacle": "an obstacle's pose is not a number",
+    "driver_exception": "reading the measurements raises an exception",
+    "sensing_exception": "sensing the scene raises an exception",
+    "planning_exception": "the planning tick raises an exception",
+    "slow_tick": "the planning tick takes ten times its budget",
+    "scene_frozen": "the scene is not renewed",
+    "scene_late": "the scene comes so much [s] late",
+    "scene_future": "the scene's time stamp is so much [s] ahead",
+    "scene_empty": "the scene holds no obstacle",
+    "viewer_killed": "the viewer's process dies",
+}
+"""What can be injected into a drive, and what it does; where it has a size, that is what "this" and "so" stand for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,8 +294,10 @@ def _urdf_dir() -> Path:
 @cache
 def _example_robot_data() -> Path | None:
     """Return the ``share`` folder that holds example-robot-data; None where the package is not installed."""
-    import cmeel
-
+    try:
+        import cmeel
+    except ImportError:  # Pinocchio came otherwise than by pip
+        return None
     places = [Path(p) / "cmeel.prefix/share" for p in (*cmeel.__path__, *sys.path)]
     places += [Path(p).parent / "cmeel.prefix/share" for p in cmeel.__path__]
     return next((place for place in places if (place / "example-robot-data/robots").is_dir()), None)

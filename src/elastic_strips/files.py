@@ -149,11 +149,19 @@ def write_json(path: str | os.PathLike[str], document: object) -> Path:
         InputError: the file cannot be written, or the document is no JSON.
     """
     target = check_writable(path)
+    return atomic_write(target, json_text(document, str(target)).encode())
+
+
+def json_text(document: object, where: str) -> str:
+    """A document as JSON (NaN and infinity are refused), for a place that messages call ``where``.
+
+    Raises:
+        InputError: the document is no JSON.
+    """
     try:
-        text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+        return json.dumps(document, indent=1, allow_nan=False) + "\n"
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"{target}: what is to be written is no JSON: {error}") from None
-    return atomic_write(target, text.encode())
+        raise InputError(f"{where}: what is to be written is no JSON: {error}") from None
 
 
 def atomic_write(target: Path, data: bytes) -> Path:

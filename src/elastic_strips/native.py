@@ -22,14 +22,14 @@ if TYPE_CHECKING:  # its types, for all who have a native half
 _log = logging.getLogger(__name__)
 
 
-def _load() -> ModuleType | None:
+def _load() -> tuple[ModuleType | None, str]:
     if os.environ.get("ELASTIC_STRIPS_NATIVE", "1") == "0":
-        return None
+        return None, "turned off by ELASTIC_STRIPS_NATIVE=0"
     try:
         native = importlib.import_module("elastic_strips._native")
     except ImportError as error:
         _log.warning("the native kernel is not there (%s): NumPy computes, several times slower", error)
-        return None
+        return None, f"not there ({error})"
     if native.coal_version != coal.__version__:  # its shapes would be laid out in another way
         _log.warning(
             "the native kernel was compiled for Coal %s, and this is %s: NumPy computes, several times slower; "
@@ -37,11 +37,13 @@ def _load() -> ModuleType | None:
             native.coal_version,
             coal.__version__,
         )
-        return None
-    return native
+        return None, f"compiled for Coal {native.coal_version}, and this is {coal.__version__}"
+    return native, ""
 
 
-_kernel: ModuleType | None = _load()
+_kernel: ModuleType | None
+_kernel, ABSENT = _load()
+"""Why there is no kernel; empty where there is one."""
 
 
 def kernel() -> ModuleType | None:

@@ -8,14 +8,17 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from command_line import CALL, interrupted
 
 from elastic_strips import __version__
 from elastic_strips.cli import main
+from elastic_strips.cli.group import cli
 from elastic_strips.robot import robot_names
 from elastic_strips.sim.scenarios import scenario_names
 
@@ -56,6 +59,25 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
         assert f"Usage: elastic-strips {command}" in capsys.readouterr().out
     assert call("--version") == 0
     assert __version__ in capsys.readouterr().out
+
+
+def _commands(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    yield words
+    if isinstance(command, click.Group):
+        for name in command.list_commands(click.Context(command)):
+            found = command.get_command(click.Context(command), name)
+            assert found is not None
+            yield from _commands(found, (*words, name))
+
+
+def test_help_stands_on_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    """No help points to a file of the checkout, which an installed wheel has not."""
+    every = list(_commands(cli))
+    assert len(every) > 25
+    for words in every:
+        assert call(*words, "--help") == 0
+        text = capsys.readouterr().out
+        assert not re.search(r"\b(docs|scripts|tests|shared|notebooks)/|README|CHANGELOG|[a-z]\.md\b", text), words
 
 
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -47,7 +48,11 @@ def test_what_the_options_ask_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         return PaperStudy({"case-3": run}, (), (), (tmp_path / "paper.md",))
 
     monkeypatch.setattr(elastic_strips.sim.study, "paper_study", study)
-    assert _call("study", "paper", "--processes", "2") == 3
+    assert _call("study", "paper", "--processes", "2", "--json", tmp_path / "answer.json") == 3
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert not answer["as_the_paper_says"]
+    assert [(case["case"], case["outcome"]) for case in answer["cases"]] == [("case-3", "reached")]
+    assert answer["files"] == [str(tmp_path / "paper.md")]
     assert _call("study", "paper", "--quick") == 3
     assert asked[0]["processes"] == 2
     assert not {"compared", "mapped"} & set(asked[0])

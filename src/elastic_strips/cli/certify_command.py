@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import click
 
-from elastic_strips.collision import PathCertificate, prove
-from elastic_strips.collision import certify as certify_path
-from elastic_strips.collision.path_certificate import INTERPOLATIONS, as_arcs
-from elastic_strips.files import write_json
-from elastic_strips.io import load_path, read_world, write_path
-from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.strip import DeformParams, repair
+from . import options, output
 
-from . import options
+if TYPE_CHECKING:
+    from elastic_strips.collision import PathCertificate
+    from elastic_strips.robot import RobotModel
 
 
 @click.command()
-@click.argument("path", metavar="PATH")
-@click.option("--robot", required=True, metavar="NAME|FILE.urdf", help="Whose path it is.")
-@click.option("--scene", "scene_file", required=True, metavar="FILE.yaml", help="The obstacles (docs/scene-files.md).")
+@click.argument("path", metavar="PATH", type=options.FILE)
+@click.option("--robot", required=True, metavar="NAME|FILE.urdf", type=options.ROBOT, help="Whose path it is.")
+@click.option(
+    "--scene", "scene_file", required=True, metavar="FILE.yaml", type=options.FILE,
+    help="The obstacles, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}].",
+)  # fmt: skip
 @options.base_option()
 @click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, of a robot from a file.")
 @click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; all that can be by default.")
@@ -32,7 +32,8 @@ from . import options
     help="To prove of the robot's own links [m].",
 )  # fmt: skip
 @click.option(
-    "--interpolation", type=click.Choice(INTERPOLATIONS), default="line", show_default=True,
+    "--interpolation", type=options.LateChoice("collision.path_certificate", "INTERPOLATIONS"), default="line",
+    show_default=True,
     help="How a base goes between two configurations: x, y and yaw linearly, or on an arc as wheels do. Joints go "
     "linearly.",
 )  # fmt: skip
@@ -50,6 +51,13 @@ def certify(
 
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
     """
+    from elastic_strips.collision import certify as certify_path
+    from elastic_strips.collision import prove
+    from elastic_strips.collision.path_certificate import as_arcs
+    from elastic_strips.io import load_path, read_world, write_path
+    from elastic_strips.robot import load_robot
+    from elastic_strips.strip import DeformParams, repair
+
     options.check_outputs(path, repaired, proof, json_file)
     names = None if joints is None else [name.strip() for name in joints.split(",")]
     model = load_robot(robot, base=base, srdf=srdf, joints=names)
@@ -66,10 +74,10 @@ def certify(
         interpolation=interpolation, times=given.times if timed else None,
     )  # fmt: skip
     for note in given.notes:
-        click.echo(f"note: {note}")
+        output.say(("note:", output.NOTE), f" {note}")
     if world.names_moving and not timed:
-        click.echo(f"note: no times in the path: what moves counts as it stands at {scene.time:g} s")
-    click.echo(f"{path}: {found.verdict.value}: {found.reason}")
+        output.say(("note:", output.NOTE), f" no times in the path: what moves counts as it stands at {scene.time:g} s")
+    output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
     document = _document(model, found, given.notes)
     done, q = found.certified, given.q
     if repaired is not None:
@@ -78,24 +86,27 @@ def certify(
             mended = repair(model, scene, q, params=params)
             done, q, interpolation = mended.certified, mended.strip.q, "arc"
             said = "certified" if done else f"not certified: {mended.reason}"
-            click.echo(f"repaired: {said}; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations")
+            output.say(
+                "repaired: ",
+                output.verdict(said, done),
+                f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations",
+            )
             document["repair"] = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
-        click.echo(f"path    {write_path(repaired, model, q)}")
+        output.say(f"path    {write_path(repaired, model, q)}")
     if proof is not None:
         made = None
         if done:
             rows, _, _ = as_arcs(model, model.space.to_coordinates(q), interpolation)
             made = prove(model, scene, rows, clearance=clearance, self_clearance=self_clearance)
         if made is None:
-            click.echo("no proof: the path is not certified" + (", or too narrowly" if done else ""))
+            output.say(("no proof", output.BAD), ": the path is not certified" + (", or too narrowly" if done else ""))
             done = False
         else:
-            click.echo(f"proof   {made.save(proof)}, {len(made.span)} intervals")
+            output.say(f"proof   {made.save(proof)}, {len(made.span)} intervals")
             document["proof"] = {"intervals": len(made.span), **made.digests}
             for what, name in made.digests.items():
-                click.echo(f"  {what:6} {name}")
-    if json_file is not None:
-        click.echo(f"answer  {write_json(json_file, document)}")
+                output.say(f"  {what:6} {name}")
+    output.write_document("answer", json_file, document)
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
 
 

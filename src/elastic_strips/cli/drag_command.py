@@ -6,14 +6,11 @@ import time
 
 import click
 
-from elastic_strips.planning import plan_report
-from elastic_strips.sim.scenarios import get_scenario
-
-from . import options
+from . import options, output
 
 
 @click.command()
-@click.argument("scenario", metavar="NAME|FILE.yaml", default="case-7")
+@click.argument("scenario", metavar="NAME|FILE.yaml", default="case-7", type=options.SCENARIO)
 @options.robot_option(help="Another robot than the scenario's: a name, or your own URDF file.")
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
@@ -35,17 +32,20 @@ def drag(
 
     Exit code 0: the strip was certified at the end. 2: wrong input. 3: it was broken.
     """
+    from elastic_strips.planning import plan_report
+    from elastic_strips.sim.scenarios import get_scenario
+
     options.check_outputs(scenario)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, base=base)
     plan = plan_report(model, problem.scene, *problem.ends(model), seed=seed or 0)
     if not plan.certified:
-        click.echo(f"warning: {plan.reason}", err=True)
+        output.say(f"warning: {plan.reason}", err=True)
     with options.open_viewer(no_browser=no_browser, title=problem.name) as viewer:
         from elastic_strips.viewer import LiveStrip
 
         with LiveStrip(model, problem.scene, plan.strip, viewer=viewer, rate=rate, speed=speed) as live:
-            click.echo(f"viewer  {viewer.url}  (drag obstacles and the goal's ring; Ctrl-C ends)")
+            output.say(f"viewer  {viewer.url}  (drag obstacles and the goal's ring; Ctrl-C ends)")
             end = time.monotonic() + (seconds or float("inf"))
             try:
                 while viewer.alive and live.alive and time.monotonic() < end:
@@ -53,8 +53,9 @@ def drag(
             except KeyboardInterrupt:
                 pass
         report = live.report
-        click.echo(
-            f"{report.status.value}: clearance of the nodes {report.node_clearance:.3f} m, "
-            f"{'certified' if report.certified else 'not certified'}, {live.ticks} ticks, {live.replans} planned anew"
+        output.say(
+            f"{report.status.value}: clearance of the nodes {report.node_clearance:.3f} m, ",
+            output.verdict("certified" if report.certified else "not certified", report.certified),
+            f", {live.ticks} ticks, {live.replans} planned anew",
         )
     return options.EXIT_DONE if report.certified else options.EXIT_NOT_DONE

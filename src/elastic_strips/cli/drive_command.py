@@ -9,27 +9,18 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from elastic_strips.control import Controller, RunState
-from elastic_strips.files import write_json
-from elastic_strips.io.record_file import check_record_file, write_record
-from elastic_strips.sim import FAULTS, Fault, Simulation
-from elastic_strips.sim.scenarios import (
-    DriveOutcome,
-    drive_document,
-    get_scenario,
-    make_base_simulation,
-    make_simulation,
-)
-from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, conclude, make_realtime
-from elastic_strips.strip import Strip
-from elastic_strips.strip.report import DeformReport
+from elastic_strips.catalogue import FAULTS
 
-from . import EXIT_INTERRUPTED, options
+from . import EXIT_INTERRUPTED, options, output
 
 if TYPE_CHECKING:
+    from elastic_strips.control import Controller
+    from elastic_strips.sim import Simulation
     from elastic_strips.sim.baselines import BaseController
+    from elastic_strips.sim.scenarios import DriveOutcome
+    from elastic_strips.strip import Strip
+    from elastic_strips.strip.report import DeformReport
 
     _AnySimulation = Simulation[Controller] | Simulation[BaseController]
 
@@ -40,16 +31,16 @@ _COMPUTING = {
 
 
 @click.command()
-@click.argument("scenario", metavar="NAME|FILE.yaml")
+@click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
 @options.robot_option(help="Another robot than the scenario's.")
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
-    "--plant", type=click.Choice(PLANTS), default="kinematic", show_default=True,
+    "--plant", type=options.PLANT, default="kinematic", show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
 )  # fmt: skip
 @click.option(
-    "--method", type=click.Choice(DRIVE_METHODS), default=STRIP, show_default=True,
+    "--method", type=options.METHOD, default="strip", show_default=True,
     help="What steers: the elastic strip, or a method for a base alone, on its sensors: artificial potential field, "
     "virtual force field, vector field histogram, elastic band.",
 )  # fmt: skip
@@ -71,14 +62,14 @@ _COMPUTING = {
     help="With --realtime: what the control loop writes to disk while it drives, a line each period.",
 )  # fmt: skip
 @click.option(
-    "--disturb", "--fault", "faults", multiple=True, metavar="KIND[=SIZE]@START[+DURATION]",
+    "--disturb", "--fault", "faults", multiple=True, type=options.FAULT, metavar="KIND[=SIZE]@START[+DURATION]",
     help="Put in a fault, say slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
     + ", ".join(kind.replace("_", "-") for kind in FAULTS) + ".",
 )  # fmt: skip
-@options.json_option("Write the result (docs/drive-format.md).")
+@options.json_option("Write the result.")
 @click.option(
     "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
-    help="Write everything that happened (docs/record-format.md); view replays it.",
+    help="Write everything that happened; view replays it.",
 )  # fmt: skip
 @options.html_option("Write a standalone 3D page of the drive.")
 @options.picture_options
@@ -116,6 +107,11 @@ def drive(
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
+    from elastic_strips.io.record_file import check_record_file, write_record
+    from elastic_strips.sim import Fault
+    from elastic_strips.sim.scenarios import drive_document, get_scenario, make_base_simulation, make_simulation
+    from elastic_strips.sim.scenarios.drive import STRIP, conclude, make_realtime
+
     options.check_outputs(scenario, json_file, record_file, html_file, png_file, film_file, log)
     if record_file is not None:
         check_record_file(record_file)
@@ -129,7 +125,7 @@ def drive(
             f"--method {method} has none"
         )
     evades, apart = evade is not False, realtime and method == STRIP
-    if apart and (compute or plant != PLANTS[0]):
+    if apart and (compute or plant != "kinematic"):
         raise click.UsageError(
             "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
         )
@@ -164,7 +160,7 @@ def drive(
             driven = make(robot=model, seed=number, plant=plant, sensors=config, watch=watch, realtime=realtime or view)
         if viewer is not None:
             viewer.show(model, problem.world.at(0.0), _shown(driven))
-            click.echo(f"viewer  {viewer.url}")
+            output.say(f"viewer  {viewer.url}")
         try:
             with _stopping(driven) as interrupted:
                 result = driven.run(time_limit=time_limit)
@@ -176,9 +172,9 @@ def drive(
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
     _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
     if json_file is not None:
-        click.echo(f"result  {write_json(json_file, drive_document(outcome))}")
+        output.write_document("result", json_file, drive_document(outcome))
     if record_file is not None:
-        click.echo(f"record  {record_file}")
+        output.say(f"record  {record_file}")
     options.write_pictures(
         lambda page: page.replay(model, result.record), html_file, png_file, film_file, title=problem.name
     )
@@ -189,6 +185,11 @@ def drive(
 
 def _shown(driven: _AnySimulation) -> Strip | DeformReport:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
+    import numpy as np
+
+    from elastic_strips.control import Controller
+    from elastic_strips.strip import Strip
+
     controller = driven.controller
     if not isinstance(controller, Controller):
         return Strip.from_coordinates(driven.robot, np.stack((driven.plant.coordinates, controller.goal)))
@@ -204,7 +205,7 @@ def _stopping(driven: _AnySimulation) -> Iterator[list[int]]:
         if interrupted:
             raise KeyboardInterrupt
         interrupted.append(number)
-        click.echo("stopping the robot (Ctrl-C again ends at once)", err=True)
+        output.say(("stopping the robot (Ctrl-C again ends at once)", output.NOTE), err=True)
         driven.stop()
 
     before = signal.signal(signal.SIGINT, stop)
@@ -215,21 +216,28 @@ def _stopping(driven: _AnySimulation) -> Iterator[list[int]]:
 
 
 def _summary(outcome: DriveOutcome, reason: str) -> None:
+    import numpy as np
+
+    from elastic_strips.control import RunState
+
     result, evaluation = outcome.result, outcome.evaluation
     if outcome.reached:
-        text = "reached"
+        end, why = "reached", ""
     elif result.state is RunState.REACHED:
-        text = "not reached: the robot believes to be at the goal, but is not"
+        end, why = "not reached", ": the robot believes to be at the goal, but is not"
     else:
-        text = f"not reached: {result.state.label}, {reason}"
-    click.echo(f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: {text}")
+        end, why = "not reached", f": {result.state.label}, {reason}"
+    output.say(
+        f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: ",
+        output.verdict(end, outcome.reached), why,
+    )  # fmt: skip
     ticks = result.statistics.percentiles()
     clearance = "none" if evaluation.closest is None else f"{evaluation.min_clearance_m:.3f} m"
-    click.echo(
+    output.say(
         f"  {evaluation.time_s:.1f} s, {evaluation.path_m:.2f} m, {len(evaluation.collisions)} collisions, "
         f"least clearance {clearance}, {len(result.stops)} stops, {result.replans} times planned anew"
     )
-    click.echo(
+    output.say(
         f"  planning ticks p50 {ticks['p50']:.1f}, p95 {ticks['p95']:.1f}, p99 {ticks['p99']:.1f} ms, "
         f"{result.statistics.misses} of {len(result.statistics.seconds)} late; "
         + _COMPUTING.get(
@@ -237,19 +245,19 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         )
     )
     if outcome.constraint_error is not None:
-        click.echo(f"  off level by at most {np.degrees(outcome.constraint_error):.1f}°")
+        output.say(f"  off level by at most {np.degrees(outcome.constraint_error):.1f}°")
     if outcome.sensors:
-        click.echo(f"  driven by {', '.join(outcome.sensors)}")
+        output.say(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
-        click.echo(f"  {name} was in no laser's view in the second before it was touched")
+        output.say(f"  {name} was in no laser's view in the second before it was touched")
     for contact in evaluation.rest_contacts:
-        click.echo(f"  {contact.obstacle} ran into {contact.link} at rest, from {contact.time:.1f} s on")
+        output.say(f"  {contact.obstacle} ran into {contact.link} at rest, from {contact.time:.1f} s on")
     for contact in evaluation.collisions:
-        click.echo(f"  COLLISION of {contact.link} with {contact.obstacle} at {contact.speed:.2f} m/s")
+        output.say((f"  COLLISION of {contact.link} with {contact.obstacle} at {contact.speed:.2f} m/s", output.BAD))
     for event in result.events:
         if event.kind == "replanned" and event.reason.startswith("switched"):
-            click.echo(f"  at {event.time:.2f} s {event.reason}")
+            output.say(f"  at {event.time:.2f} s {event.reason}")
     for time, reason in result.stops[:5]:
-        click.echo(f"  stopped at {time:.2f} s: {reason}")
+        output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
     if len(result.stops) > 5:
-        click.echo(f"  … and {len(result.stops) - 5} more stops")
+        output.say(f"  … and {len(result.stops) - 5} more stops")

@@ -1,7 +1,8 @@
-"""The command group, which loads a command when it is called; how errors end one; and ``list``."""
+"""The command group, which loads a command when it is called; and how errors end one."""
 
 from __future__ import annotations
 
+import io
 import logging
 import sys
 from importlib import import_module
@@ -11,7 +12,7 @@ import click
 from elastic_strips._version import __version__
 from elastic_strips.errors import ElasticStripsError
 
-from . import interruptible_imports
+from . import interruptible_imports, output
 
 EXIT_INPUT = 2
 
@@ -28,19 +29,24 @@ Start with:
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
   elastic-strips certify path.csv --robot panda --scene scene.yaml
+  elastic-strips doctor                   what is installed, and what is broken
 
-Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken, refuted or not reached, 130 interrupted.
+--json - writes a command's document to standard output. NO_COLOR=1 turns colours off.
+
+Exit codes: 0 certified or reached, 2 wrong input, 3 blocked, broken, refuted or not reached, 130 interrupted;
+doctor: 0 no problem, 3 a problem.
 """
 
 
 _COMMANDS = {
     "bench": ("bench_command", "bench", "Measure planning, replanning, the tick and the closed loop."),
     "certify": ("certify_command", "certify", "Prove that anybody's path is free of collisions, or show where not."),
+    "doctor": ("doctor_command", "doctor", "Look at this installation: what is there, and what is broken."),
     "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
-    "list": ("group", "list_command", "Show the scenarios, robots and presets that have names."),
+    "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
-    "study": ("bench_command", "study", "Run the paper's simulations again, and write the report."),
+    "study": ("study_command", "study", "Run the paper's simulations again, and write the report."),
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
@@ -77,7 +83,8 @@ def cli(verbose: bool) -> None:
         return
     handler = logging.StreamHandler()
     handler.addFilter(lambda record: record.name not in _REPORTED_BY_COMMANDS)
-    logging.basicConfig(level=logging.WARNING, format="warning: %(message)s", handlers=[handler])
+    warning = click.style("warning:", fg="yellow") if output.in_colour(sys.stderr) else "warning:"
+    logging.basicConfig(level=logging.WARNING, format=f"{warning} %(message)s", handlers=[handler])
 
 
 def run_cli(arguments: list[str] | None) -> None:
@@ -88,32 +95,19 @@ def run_cli(arguments: list[str] | None) -> None:
     except click.exceptions.Abort:  # click's word for Ctrl-C
         raise KeyboardInterrupt from None
     except click.ClickException as error:
-        error.show()
+        _show(error)
         sys.exit(EXIT_INPUT)
     except ElasticStripsError as error:
-        click.echo(f"error: {error}", err=True)
+        output.say(("error:", output.BAD), f" {error}", err=True)
         sys.exit(EXIT_INPUT)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
 
 
-@click.command(name="list", help="Show the scenarios, robots and presets that have names.")
-@click.option("--robots", is_flag=True, help="Only the robots, and all of them: those of example-robot-data too.")
-def list_command(robots: bool) -> None:
-    from elastic_strips.catalogue import PRESETS, SCENARIOS, find_robot, own_robots, robot_names
-
-    if robots:
-        for name in robot_names():
-            click.echo(f"{name:<28} {find_robot(name).summary}")
-        return
-    click.echo("Scenarios (elastic-strips run NAME):")
-    for name, summary in SCENARIOS.items():
-        click.echo(f"  {name:<18} {summary}")
-    click.echo("\nRobots (--robot NAME, or the path of a URDF):")
-    for name in own_robots():
-        click.echo(f"  {name:<18} {find_robot(name).summary}")
-    click.echo(f"  and {len(robot_names()) - len(own_robots())} more: elastic-strips list --robots")
-    click.echo("\nPresets (--preset NAME):")
-    for name, summary in PRESETS.items():
-        click.echo(f"  {name:<18} {summary}")
+def _show(error: click.ClickException) -> None:
+    """As click does, with colour."""
+    text = io.StringIO()
+    error.show(text)
+    usage, word, message = text.getvalue().rstrip("\n").rpartition("Error:")  # there is none where help is shown
+    output.say(usage, (word, output.BAD), message, err=True)

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from click.shell_completion import CompletionItem
 
+from elastic_strips.catalogue import FAULTS, METHODS, PLANTS, PRESETS, SCENARIOS
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
 
+from . import output
+
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from elastic_strips.sim.sensors import SensorConfig
     from elastic_strips.viewer import Viewer
+
+    _TextType = click.ParamType[str]
+else:  # of click 8.1 it cannot be told of what
+    _TextType = click.ParamType
 
 EXIT_DONE, EXIT_NOT_DONE = 0, 3
 """Exit codes: certified or reached; or not."""
@@ -37,6 +46,17 @@ class OutputFile(click.Path):
         return value
 
 
+class JsonFile(OutputFile):
+    """A file that can be written, or ``-``: standard output, from which everything else goes away then."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if value != output.STDOUT:
+            return super().convert(value, param, ctx)
+        if ctx is not None:
+            output.leave_stdout_to_json(ctx)
+        return value
+
+
 class Finite(click.FloatRange):
     """A finite number, within a range where one is given; click's own ranges let NaN through."""
 
@@ -47,19 +67,88 @@ class Finite(click.FloatRange):
         return number
 
 
+class LateChoice(_TextType):
+    """One of the names that a module has; it is imported when they are asked for.
+
+    Args:
+        module: where they are, below ``elastic_strips``.
+        name: of a tuple, a mapping or an enumeration of them.
+    """
+
+    name = "choice"
+
+    def __init__(self, module: str, name: str) -> None:
+        self._module, self._name = module, name
+
+    @property
+    def choice(self) -> click.Choice[str]:
+        """The same with its names."""
+        names = getattr(import_module(f"elastic_strips.{self._module}"), self._name)
+        return click.Choice([getattr(name, "value", name) for name in names])
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if ctx is not None and ctx.resilient_parsing:  # a shell completes another word
+            return value
+        return self.choice.convert(value, param, ctx)
+
+    def get_metavar(self, *given: object, **named: object) -> str | None:
+        return self.choice.get_metavar(*given, **named)  # type: ignore[arg-type] # of click 8.1, or of 8.2
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return self.choice.shell_complete(ctx, param, incomplete)
+
+
+class KnownName(_TextType):
+    """A name that the catalogue has, or a file; a shell completes both.
+
+    Args:
+        names: gives names, and a line about each where there is one.
+    """
+
+    name = "text"
+
+    def __init__(self, names: Callable[[], Mapping[str, str]], *, files: bool = True) -> None:
+        self._names, self._files = names, files
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        found = [CompletionItem(name, help=help) for name, help in self._names().items() if name.startswith(incomplete)]
+        return [*found, CompletionItem(incomplete, type="file")] if self._files else found
+
+
+def _robot_names() -> dict[str, str]:
+    from elastic_strips.catalogue import find_robot, robot_names
+
+    return {name: find_robot(name).summary for name in robot_names()}
+
+
+def _fault_kinds() -> dict[str, str]:
+    return {kind.replace("_", "-"): what for kind, what in FAULTS.items()}
+
+
+SCENARIO = KnownName(lambda: SCENARIOS)
+SEEDED = KnownName(lambda: {name: text for name, text in SCENARIOS.items() if "(seeded" in text}, files=False)
+ROBOT = KnownName(_robot_names)
+FILE = KnownName(dict)
+FAULT = KnownName(lambda: {f"{kind}@": what for kind, what in _fault_kinds().items()}, files=False)
+FAULT_KIND = KnownName(_fault_kinds, files=False)
+PLANT, METHOD, PRESET = click.Choice(list(PLANTS)), click.Choice(list(METHODS)), click.Choice(list(PRESETS))
+BASE = click.Choice(["diff_drive", "omni", "fixed"])
+
+
 def robot_option(default: str | None = None, help: str = "The robot.") -> Callable[[_F], _F]:
     """``--robot``."""
-    return click.option("--robot", default=default, show_default=True, metavar="NAME|FILE.urdf", help=help)
+    return click.option("--robot", type=ROBOT, default=default, show_default=True, metavar="NAME|FILE.urdf", help=help)
 
 
 def base_option(help: str = "How the base moves; the robot's own by default.") -> Callable[[_F], _F]:
     """``--base``."""
-    return click.option("--base", type=click.Choice(["diff_drive", "omni", "fixed"]), help=help)
+    return click.option("--base", type=BASE, help=help)
 
 
 def json_option(help: str) -> Callable[[_F], _F]:
-    """``--json``: a file that can be written, or None."""
-    return click.option("--json", "json_file", metavar="FILE", type=OutputFile(), help=help)
+    """``--json``: a file that can be written, ``-`` or None; for ``output.write_document``."""
+    help = help.removesuffix(".") + " as JSON; -: to standard output, and all else to standard error."
+    return click.option("--json", "json_file", metavar="FILE|-", type=JsonFile(), help=help)
 
 
 def html_option(help: str) -> Callable[[_F], _F]:
@@ -92,7 +181,7 @@ evade_option = click.option(
 sensors_option = click.option(
     "--sensors", metavar="NAMES|FILE.yaml",
     help="Drive by what the robot's simulated sensors see, not by the scene: all, or some by name (laser,sonar), of "
-    "the Silvermate's, or TIAGo's laser; or those of a file (docs/sensors.md).",
+    "the Silvermate's, or TIAGo's laser; or those of a file, as elastic_strips.sim.sensors reads it.",
 )  # fmt: skip
 
 level_option = click.option(
@@ -129,7 +218,7 @@ def check_outputs(scenario: str, *files: str | None) -> None:
     """
     taken = {Path(scenario).absolute()}
     for name in files:
-        if name is None:
+        if name is None or name == output.STDOUT:
             continue
         path = check_writable(name).absolute()
         if path in taken:
@@ -148,8 +237,8 @@ class LateProgress:
 
     def __init__(self, label: str, total: int | None = None) -> None:
         self._label, self._total = label, total
-        self._console = Console(stderr=True)
         self._progress: Progress | None = None
+        self._looked = False
         self._count = 0
 
     def __enter__(self) -> LateProgress:
@@ -159,14 +248,25 @@ class LateProgress:
     def step(self, note: str = "") -> None:
         """One step is done; ``note`` is shown beside the bar."""
         self._count += 1
-        if self._progress is None and self._console.is_terminal and perf_counter() - self._begin > _PATIENCE:
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                       TextColumn("{task.fields[note]}"))  # fmt: skip
-            self._progress = Progress(*columns, console=self._console, transient=True)
-            self._task = self._progress.add_task(self._label, total=self._total, note=note)
-            self._progress.start()
+        if not self._looked and perf_counter() - self._begin > _PATIENCE:
+            self._looked = True
+            self._draw(note)
         if self._progress is not None:
             self._progress.update(self._task, completed=self._count, note=note)
+
+    def _draw(self, note: str) -> None:
+        try:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        except ImportError:  # the doctor has to say so
+            return
+        console = Console(stderr=True)
+        if console.is_terminal:
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                       TextColumn("{task.fields[note]}"))  # fmt: skip
+            self._progress = Progress(*columns, console=console, transient=True)
+            self._task = self._progress.add_task(self._label, total=self._total, note=note)
+            self._progress.start()
 
     def __exit__(self, *_: object) -> None:
         if self._progress is not None:
@@ -214,11 +314,11 @@ def write_pictures(
         if not viewer.alive:
             raise ViewerFailure("the picture could not be drawn (elastic-strips -v says why)")
         if html_file is not None:
-            click.echo(f"page    {viewer.save_html(html_file)}")
+            output.say(f"page    {viewer.save_html(html_file)}")
         if png_file is not None:
-            click.echo(f"picture {viewer.save_png(png_file)}")
+            output.say(f"picture {viewer.save_png(png_file)}")
         if film_file is not None:
-            click.echo(f"film    {viewer.save_film(film_file)}")
+            output.say(f"film    {viewer.save_film(film_file)}")
 
 
 def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TITLE) -> None:
@@ -229,5 +329,5 @@ def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TI
     """
     with open_viewer(no_browser=no_browser, title=title) as viewer:
         draw(viewer)
-        click.echo(f"viewer  {viewer.url}  (Ctrl-C ends)")
+        output.say(f"viewer  {viewer.url}  (Ctrl-C ends)")
         viewer.wait()

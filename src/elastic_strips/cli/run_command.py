@@ -6,28 +6,24 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elastic_strips.files import write_json
-from elastic_strips.sim.scenarios import RunResult, get_scenario, result_document, run_scenario
-from elastic_strips.strip import DeformReport
-
-from . import options
+from . import options, output
 
 if TYPE_CHECKING:
+    from elastic_strips.sim.scenarios import RunResult
+    from elastic_strips.strip import DeformReport
     from elastic_strips.viewer import Viewer
 
 
 @click.command()
-@click.argument("scenario", metavar="NAME|FILE.yaml")
-@click.option(
-    "--preset", type=click.Choice(["default", "paper"]), help="Parameters and solver; the scenario's by default."
-)
+@click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
+@click.option("--preset", type=options.PRESET, help="Parameters and solver; the scenario's by default.")
 @options.robot_option(help="Another robot than the scenario's.")
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option(
     "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
 )
-@options.json_option("Write the result (docs/result-format.md).")
+@options.json_option("Write the result.")
 @options.html_option("Write a standalone 3D page of the result.")
 @options.picture_options
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
@@ -48,10 +44,20 @@ def run(
 ) -> int:
     """Plan an initial strip, deform it away from the obstacles until it is at rest, and certify it.
 
-    NAME is one of "elastic-strips list"; FILE.yaml is a scenario file (docs/scene-files.md).
+    NAME is one of "elastic-strips list"; FILE.yaml is a scenario file, such as
+
+    \b
+      robot: silvermate
+      start: {x: -1}
+      goal: {x: 4}
+      scene:
+        obstacles:
+          - {shape: box, size: [0.6, 0.6, 1.4], at: [1.5, 0.1, 0.7]}
 
     Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
     """
+    from elastic_strips.sim.scenarios import get_scenario, result_document, run_scenario
+
     options.check_outputs(scenario, json_file, html_file, png_file, film_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, preset, base)
@@ -63,7 +69,7 @@ def run(
         result = run_scenario(problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch)
     _summary(result)
     if json_file is not None:
-        click.echo(f"result  {write_json(json_file, result_document(result))}")
+        output.write_document("result", json_file, result_document(result))
 
     def draw(viewer: Viewer) -> None:
         viewer.animate(model, problem.scene, result.report, duration=10.0)
@@ -77,13 +83,16 @@ def run(
 def _summary(result: RunResult) -> None:
     report = result.report
     verdict = "certified" if result.certified else report.status.value
-    click.echo(f"{result.scenario.name} · {result.robot.name} · preset {result.params.preset}: {verdict}")
-    click.echo(f"  {result.reason}")
+    output.say(
+        f"{result.scenario.name} · {result.robot.name} · preset {result.params.preset}: ",
+        output.verdict(verdict, result.certified),
+    )
+    output.say(f"  {result.reason}")
     first = "-" if result.time_to_certified is None else f"{1e3 * result.time_to_certified:.0f} ms"
-    click.echo(
+    output.say(
         f"  clearance {result.clearance:.3f} m, length {report.strip.length:.2f} m, {len(report.strip)} nodes, "
         f"{result.ticks} ticks, first certified after {first}"
         + (f", passes {result.passing_side}" if result.passing_side else "")
     )
     if not result.certified and report.certificate.broken is not None:
-        click.echo(f"  {report.certificate.broken}")
+        output.say((f"  {report.certificate.broken}", output.BAD))

@@ -8,22 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from elastic_strips.catalogue import recorded_robot
-from elastic_strips.control import Record
 from elastic_strips.errors import InputError, RobotError
-from elastic_strips.io import read_record, record_robot
-from elastic_strips.io.nodes import load_json
-from elastic_strips.io.obstacle_document import obstacle_from_piece
-from elastic_strips.planning import straight_line
-from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.scene import Scene
-from elastic_strips.sim.scenarios import get_scenario
-from elastic_strips.sim.scenarios.drive import DRIVE_FORMAT
-from elastic_strips.sim.scenarios.run import FORMAT, FORMAT_VERSION
-from elastic_strips.strip import Strip
 
 from . import options
 
 if TYPE_CHECKING:
+    from elastic_strips.control import Record
+    from elastic_strips.robot import RobotModel
+    from elastic_strips.scene import Scene
+    from elastic_strips.strip import Strip
     from elastic_strips.viewer import Viewer
 
 
@@ -32,7 +25,7 @@ _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 
 @click.command()
-@click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz")
+@click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz", type=options.SCENARIO)
 @options.robot_option(help="Another robot than the scenario's. Of a result or a record: where its robot is now.")
 @options.base_option("Of a scenario: how the base moves; the robot's own by default.")
 @click.option("--seed", type=options.SEED, help="Of a scenario: seed of generated scenes.  [default: 0]")
@@ -62,6 +55,10 @@ def view(
 
     The server listens on this machine only; Ctrl-C ends it.
     """
+    from elastic_strips.planning import straight_line
+    from elastic_strips.sim.scenarios import get_scenario
+    from elastic_strips.strip import Strip
+
     options.check_outputs(what, html_file, png_file, film_file)
     kind = _KINDS.get(Path(what).suffix.lower(), "a scenario")
     given = {"--base": base, "--seed": seed, "--speed": speed, "--begin": begin, "--end": end}
@@ -95,6 +92,8 @@ def view(
 
 
 def _from_record(path: Path, robot: str | None) -> tuple[Record, RobotModel]:
+    from elastic_strips.io import read_record, record_robot
+
     record = read_record(path)
     try:
         return record, record_robot(record, robot)
@@ -104,6 +103,14 @@ def _from_record(path: Path, robot: str | None) -> tuple[Record, RobotModel]:
 
 
 def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Strip]:
+    from elastic_strips.io.nodes import load_json
+    from elastic_strips.io.obstacle_document import obstacle_from_piece
+    from elastic_strips.robot import load_robot
+    from elastic_strips.scene import Scene
+    from elastic_strips.sim.scenarios.drive import DRIVE_FORMAT
+    from elastic_strips.sim.scenarios.run import FORMAT, FORMAT_VERSION
+    from elastic_strips.strip import Strip
+
     document = load_json(path, what="result", error=InputError).value
     if isinstance(document, dict) and document.get("format") == DRIVE_FORMAT:
         raise InputError(f"{path}: holds figures of a drive and no motion; 'elastic-strips drive --record' writes that")

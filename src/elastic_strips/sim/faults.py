@@ -15,6 +15,7 @@ from typing import Annotated
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.catalogue import FAULTS
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.strip_timer import PlanResult
@@ -30,32 +31,6 @@ _SIZES = {
     "slip": 0.5, "slip_left": 0.5, "slip_right": 0.5, "spin": 1.0, "localization_jump": 1.0, "localization_coarse": 1.0,
     "scene_late": 0.3, "scene_future": 1.0,
 }  # fmt: skip
-FAULTS = {
-    "slip": "the wheels lose this part of their travel",
-    "slip_left": "the left wheel loses this part of its travel",
-    "slip_right": "the right wheel loses this part of its travel",
-    "spin": "the wheels spin: they lose this part, all, of their travel",
-    "amplifier_holds": "the motors go on at the last speeds and take no commands; a safe stop works",
-    "amplifier_dead": "the motors are without power, and the robot rolls on; a safe stop works",
-    "localization_lost": "no fixes come",
-    "localization_jump": "fixes are so far [m] beside the truth",
-    "localization_coarse": "fixes of 20 mm and 10 mrad (times this) at 10 Hz, 0.1 s late, one in 50 off by 0.3 m",
-    "lost_odometry": "neither wheel travel nor fixes are measured",
-    "nan_fix": "fixes are not numbers",
-    "nan_odometry": "wheel travel is not a number",
-    "nan_joints": "joint readings are not numbers",
-    "nan_obstacle": "an obstacle's pose is not a number",
-    "driver_exception": "reading the measurements raises an exception",
-    "sensing_exception": "sensing the scene raises an exception",
-    "planning_exception": "the planning tick raises an exception",
-    "slow_tick": "the planning tick takes ten times its budget",
-    "scene_frozen": "the scene is not renewed",
-    "scene_late": "the scene comes so much [s] late",
-    "scene_future": "the scene's time stamp is so much [s] ahead",
-    "scene_empty": "the scene holds no obstacle",
-    "viewer_killed": "the viewer's process dies",
-}
-"""What can be injected, and what it does; where it has a size, that is what "this" and "so" stand for."""
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
 _COARSE = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
 _OUTLIER = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]

@@ -15,7 +15,7 @@ from elastic_strips.validation import check_array, check_number, check_type
 
 from .limits import MotionLimits
 from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
-from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, load_solver, rate_bounds
+from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, rate_bounds
 from .trajectory import Trajectory, joined, stationary
 
 _MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
@@ -73,7 +73,6 @@ class Retimer:
         self.dt: float = check_number("dt", dt, low=1e-4, high=0.1, unit="s")
         self.weight: Array = metric(robot, self.limits)
         self._speed, self._acceleration = self.limits.speed, self.limits.acceleration
-        load_solver()
 
     def horizon(
         self,

@@ -1,13 +1,11 @@
 """Speed profiles: the fastest motion along a path that keeps every limit (TOPP-RA).
 
-The twin solves the linear programs by toppra. They have two variables, and rest is always allowed: natively Newton's
-steps along their rows do.
+Its linear programs have two variables, and rest is always allowed: Newton's steps along their rows solve them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -17,45 +15,6 @@ from elastic_strips.work import count_work
 
 TOLERANCE = 1e-3
 """Part of a limit by which a sample may exceed it."""
-
-_RATES = np.array([1e-9, -1.0])  # of (acceleration, squared speed): the largest squared speed
-
-
-@cache
-def load_solver() -> tuple[type, object]:
-    """The solver's class and the name of linear constraints. Late: with toppra comes Matplotlib, a third of a second.
-
-    Only its linear programs are used, in two passes of our own: nothing of it logs.
-    """
-    from toppra.constraint import ConstraintType
-    from toppra.solverwrapper.cy_seidel_solverwrapper import seidelWrapper
-
-    return seidelWrapper, ConstraintType.CanonicalLinear
-
-
-class _Box:
-    """|a u + b x| ≤ 1 row by row, and bounds of x, as the solver asks a constraint for them."""
-
-    identical = True
-
-    def __init__(self, a: Array, b: Array, bound: Array, kind: object) -> None:
-        rows = a.shape[1]
-        both = np.vstack([np.eye(rows), -np.eye(rows)])
-        limits = np.column_stack([np.zeros(len(bound)), bound])
-        self._kind = kind
-        self._params = a, b, np.zeros_like(a), both, np.ones(2 * rows), None, limits
-
-    def get_constraint_type(self) -> object:
-        return self._kind
-
-    def compute_constraint_params(self, *_: object) -> tuple[object, ...]:
-        return self._params
-
-
-class _NoPath:
-    """What the solver asks a path for; the constraint brings the rest."""
-
-    duration = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +75,7 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
     if (native := kernel()) is not None:
         x = np.empty(len(grid))
         return Profile.of(grid, x) if native.fastest(grid, y1, y2, bound, acceleration, start, x) else None
-    # the solver's tolerances are absolute: a path of unit length, in a unit of time in which y′ stays as it is
+    # a path of unit length, in a unit of time in which y′ stays as it is: tolerances mean the same for every path
     scale = float(grid[-1])
     step = (grid[1:] - grid[:-1]) / scale
     a, b = _rows(step, y1 / acceleration, y2 * (scale / acceleration))
@@ -125,27 +84,46 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
         return None
     moving = size > 1e-9 * size.max()
     a, b = a[:, moving], b[:, moving]
-    bound = bound / scale
-    solver_class, linear = load_solver()
-    solver = solver_class([_Box(a, b, bound, linear)], _NoPath(), grid / scale, True)
+    room, slope = rate_bounds(a, b)
+    with np.errstate(divide="ignore"):  # a row without u bounds x alone, or nothing
+        most = np.where(np.isinf(room), 1.0 / np.abs(b), np.inf).min(axis=1, initial=np.inf)
+    most = np.minimum(most, bound / scale)
     last = len(grid) - 1
     reach = np.zeros(last + 1)
     for i in range(last - 1, -1, -1):
-        reach[i] = solver.solve_stagewise_optim(i, None, _RATES, np.nan, np.nan, 0.0, reach[i + 1])[1]
-        if not reach[i] > 0.0:  # infeasible is NaN, which the solver would take for "no bound" at the next point
+        reach[i] = _controllable(room[i], slope[i], float(most[i]), 0.5 / float(step[i]), float(reach[i + 1]))
+        if not reach[i] > 0.0:
             return None
     x = np.zeros(last + 1)
     x[0] = start / scale
     if x[0] > reach[0] * (1.0 + 1e-9):
         return None
     x[0] = min(x[0], reach[0])
-    room, slope = rate_bounds(a, b)
     for i in range(last):
         u = float((room[i] - slope[i] * x[i]).min())
         x[i + 1] = max(min(x[i] + 2.0 * step[i] * u, reach[i + 1]), 0.0)
     if not (x[1:-1] > 0.0).all():
         return None
     return Profile.of(grid, x * scale)
+
+
+def _controllable(room: Array, slope: Array, x: float, rate: float, reach: float) -> float:
+    """The largest squared speed up to ``x`` from which some u keeps all rows, and leads to one within [0, reach].
+
+    What u may be is concave in x, so Newton's steps from above end at it. A number that is none is answered by one.
+    """
+    # u ≤ high − falls x and u ≥ low − falls x: of the rows, and of the next point's range
+    high, low, falls = np.append(room, reach * rate), np.append(-room, 0.0), np.append(slope, rate)
+    for _ in range(64):
+        most, least = high - falls * x, low - falls * x
+        upper, lower = most.argmin(), least.argmax()
+        over = float(least[lower] - most[upper])
+        if not over > 1e-12 * float(abs(low[lower]) + abs(falls[lower]) * x):
+            return x if over == over else over
+        x -= over / float(falls[upper] - falls[lower])
+        if not x > 0.0:
+            return 0.0
+    return x
 
 
 def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float, part: float) -> Array:

@@ -98,8 +98,8 @@ class Drawing:
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
         out += self._trouble(snapshot.report, coordinates)
-        if snapshot.q is not None:
-            poses.update(snapshot.robot.space.to_coordinates(np.asarray(snapshot.q))[None])
+        q = snapshot.nodes[0] if snapshot.q is None else np.asarray(snapshot.q)
+        poses.update(snapshot.robot.space.to_coordinates(q)[None])
         out.append(commands.transforms("/robot", self.body_paths, poses.matrices(self.joints, [0])[0]))
         out.append(self.card(snapshot))
         if self._first("camera") or snapshot.frame:
@@ -207,7 +207,7 @@ class Drawing:
             card["chip"] = [status, _CHIP[status]]
             if bad:
                 card["note"] = report.reason[:_MOST]
-            if snapshot.live:  # whether it is certified is what one looks for; a note that comes and goes moves the rest
+            if snapshot.live:  # whether it is certified is what one looks for; a note that is not always there moves it
                 rows.insert(0, ["state", status])
                 card["chip"] = ["certified", CERTIFIED] if report.certificate.certified else ["not certified", REFUSED]
                 card["note"] = report.reason[:_MOST] if bad or not report.certificate.certified else ""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 import pytest
 from drivable import arcs, distance_from_strip, limits_of, most_used, motor_travel
@@ -382,14 +380,3 @@ def test_who_does_not_insist_tries_the_plain_curve_alone(silvermate, monkeypatch
         with pytest.raises(RetimingError, match="no profile"):
             Retimer(silvermate).horizon(straight(silvermate), v, distance=1.0, insist=insist)
     assert tried[False] == 1 < tried[True]
-
-
-def test_toppra_stays_silent(silvermate, caplog, capfd):
-    v = np.zeros(10)
-    v[0] = 0.9
-    with caplog.at_level(logging.DEBUG):
-        Retimer(silvermate).horizon(straight(silvermate), v, distance=1.0)
-        with pytest.raises(RetimingError):
-            Retimer(silvermate).horizon(straight(silvermate, 0.3), v)
-    assert [r for r in caplog.records if r.name.startswith("toppra")] == []
-    assert capfd.readouterr() == ("", "")

@@ -395,3 +395,15 @@ def test_a_report_with_hulls_is_drawn_where_the_strip_is_in_collision(robot):
     with Viewer(server=False) as viewer:
         viewer.show(robot, scene, report).html()
         assert viewer.alive
+
+
+def test_the_robot_stays_where_it_is_when_the_strip_is_broken_elsewhere(robot, scene, make_report):
+    def at(report):
+        with Viewer(server=False) as viewer:
+            viewer.show(robot, scene, report)
+            viewer._flush()
+            return umsgpack.unpackb(dict(viewer._log.items())["/robot\0transforms"])["matrices"].data
+
+    broken = SimpleNamespace(segment=30, link=robot.geometries[0].name)
+    certificate = SimpleNamespace(certified=False, segments=np.arange(39) != 30, broken=broken)
+    assert at(make_report(certificate=certificate, hulls=None)) == at(make_report())

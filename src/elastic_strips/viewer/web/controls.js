@@ -117,11 +117,14 @@ function pick(event, branches) {
   return best;
 }
 const pane = byId("meshcat-pane"), tip = byId("es-tip");
-let waiting = null;
+let waiting = null, down = false;
+for (const [kind, value] of [["pointerdown", true], ["pointerup", false], ["pointercancel", false]])
+  window.addEventListener(kind, () => { down = value; }, true);
 pane.addEventListener("pointermove", (event) => {
   if (event.buttons || waiting) return;
   waiting = setTimeout(() => {
     waiting = null;
+    if (down) return;
     const hit = pick(event, ["obstacles", "sensed", "robot", "markers"]);
     tip.style.display = hit && hit.name ? "block" : "none";
     if (hit && hit.name) tip.textContent = hit.name;

@@ -1,0 +1,117 @@
+"""What commands say: plain text; where a terminal takes it, in colour and in tables; and JSON, with ``--json -`` alone
+on standard output."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, TextIO, TypeAlias
+
+import click
+
+from elastic_strips.files import json_text, write_json
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+# rich is imported where it is used: elsewhere than on a terminal nobody needs it, and the doctor works without.
+Part: TypeAlias = "str | tuple[str, str]"
+"""Text, or text and rich's name of its style."""
+GOOD, BAD, NOTE, NAME, QUIET = "green", "bold red", "yellow", "cyan", "dim"
+STDOUT = "-"
+"""The name of a ``--json`` file that means standard output."""
+_TAKEN = f"{__name__}.taken"
+
+
+def leave_stdout_to_json(ctx: click.Context) -> None:
+    """From here on, what is said goes to standard error."""
+    ctx.meta[_TAKEN] = True
+
+
+def verdict(text: str, good: bool) -> Part:
+    """Text in the colour of a success, or of a failure."""
+    return text, GOOD if good else BAD
+
+
+def say(*parts: Part, err: bool = False) -> None:
+    """A line of text, on standard output unless that is taken by JSON, or ``err``."""
+    stream = _stream(err)
+    if (console := _console(stream)) is None:
+        click.echo("".join(part if isinstance(part, str) else part[0] for part in parts), file=stream)
+        return
+    from rich.text import Text
+
+    console.print(Text.assemble(*parts), soft_wrap=True)
+
+
+def row(label: str, text: str, good: bool | None = None) -> None:
+    """An indented line: a label, and what there is of it; ``good`` colours it as a success or a failure."""
+    say("  ", (f"{label:<22}", NAME), " ", text if good is None else verdict(text, good))
+
+
+def show(make: Callable[[], RenderableType], plain: str, after: str = "") -> None:
+    """On a terminal what ``make`` makes of rich's, and a line after it; elsewhere plain text, which has that line."""
+    stream = _stream(False)
+    if (console := _console(stream)) is None:
+        click.echo(plain, file=stream)
+    else:
+        console.print(make())
+        if after:
+            console.print(after, markup=False, soft_wrap=True)
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[Part]], *, title: str = "") -> RenderableType:
+    """A table of rich's, for `show`; without a head where no column has a name."""
+    from rich.box import SIMPLE
+    from rich.table import Table
+    from rich.text import Text
+
+    made = Table(box=SIMPLE, title=title or None, title_justify="left", title_style="bold", pad_edge=False)
+    made.show_header = any(columns)
+    for k, column in enumerate(columns):
+        made.add_column(column, no_wrap=k == 0, overflow="fold", style=NAME if k == 0 else None)
+    for cells in rows:
+        made.add_row(*(Text(cell) if isinstance(cell, str) else Text(*cell) for cell in cells))
+    return made
+
+
+def markdown(text: str) -> RenderableType:
+    """Markdown, for `show`."""
+    from rich.markdown import Markdown
+
+    return Markdown(text)
+
+
+def write_document(label: str, file: str | None, document: object) -> None:
+    """Write the JSON of ``--json``: into a file, which is then named, to standard output where it is ``-``, or not.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    if file == STDOUT:
+        click.echo(json_text(document, "standard output"), nl=False)
+    elif file is not None:
+        say(f"{label:<7} {write_json(file, document)}")
+
+
+def in_colour(stream: TextIO) -> bool:
+    """Whether a stream is a terminal that may be written to in colour: no NO_COLOR, and none that is dumb."""
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM") in ("dumb", "unknown"):
+        return False
+    return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()
+
+
+def _stream(err: bool) -> TextIO:
+    context = click.get_current_context(silent=True)
+    return sys.stderr if err or (context is not None and _TAKEN in context.meta) else sys.stdout
+
+
+def _console(stream: TextIO) -> Console | None:
+    if not in_colour(stream):
+        return None
+    try:
+        from rich.console import Console
+    except ImportError:  # colour is not worth an error
+        return None
+    return Console(file=stream, force_terminal=True, highlight=False)

@@ -1,0 +1,102 @@
+"""The doctor: what it finds here, and that nothing which is broken keeps it from saying so."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import CALL
+
+from elastic_strips import native
+from elastic_strips.cli import doctor_command
+from elastic_strips.cli.doctor_command import NOTE, OK, PROBLEM, Check, compare_kernel
+
+
+def _doctor(folder: Path, **packages: str) -> tuple[int, dict[str, Any], dict[str, dict[str, str]]]:
+    """Exit code, document and its checks by name; with some modules replaced by others."""
+    for name, text in packages.items():
+        (folder / f"{name}.py").write_text(text)
+    path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [*CALL, "doctor", "--json", "-"], capture_output=True, text=True, timeout=240, cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr, done.stderr
+    document = json.loads(done.stdout)
+    return done.returncode, document, {check["name"]: check for check in document["checks"]}
+
+
+def test_where_everything_works_there_is_no_problem(tmp_path: Path) -> None:
+    code, document, checks = _doctor(tmp_path)
+    assert code == 0, document
+    assert document["problems"] == 0
+    assert {check["status"] for check in checks.values()} <= {OK, NOTE}
+    for name in ("python", "pin", "coal", "ompl", "numpy", "native kernel", "extra sim", "robots", "chromium",
+                 "working folder", "temporary folder", "loopback port", "processors"):  # fmt: skip
+        assert name in checks
+    assert "extra dev" not in checks
+    assert "silvermate" in checks["robots"]["text"]
+
+
+def test_what_is_broken_is_a_line_each(tmp_path: Path) -> None:
+    """One package that raises, one that kills whoever imports it, one that only colours, and one of an extra."""
+    code, document, checks = _doctor(
+        tmp_path, lxml="raise ImportError('libxml2.so.2: cannot open it')", coal="import os; os.abort()",
+        rich="raise ImportError('no rich')", mujoco="raise RuntimeError('no such GPU')",
+    )  # fmt: skip
+    assert code == 3
+    broken = {name for name, check in checks.items() if check["status"] == PROBLEM}
+    assert {"lxml", "coal", "rich"} <= broken <= {"lxml", "coal", "rich", "pin"}, document
+    assert "libxml2.so.2" in checks["lxml"]["text"]
+    assert "signal" in checks["coal"]["text"]
+    assert checks["native kernel"]["status"] == NOTE
+    assert checks["numpy"]["status"] == OK, "what comes after the one that died is looked at all the same"
+    if "missing" not in checks["extra sim"]["text"]:
+        assert "no such GPU" in checks["extra sim"]["text"]
+    assert checks["extra sim"]["status"] == NOTE
+
+
+def test_a_kernel_that_computes_something_else_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    if native.kernel() is None:
+        pytest.skip("the native kernel is not compiled here")
+    assert compare_kernel()[0] == OK
+    from elastic_strips.collision import narrowphase
+
+    exact = narrowphase.PairSolver.ask
+    monkeypatch.setattr(narrowphase.PairSolver, "ask", lambda self, *given: exact(self, *given) + 1e-3)
+    status, text = compare_kernel()
+    assert status == PROBLEM
+    assert "ELASTIC_STRIPS_NATIVE=0" in text
+    with native.twin():
+        assert compare_kernel()[0] == NOTE
+
+
+def test_what_is_missing_or_of_another_version_has_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    versions: dict[str, str | None] = {"one": "1.0", "other": None, "pin": "3.9"}
+    monkeypatch.setattr(doctor_command, "_version", versions.get)
+    assert doctor_command._extra("most", ["one", "other"], {}) == Check(
+        "extra most", NOTE, "other missing: pip install 'elastic-strips[most]'"
+    )
+    assert doctor_command._extra("most", ["one"], {"one": None}).status == OK
+    assert doctor_command._package("other", "", "ModuleNotFoundError: other").status == PROBLEM
+    assert doctor_command._package("one", "", None).status == OK
+    pytest.importorskip("packaging")
+    assert "pip install 'pin>=4.1,<5'" in doctor_command._package("pin", ">=4.1,<5", None).text
+
+
+def test_folders_and_ports_that_cannot_be_had_are_notes(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(doctor_command.tempfile, "TemporaryFile", refuse)
+    monkeypatch.setattr(doctor_command.socket, "create_server", refuse)
+    assert doctor_command._working_folder().status == NOTE
+    assert "Permission denied" in doctor_command._working_folder().text
+    assert doctor_command._port().status == NOTE
+    monkeypatch.setenv("CHROMIUM", sys.executable)
+    assert doctor_command._chromium() == Check("chromium", OK, sys.executable)

@@ -1,0 +1,120 @@
+"""What commands print: plain elsewhere than on a terminal, and for ``--json -`` nothing but JSON on standard output."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from command_line import CALL
+
+from elastic_strips import io, load_robot
+from elastic_strips.cli import main
+from elastic_strips.robot import robot_names
+from elastic_strips.sim.scenarios import scenario_names
+
+ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
+
+
+def _call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def _on_a_terminal(*arguments: str, **environment: str) -> str:
+    """What a command writes to a terminal of 100 columns."""
+    ours, theirs = pty.openpty()
+    env = {k: v for k, v in os.environ.items() if k != "NO_COLOR"}
+    process = subprocess.Popen(
+        [*CALL, *arguments], stdout=theirs, stderr=theirs, stdin=subprocess.DEVNULL,
+        env={**env, "TERM": "xterm", "COLUMNS": "100", **environment},
+    )  # fmt: skip
+    os.close(theirs)
+    written = b""
+    try:
+        while chunk := os.read(ours, 65536):
+            written += chunk
+    except OSError:  # the other end is closed
+        pass
+    finally:
+        os.close(ours)
+    process.wait(timeout=120)
+    return written.decode().replace("\r\n", "\n")
+
+
+def test_a_terminal_gets_colour_and_tables() -> None:
+    text = _on_a_terminal("run", "case-3", "--preset", "paper")
+    assert "\x1b[1;31mblocked\x1b[0m" in text
+    assert "\x1b[32mcertified\x1b[0m" in _on_a_terminal("run", "case-1")
+    assert "\x1b[1;31merror:\x1b[0m unknown scenario" in _on_a_terminal("run", "case-8")
+    listed = _on_a_terminal("list")
+    assert ESCAPE.search(listed)
+    assert {*scenario_names()} <= set(ESCAPE.sub(" ", listed).split())
+
+
+@pytest.mark.parametrize("quiet", [{"NO_COLOR": "1"}, {"TERM": "dumb"}])
+def test_a_terminal_without_colour_gets_what_a_file_gets(
+    quiet: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _call("list") == 0
+    plain = capsys.readouterr().out
+    assert not ESCAPE.search(plain)
+    assert _on_a_terminal("list", **quiet) == plain
+
+
+def test_the_list_is_a_document(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _call("list", "--json", "-") == 0
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    assert "silvermate" in printed.err
+    assert [scenario["name"] for scenario in document["scenarios"]] == list(scenario_names())
+    assert [robot["name"] for robot in document["robots"]] == list(robot_names())
+    assert all(Path(robot["urdf"]).is_file() for robot in document["robots"])
+    assert _call("list", "--robots", "--json", "-") == 0
+    assert "scenarios" not in json.loads(capsys.readouterr().out)
+
+
+def test_json_on_standard_output_is_alone_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a command says otherwise goes to standard error; a file named - is never made."""
+    robot = load_robot("jackal-box")
+    io.write_path(tmp_path / "path.csv", robot, [robot.home(x=x) for x in (0.0, 1.0)])
+    (tmp_path / "scene.yaml").write_text("obstacles: []\n")
+    (tmp_path / "short.yaml").write_text("robot: jackal-box\nstart: {}\ngoal: {x: 0.5}\nscene: {obstacles: []}\n")
+    monkeypatch.chdir(tmp_path)
+    for arguments, key, said in (
+        (("run", "case-1", "--html", "page.html"), "certified", "case-1"),
+        (("run", "case-3", "--preset", "paper"), "certified", "blocked"),
+        (("drive", "short.yaml", "--compute", "free"), "reached", "reached"),
+        (("certify", "path.csv", "--robot", "jackal-box", "--scene", "scene.yaml"), "verdict", "certified"),
+        (("bench", "plan", "--seeds", "1"), "machine", "clearance"),
+    ):
+        code = _call(*arguments, "--json", "-")
+        printed = capsys.readouterr()
+        document = json.loads(printed.out)
+        assert key in document, arguments
+        assert said in printed.err
+        assert code == (3 if said == "blocked" else 0)
+    assert {p.name for p in tmp_path.iterdir()} == {"page.html", "path.csv", "scene.yaml", "short.yaml"}
+
+
+def test_wrong_input_leaves_standard_output_empty(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _call("run", "case-8", "--json", "-") == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "case-8" in printed.err
+
+
+@pytest.mark.parametrize("words", [(), ("bench",), ("study",)])
+def test_a_group_without_a_command_shows_its_help(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    assert _call(*words) == 2
+    printed = capsys.readouterr()
+    assert (printed.out + printed.err).startswith("Usage: elastic-strips")
+    assert "Commands:" in printed.out + printed.err
