@@ -1,4 +1,4 @@
-"""Command line: ``elastic-strips run | drive | view | bench | study | list``."""
+"""Command line: ``elastic-strips run | drive | view | bench | study | sweep | list``."""
 
 import os
 import signal

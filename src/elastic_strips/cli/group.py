@@ -39,6 +39,7 @@ _COMMANDS = {
     "list": ("group", "list_command", "Show the scenarios, robots and presets that have names."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
     "study": ("bench_command", "study", "Run the paper's simulations again, and write the report."),
+    "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""

@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from elastic_strips._version import __version__
 from elastic_strips.errors import ElasticStripsError, ParameterError, missing_extra
@@ -142,7 +142,9 @@ def run_jobs(
                 if not isinstance(error, BrokenProcessPool):
                     yield Finished(k, None if error else future.result(), error)
                 elif k in alone:
-                    yield Finished(k, error=WorkerDied("the process of the job ended: crashed, killed or out of memory"))
+                    yield Finished(
+                        k, error=WorkerDied("the process of the job ended: crashed, killed or out of memory")
+                    )
                 else:
                     suspects.append(k)
                 alone.discard(k)
@@ -161,9 +163,7 @@ class _LocalPool:
         self.executor = self._made()
 
     def _made(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(
-            self._count, mp_context=self._context, initializer=_enter, initargs=(self._reader,)
-        )
+        return ProcessPoolExecutor(self._count, mp_context=self._context, initializer=_enter, initargs=(self._reader,))
 
     def restart(self) -> None:
         """New processes in place of a pool that is broken."""
@@ -207,7 +207,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
             f"tcp://127.0.0.1:8786 ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
         ) from None
     with client:
-        _check_workers(client.run(_version))
+        _check_workers(cast("dict[str, str]", client.run(_version)))
         executor: Executor = client.get_executor(pure=False)
         waiting = deque(range(len(tasks)))
         running: dict[Future[_Made], int] = {}
