@@ -125,7 +125,7 @@ def run_jobs(
                 if most == 1:
                     alone.add(k)
                 try:
-                    running[pool.executor.submit(work, tasks[k])] = k
+                    running[pool.submit(work, tasks[k])] = k
                 except BrokenProcessPool:  # a process ended while none of these was running, or is just being noticed
                     (suspects if most == 1 else waiting).appendleft(k)
                     alone.discard(k)
@@ -148,7 +148,7 @@ def run_jobs(
                 else:
                     suspects.append(k)
                 alone.discard(k)
-        pool.executor.shutdown()
+        pool.wait()
     finally:
         pool.end()
 
@@ -160,27 +160,38 @@ class _LocalPool:
         self._count = count
         self._context = multiprocessing.get_context("spawn")
         self._reader, self._writer = self._context.Pipe(duplex=False)
-        self.executor = self._made()
+        self._executor = self._made()
 
     def _made(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._count, mp_context=self._context, initializer=_enter, initargs=(self._reader,))
 
+    def submit(self, work: Callable[[_Task], _Made], task: _Task) -> Future[_Made]:
+        """Begin a job. Processes that are started for it leave Ctrl-C to this one, from their first moment on."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it
+        try:
+            return self._executor.submit(work, task)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def wait(self) -> None:
+        """End the processes when they have nothing more to do."""
+        self._executor.shutdown()
+
     def restart(self) -> None:
         """New processes in place of a pool that is broken."""
         _LOG.info("a worker process ended; starting new ones")
-        self.executor.shutdown(wait=True, cancel_futures=True)
-        self.executor = self._made()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._executor = self._made()
 
     def end(self) -> None:
         """End all processes now, whatever they do."""
         self._writer.close()
-        self.executor.shutdown(wait=True, cancel_futures=True)
+        self._executor.shutdown(wait=True, cancel_futures=True)
         self._reader.close()
 
 
 def _enter(alive: Connection) -> None:
-    """A worker leaves Ctrl-C to the main process, uses one thread, and ends when nobody holds the pipe's other end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """A worker uses one thread, and ends when nobody holds the other end of the pipe any more."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
     def watch() -> None:
