@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from elastic_strips.errors import InputError, MissingExtraError, ParameterError
+from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.sim.scenarios import get_scenario, run_scenario
 from elastic_strips.sim.scenarios.drive import drive_params
 from elastic_strips.sim.sweep import (
@@ -294,13 +294,6 @@ def test_one_process_writes_at_a_time_and_nothing_stays_of_nothing(tmp_path: Pat
     sweep, path = written(tmp_path), tmp_path / "t.csv"
     with SweepStore(sweep, path), pytest.raises(SweepError, match="another process"):
         SweepStore(sweep, path)
-    assert {p.name for p in tmp_path.iterdir()} == {"s.yaml"}
-
-
-def test_parquet_without_pyarrow_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'elastic-strips\[sweep\]'"):
-        SweepStore(written(tmp_path), tmp_path / "t.parquet")
     assert {p.name for p in tmp_path.iterdir()} == {"s.yaml"}
 
 
