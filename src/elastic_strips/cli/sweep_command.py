@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import closing
 from time import perf_counter
 
 import click
@@ -82,8 +83,9 @@ def sweep(
             f"{found.path.stem}: {_runs(len(found))}" + (f", {done} done before, {len(todo)} to go" * (done > 0))
         )
         try:
-            with _Progress(found.path.stem, len(todo)) as bar:
-                for row in run_sweep(store, processes=jobs, scheduler=scheduler, retry_failed=retry_failed):
+            rows = run_sweep(store, processes=jobs, scheduler=scheduler, retry_failed=retry_failed)
+            with closing(rows), _Progress(found.path.stem, len(todo)) as bar:
+                for row in rows:
                     bar.step(row["error_type"] is not None)
         except (KeyboardInterrupt, SchedulerLost) as reason:
             lost = isinstance(reason, SchedulerLost)

@@ -8,9 +8,10 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar, cast
@@ -78,8 +79,9 @@ def parallel_map(
     if count <= 1:
         yield from map(work, tasks)
         return
-    for finished in run_jobs(work, tasks, processes=count):
-        yield finished.result()
+    with closing(run_jobs(work, tasks, processes=count)) as jobs:
+        for finished in jobs:
+            yield finished.result()
 
 
 def run_jobs(
@@ -88,7 +90,7 @@ def run_jobs(
     *,
     processes: int | None = None,
     scheduler: str | None = None,
-) -> Iterator[Finished[_Made]]:
+) -> Generator[Finished[_Made], None, None]:
     """Run every task once, in other processes; the jobs in the order in which they end.
 
     A job whose process ends is run once more, alone: where that one ends too, the job is `Finished` with a `WorkerDied`

@@ -236,6 +236,7 @@ def test_a_journal_that_is_damaged_is_refused(tmp_path: Path) -> None:
         ([lines[0], lines[1].replace(b'"run": 0', b'"run": 99')], "journal:2"),
         ([lines[1]], "is no journal"),
         ([lines[0].replace(b'"version": 1', b'"version": 9')], "version 9"),
+        ([lines[0].replace(b'"clearance_m"', b'"clearance"')], "with other columns"),
     ):
         journal.write_bytes(b"".join(damage))
         with pytest.raises(SweepError, match=says):

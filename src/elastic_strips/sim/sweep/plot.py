@@ -52,8 +52,7 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     if not good:
         raise SweepError(f"{target}: nothing to draw: none of {len(rows)} rows has a {y}")
     hues = _values(good, hue) if hue else [None]
-    if len(hues) > _MOST_HUES:
-        hues = hues[:_MOST_HUES]
+    found, hues = len(hues), hues[:_MOST_HUES]
     places = _values(good, x)
     numeric = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in places)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
@@ -78,7 +77,7 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     lost = len(rows) - len(good)
     axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10)
     if hue is not None:
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
     axes.grid(alpha=0.3)
     stream = BytesIO()
     try:

@@ -96,13 +96,18 @@ class Run:
 def execute(run: Run) -> Row:
     """Run it. What goes wrong is in the row, in ``error_type`` and ``error``: nothing is raised."""
     began = perf_counter()
-    row: Row = {**run.identity, **dict.fromkeys(MEASURED[run.kind]), **dict.fromkeys(ENDS)}
+    row = empty(run)
     try:
         row |= _finite(_plan(run) if run.kind == "plan" else _drive(run))
     except Exception as error:
         row |= failed(error)
     row["wall_s"] = perf_counter() - began
     return row
+
+
+def empty(run: Run) -> Row:
+    """A row in which nothing has been measured."""
+    return {**run.identity, **dict.fromkeys(MEASURED[run.kind]), **dict.fromkeys(ENDS)}
 
 
 def failed(error: BaseException) -> Row:

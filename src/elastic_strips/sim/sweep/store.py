@@ -7,8 +7,10 @@ import csv
 import fcntl
 import io
 import json
+import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
+from contextlib import closing
 from time import monotonic
 from types import TracebackType
 from typing import Any
@@ -21,8 +23,9 @@ from elastic_strips.sim.jobs import run_jobs
 from elastic_strips.validation import check_type, shown
 
 from .document import Sweep, SweepError
-from .runs import ENDS, MEASURED, Row, Run, execute, failed
+from .runs import Row, Run, empty, execute, failed
 
+_LOG = logging.getLogger(__name__)
 FORMAT, FORMAT_VERSION = "elastic-strips-sweep", 1
 SUFFIXES = (".csv", ".parquet", ".jsonl")
 _MOST_BYTES = 4_000_000_000
@@ -161,7 +164,8 @@ class SweepStore:
             raise SweepError(f"{self.journal}: cannot write: {error.strerror}") from None
         if not whole:
             head = {"format": FORMAT, "version": FORMAT_VERSION, "elastic_strips": __version__,
-                    "digest": self.sweep.digest, "sweep": self.sweep.document()}  # fmt: skip
+                    "digest": self.sweep.digest, "columns": list(self._columns),
+                    "sweep": self.sweep.document()}  # fmt: skip
             self._write(head)
             return 0
         first, *lines = whole.splitlines()
@@ -191,6 +195,13 @@ class SweepStore:
             raise SweepError(
                 f"{self.path}: belongs to another sweep than {self.sweep.path}, give another name: {differences}"
             )
+        made = head.get("elastic_strips")
+        if head.get("columns") != list(self._columns):
+            raise SweepError(
+                f"{self.path}: elastic_strips {shown(made)} made it, with other columns; give another name"
+            )
+        if made != __version__:
+            _LOG.warning("%s: elastic_strips %s made its first rows; this is %s", self.path, made, __version__)
 
     def _write(self, document: Document | Row) -> None:
         line = json.dumps(document, allow_nan=False).encode() + b"\n"
@@ -267,7 +278,7 @@ def run_sweep(
     processes: int | None = None,
     scheduler: str | None = None,
     retry_failed: bool = False,
-) -> Iterator[Row]:
+) -> Generator[Row, None, None]:
     """Run what a store has no rows of; each row after it has been kept. A run that fails is a row with its error.
 
     Args:
@@ -283,12 +294,12 @@ def run_sweep(
     runs = store.todo(retry_failed=retry_failed)
     if not runs:
         return
-    for finished in run_jobs(execute, runs, processes=processes, scheduler=scheduler):
-        run = runs[finished.index]
-        if finished.made is None:
-            nothing: Row = {**run.identity, **dict.fromkeys(MEASURED[run.kind]), **dict.fromkeys(ENDS)}
-            row = nothing | failed(finished.error or RuntimeError("no row"))
-        else:
-            row = finished.made
-        store.add(row)
-        yield row
+    with closing(run_jobs(execute, runs, processes=processes, scheduler=scheduler)) as jobs:
+        for finished in jobs:
+            run = runs[finished.index]
+            if finished.made is None:  # its process ended
+                row = empty(run) | failed(finished.error or RuntimeError("no row"))
+            else:
+                row = finished.made
+            store.add(row)
+            yield row
