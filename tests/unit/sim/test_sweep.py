@@ -166,6 +166,23 @@ def test_a_drive_is_a_row(tmp_path: Path) -> None:
     assert "influence" in str(execute(base)["error"])  # which that method has not
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "kind: plan\nscenarios: [case-1]\npresets: [default, paper]\ngrid: {k_r: [1, 2.5]}\n",
+        "kind: drive\nscenarios: [case-2]\ngrid: {speeds: [[1.0, 0.5]], compute: [work]}\nfixed: {time_limit: 0.5}\n",
+    ],
+)
+def test_the_values_of_a_row_are_of_the_types_of_the_columns(text: str, tmp_path: Path) -> None:
+    sweep = written(tmp_path, text)
+    for run in sweep.runs()[::3]:
+        row = execute(run)
+        assert row["error"] is None
+        assert list(row) == list(sweep.columns())
+        for name, kind in sweep.columns().items():
+            assert row[name] is None or isinstance(row[name], (int, float) if kind is float else kind), name
+
+
 # --- the table ---------------------------------------------------------------------------------------------------
 
 

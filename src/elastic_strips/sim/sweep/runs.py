@@ -162,7 +162,8 @@ def _drive(run: Run) -> Row:
         raise ParameterError(f"method {options['method']!r} has no {', '.join(wrong)}: they are of the strip")
     outcome = drive_scenario(scenario, robot=robot, seed=run.seed, **_any(options))
     found = cast("dict[str, Any]", drive_document(outcome))
-    found |= {"stops": len(found["stops"]), "max_lateral_slip_m": found["max_lateral_slip"]}
+    found |= {name: len(found[name]) for name in ("stops", "contacts_at_rest")}
+    found["max_lateral_slip_m"] = found["max_lateral_slip"]
     return {"robot": run.robot or robot.name, **_picked(found, "drive")}
 
 
