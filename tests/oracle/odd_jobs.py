@@ -59,12 +59,18 @@ def deadly_scheduler(task: tuple[int, int]) -> int:
 
 
 @contextmanager
-def cluster(folder: Path, workers: int = 2) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Address of a Dask scheduler with workers on the loopback device; its process, and theirs."""
+def cluster(
+    folder: Path, workers: int = 2, *, forgives: int = 3
+) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Address of a Dask scheduler with workers on the loopback device, and its process and theirs. A job may bring down
+    so many workers before it is given up."""
     from distributed import Client
 
     file, library = folder / "scheduler.json", str(Path(__file__).parent)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (library, os.environ.get("PYTHONPATH"))))}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(filter(None, (library, os.environ.get("PYTHONPATH")))),
+        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(forgives),
+    }
     common = ["--scheduler-file", str(file), "--no-dashboard"]
     programs = [["dask_scheduler", "--host", "127.0.0.1", "--port", "0", *common]]
     programs += [

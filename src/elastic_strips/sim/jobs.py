@@ -236,7 +236,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
                 except CancelledError:
                     raise SchedulerLost(f"the scheduler at {address} ended, or cannot be reached any more") from None
                 if isinstance(error, KilledWorker):
-                    error = WorkerDied(" ".join(str(error).split())[:300])
+                    error = WorkerDied(" ".join(str(error).split()).split(". ")[0])
                 yield Finished(k, None if error else future.result(), error)
 
 

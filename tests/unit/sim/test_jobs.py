@@ -104,6 +104,14 @@ def test_jobs_of_a_worker_of_a_cluster_that_is_killed_run_again(tmp_path: Path) 
         assert [(f.index, str(f.error)) for f in found if f.error is not None] == [(3, "three")]
 
 
+def test_a_job_that_brings_down_a_worker_of_a_cluster_is_named(tmp_path: Path) -> None:
+    with odd_jobs.cluster(tmp_path, forgives=0) as (address, _):
+        found = list(run_jobs(odd_jobs.deadly, range(12), scheduler=address))
+    assert sorted(f.index for f in found) == list(range(12))
+    assert {type(f.error) for f in found if f.error is not None} == {WorkerDied}
+    assert found[[f.index for f in found].index(3)].error is not None
+
+
 def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:
     with odd_jobs.cluster(tmp_path, 1) as (address, (scheduler, _)), pytest.raises(SchedulerLost, match=address):
         list(run_jobs(odd_jobs.deadly_scheduler, [(n, scheduler.pid) for n in range(6)], scheduler=address))
