@@ -220,7 +220,14 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
             f"tcp://127.0.0.1:8786 ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
         ) from None
     with client:
-        _check_workers(cast("dict[str, str]", client.run(_version)))
+        try:
+            versions = cast("dict[str, str]", client.run(_version))
+        except Exception as error:  # whatever the import raised there
+            raise ParameterError(
+                f"scheduler={shown(address)}: a worker cannot import this library's jobs: install elastic_strips "
+                f"{__version__} there ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
+            ) from None
+        _check_workers(versions)
         executor: Executor = client.get_executor(pure=False)
         waiting = deque(range(len(tasks)))
         running: dict[Future[_Made], int] = {}

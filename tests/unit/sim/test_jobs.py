@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import odd_jobs
 import pytest
@@ -95,13 +96,21 @@ def test_the_processes_end_with_the_one_that_started_them(tmp_path: Path) -> Non
 # --- a Dask cluster ----------------------------------------------------------------------------------------------
 
 
-def test_jobs_of_a_worker_of_a_cluster_that_is_killed_run_again(tmp_path: Path) -> None:
+def test_jobs_of_a_worker_of_a_cluster_that_is_killed_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with odd_jobs.cluster(tmp_path) as (address, _):
         tasks = [(str(tmp_path), n) for n in range(12)]
         assert in_order(list(run_jobs(odd_jobs.killed_once, tasks, scheduler=address))) == SQUARES
         assert (tmp_path / "killed").exists()
         found = list(run_jobs(odd_jobs.stumbles, range(5), scheduler=address))  # by the worker that is left
         assert [(f.index, str(f.error)) for f in found if f.error is not None] == [(3, "three")]
+        absent = ModuleType("absent")
+        exec("def version(): return '0'", absent.__dict__)
+        monkeypatch.setitem(sys.modules, "absent", absent)
+        monkeypatch.setattr(jobs, "_version", absent.version)
+        with pytest.raises(ParameterError, match="a worker cannot import"):
+            list(run_jobs(odd_jobs.square, [1], scheduler=address))
 
 
 def test_a_job_that_brings_down_a_worker_of_a_cluster_is_named(tmp_path: Path) -> None:
