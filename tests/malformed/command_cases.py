@@ -78,6 +78,8 @@ def command_cases() -> Iterator[CommandCase]:
         ("study paper --quick --out {out}/kept.json/study", "kept.json", "Not a directory"),
         ("study paper --quick --out /dev/null", "/dev/null", "File exists"),
         ("study paper --quick --out {out}/" + "x" * 300, "File name too long"),
+        ("sweep nowhere.yaml", "nowhere.yaml"),
+        ("sweep", "FILE.yaml"),
         ("bench jump", "'jump'"),
         ("bench plan --seeds 0", "0"),
         ("bench plan --seeds 1 --json {out}", "is a folder"),

@@ -27,6 +27,7 @@ from elastic_strips.errors import InputError
 from elastic_strips.scene import Keyframes, World
 from elastic_strips.sim import datasets
 from elastic_strips.sim.sensors import read_sensors, sensor_file
+from elastic_strips.sim.sweep import read_sweep
 
 PLAN_SECONDS = 0.3
 Use = Callable[[Path], object]
@@ -229,6 +230,16 @@ _MIMIC = SOUND.replace("</robot>", (
 ))  # fmt: skip
 
 
+_SWEEP = """kind: drive
+scenarios: [case-1, room.yaml]
+robots: [jackal-box]
+seeds: {first: 1, count: 3}
+grid: {deform.influence: [0.3, 0.4], speeds: [[1.0, 0.5], [1.0]], evade: [true, false]}
+fixed: {compute: work, time_limit: 5.0}
+plot: {x: speeds, y: time_s}
+"""
+
+
 def _json(document: object) -> bytes:
     return json.dumps(document, indent=1).encode()
 
@@ -266,6 +277,7 @@ def seeds() -> tuple[Seed, ...]:
              {"influence": 0.4}, "scene": "s2.yaml", "start": {"x": 0, "yaw": 0.1}, "goal": {"x": 3, "y": 1}}), _scenario, 2.0,
              s2__yaml=json.dumps({"obstacles": _SCENE["obstacles"][:1]})),
         seed("sensors", "s.yaml", sensor_file().read_bytes(), read_sensors, 5.0),
+        seed("sweep", "sweep.yaml", _SWEEP, read_sweep, 3.0, room__yaml=SCENARIO.replace("silvermate", "jackal-box")),
         seed("point cloud", "c.ply", _ply(binary=False), _cloud),
         seed("point cloud", "c.ply", _ply(binary=True), _cloud, 1.5),
         seed("point cloud", "c.pcd", _pcd(binary=False), _cloud),

@@ -59,6 +59,18 @@ def _film(robot: es.RobotModel) -> object:
     return es.Viewer(server=False).save_film("film.gif")
 
 
+def _parquet(robot: es.RobotModel) -> object:
+    from elastic_strips.sim.sweep import Sweep, SweepStore
+
+    return SweepStore(Sweep(Path("s.yaml"), "plan", ("case-1",)), "nowhere.parquet")
+
+
+def _cluster(robot: es.RobotModel) -> object:
+    from elastic_strips.sim.jobs import run_jobs
+
+    return list(run_jobs(len, [""], scheduler="tcp://127.0.0.1:9"))
+
+
 @pytest.mark.parametrize(
     ("package", "extra", "use"),
     [
@@ -67,6 +79,8 @@ def _film(robot: es.RobotModel) -> object:
         ("py_trees", "control", _tree),
         ("matplotlib", "study", _study),
         ("imageio", "film", _film),
+        ("pyarrow", "sweep", _parquet),
+        ("distributed", "sweep", _cluster),
     ],
 )
 def test_a_missing_extra_is_said_with_the_command_that_installs_it(monkeypatch, silvermate, package, extra, use):

@@ -47,6 +47,7 @@ _COMMANDS = {
     "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
     "study": ("study_command", "study", "Run the paper's simulations again, and write the report."),
+    "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""

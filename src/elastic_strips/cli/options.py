@@ -202,12 +202,9 @@ def sensors_of(text: str | None, robot: str) -> SensorConfig | None:
     """
     if text is None:
         return None
-    from elastic_strips.sim.sensors import read_sensors, sensor_file  # for those alone who drive by sensors
+    from elastic_strips.sim.sensors import named_sensors  # for those alone who drive by sensors
 
-    if text.endswith((".yaml", ".yml")):
-        return read_sensors(text)
-    config = read_sensors(sensor_file(robot))
-    return config if text == "all" else config.only(*(name.strip() for name in text.split(",")))
+    return named_sensors(text, robot)
 
 
 def check_outputs(scenario: str, *files: str | None) -> None:

@@ -21,13 +21,14 @@ from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, Worl
 from elastic_strips.sim.closed_loop import Simulation, simulation
 from elastic_strips.sim.datasets import load_house
 from elastic_strips.sim.faults import FAULTS, Fault
+from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.perception import PerceptionParams
 from elastic_strips.sim.scenarios import Scenario, drive_scenario, get_scenario, make_simulation
 from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip.params import DeformParams
 
-from .measure import Figures, Note, cached, head, parallel_map, percentiles, silent
+from .measure import Figures, Note, head, percentiles, silent
 
 _CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
 """Classes of the movers' largest speed [m/s]."""

@@ -15,10 +15,11 @@ from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.datasets import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from elastic_strips.sim.evaluation import evaluate
+from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.strip import DeformParams
 from elastic_strips.trajectory import MotionLimits
 
-from .measure import Figures, Note, cached, head, parallel_map, percentiles, silent
+from .measure import Figures, Note, head, percentiles, silent
 
 _BARN_SPEED = 2.0
 """Largest speed [m/s] of the robot of BARN's record, which its score is made for."""

@@ -206,6 +206,21 @@ def make_realtime(
     )  # fmt: skip
 
 
+def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfig | None = None) -> DriveParams:
+    """The parameters that a scenario is driven with, unless others are given.
+
+    Args:
+        scenario: the problem, with its own parameters of the strip.
+        evade: whether to leave the strip to avoid moving obstacles.
+        sensors: of the robot; a known scene where None.
+    """
+    deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
+    params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
+    if sensors is not None:
+        params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE, backward=sensors.all_round)
+    return params
+
+
 def _planned_with(
     problem: _Problem,
     scenario: Scenario,
@@ -220,10 +235,7 @@ def _planned_with(
     check_type("sensors", sensors, SensorConfig, none=True)
     check_count("alternatives", alternatives, low=1)
     if params is None:
-        deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
-        params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
-        if sensors is not None:
-            params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE, backward=sensors.all_round)
+        params = drive_params(scenario, evade=evade, sensors=sensors)
     if level:
         constraint = OrientationConstraint.from_configuration(problem.robot, problem.start, level)
         params = replace(params, constraint=constraint)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .bodies import sensor_frames
 from .devices import SensorSuite
-from .params import InfraredParams, LaserParams, SensorConfig, SonarParams, read_sensors, sensor_file
+from .params import InfraredParams, LaserParams, SensorConfig, SonarParams, named_sensors, read_sensors, sensor_file
 
 __all__ = [
     "InfraredParams",
@@ -12,6 +12,7 @@ __all__ = [
     "SensorConfig",
     "SensorSuite",
     "SonarParams",
+    "named_sensors",
     "read_sensors",
     "sensor_frames",
     "sensor_file",

@@ -228,6 +228,18 @@ def sensor_file(robot: str = "silvermate") -> Path:
     return own if own.is_file() else own.with_name("silvermate_sensors.yaml")
 
 
+def named_sensors(text: str, robot: str) -> SensorConfig:
+    """The sensors that a text names, of a robot that is named: ``"all"``, some as ``"laser,sonar"``, or a YAML file.
+
+    Raises:
+        ParameterError: no such sensor, or a file that is none of sensors.
+    """
+    if text.endswith((".yaml", ".yml")):
+        return read_sensors(text)
+    config = read_sensors(sensor_file(robot))
+    return config if text == "all" else config.only(*(name.strip() for name in text.split(",")))
+
+
 def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
     """The range sensors that a YAML file describes.
 

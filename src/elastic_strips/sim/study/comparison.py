@@ -14,7 +14,7 @@ from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim import Simulation
 from elastic_strips.sim.baselines import BASE_METHODS
 from elastic_strips.sim.baselines.base_controller import PATIENCE
-from elastic_strips.sim.bench.measure import cached, parallel_map
+from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.scenarios import drive_scenario, get_scenario
 from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig

@@ -18,7 +18,7 @@ from elastic_strips.errors import RobotError
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.sim.bench.measure import cached, parallel_map
+from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.scenarios.registry import get_scenario
 from elastic_strips.sim.scenarios.scenario import Scenario
 from elastic_strips.strip import Strip

@@ -1,0 +1,259 @@
+"""Independent jobs on many processes: of this machine, or of a Dask cluster; each result as soon as it is there."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Generic, TypeVar, cast
+
+from elastic_strips._version import __version__
+from elastic_strips.errors import ElasticStripsError, ParameterError, missing_extra
+from elastic_strips.validation import check_count, check_type, shown
+
+_LOG = logging.getLogger(__name__)
+_Task = TypeVar("_Task")
+_Made = TypeVar("_Made")
+_AHEAD = 500
+"""Jobs that a cluster's scheduler is given in advance."""
+_CONNECT = 10.0  # [s]
+_KEPT: dict[str, Any] = {}
+
+
+class WorkerDied(ElasticStripsError):
+    """The process that ran a job ended before the job did: it crashed, was killed, or had no memory left."""
+
+
+class SchedulerLost(ElasticStripsError):
+    """The scheduler of the cluster ended, or cannot be reached any more."""
+
+
+def cached(key: str, make: Callable[[], _Made]) -> _Made:
+    """A value that a worker keeps from job to job, made once per key."""
+    if key not in _KEPT:
+        _KEPT[key] = make()
+    return _KEPT[key]
+
+
+@dataclass(frozen=True, slots=True)
+class Finished(Generic[_Made]):
+    """A job that has ended.
+
+    Attributes:
+        index: of its task.
+        made: what it returned; None where it raised.
+        error: what it raised; a `WorkerDied` where its process ended.
+    """
+
+    index: int
+    made: _Made | None = None
+    error: BaseException | None = None
+
+    def result(self) -> _Made:
+        """What the job returned; raises what it raised."""
+        if self.error is not None:
+            raise self.error
+        return self.made  # type: ignore[return-value]
+
+
+def parallel_map(
+    work: Callable[[_Task], _Made], tasks: Sequence[_Task], processes: int | None = None
+) -> Iterator[_Made]:
+    """Results of ``work`` on each task, in the order in which they are ready; what a job raises is raised here.
+
+    Args:
+        work: a function of a module (it is sent by name), of one picklable task.
+        tasks: the tasks.
+        processes: how many; one for each core where None, none but this one where 1.
+    """
+    count = min(processes or os.cpu_count() or 1, len(tasks))
+    if count <= 1:
+        yield from map(work, tasks)
+        return
+    with closing(run_jobs(work, tasks, processes=count)) as jobs:
+        for finished in jobs:
+            yield finished.result()
+
+
+def run_jobs(
+    work: Callable[[_Task], _Made],
+    tasks: Sequence[_Task],
+    *,
+    processes: int | None = None,
+    scheduler: str | None = None,
+) -> Generator[Finished[_Made], None, None]:
+    """Run every task once, in other processes; the jobs in the order in which they end.
+
+    A job whose process ends is run once more, alone: where that one ends too, the job is `Finished` with a `WorkerDied`
+    (a cluster's scheduler decides by itself how often it tries). Closing the iterator, or an exception such as
+    ``KeyboardInterrupt``, ends the local processes at once, and so does the end of this process, whatever ended it.
+
+    Args:
+        work: a function of a module (it is sent by name), of one picklable task.
+        tasks: the tasks.
+        processes: how many; one for each core where None. Not with a scheduler.
+        scheduler: address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``; processes of this machine where None.
+
+    Raises:
+        ParameterError: nothing answers at the scheduler's address, or its workers cannot import this library.
+        SchedulerLost: the scheduler ended.
+        MissingExtraError: a scheduler is given, and ``distributed`` is not installed.
+    """
+    if processes is not None:
+        check_count("processes", processes, low=1)
+    if scheduler is not None:
+        yield from _on_cluster(work, tasks, scheduler)
+        return
+    count = min(processes or os.cpu_count() or 1, max(1, len(tasks)))
+    pool = _LocalPool(count)
+    waiting: deque[int] = deque(range(len(tasks)))
+    suspects: deque[int] = deque()  # were on their way when a process ended: one of them may have been the reason
+    alone: set[int] = set()  # suspects that run again, without others beside them
+    running: dict[Future[_Made], int] = {}
+    try:
+        while waiting or suspects or running:
+            most = 1 if suspects or any(k in alone for k in running.values()) else 2 * count
+            while (suspects or waiting) and len(running) < most:
+                k = suspects.popleft() if suspects else waiting.popleft()
+                if most == 1:
+                    alone.add(k)
+                try:
+                    running[pool.submit(work, tasks[k])] = k
+                except BrokenProcessPool:  # a process ended while none of these was running, or is just being noticed
+                    (suspects if most == 1 else waiting).appendleft(k)
+                    alone.discard(k)
+                    if running:
+                        break
+                    pool.restart()
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
+                done, _ = wait(running)  # the others have ended, too
+                pool.restart()
+            for future in done:
+                k = running.pop(future)
+                error = future.exception()
+                if not isinstance(error, BrokenProcessPool):
+                    yield Finished(k, None if error else future.result(), error)
+                elif k in alone:
+                    yield Finished(
+                        k, error=WorkerDied("the process of the job ended: crashed, killed or out of memory")
+                    )
+                else:
+                    suspects.append(k)
+                alone.discard(k)
+        pool.wait()
+    finally:
+        pool.end()
+
+
+class _LocalPool:
+    """Processes of this machine, which end with this one."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._context = multiprocessing.get_context("spawn")
+        self._reader, self._writer = self._context.Pipe(duplex=False)
+        self._executor = self._made()
+
+    def _made(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self._count, mp_context=self._context, initializer=_enter, initargs=(self._reader,))
+
+    def submit(self, work: Callable[[_Task], _Made], task: _Task) -> Future[_Made]:
+        """Begin a job. Processes that are started for it leave Ctrl-C to this one, from their first moment on."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it
+        try:
+            return self._executor.submit(work, task)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def wait(self) -> None:
+        """End the processes when they have nothing more to do."""
+        self._executor.shutdown()
+
+    def restart(self) -> None:
+        """New processes in place of a pool that is broken."""
+        _LOG.info("a worker process ended; starting new ones")
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._executor = self._made()
+
+    def end(self) -> None:
+        """End all processes now, whatever they do."""
+        self._writer.close()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._reader.close()
+
+
+def _enter(alive: Connection) -> None:
+    """A worker uses one thread, and ends when nobody holds the other end of the pipe any more."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+    def watch() -> None:
+        try:
+            alive.recv_bytes()
+        except (EOFError, OSError):
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="parent-watch").start()
+
+
+def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address: str) -> Iterator[Finished[_Made]]:
+    """The jobs on the workers of a Dask cluster."""
+    check_type("scheduler", address, str)
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError:
+        raise missing_extra("a Dask cluster", "distributed", "sweep") from None
+    try:
+        client = Client(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise ParameterError(
+            f"scheduler={shown(address)}: no Dask scheduler answers there, or the address is none such as "
+            f"tcp://127.0.0.1:8786 ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
+        ) from None
+    with client:
+        try:
+            versions = cast("dict[str, str]", client.run(_version))
+        except Exception as error:  # whatever the import raised there
+            raise ParameterError(
+                f"scheduler={shown(address)}: a worker cannot import this library's jobs: install elastic_strips "
+                f"{__version__} there ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
+            ) from None
+        _check_workers(versions)
+        executor: Executor = client.get_executor(pure=False)
+        waiting = deque(range(len(tasks)))
+        running: dict[Future[_Made], int] = {}
+        while waiting or running:
+            while waiting and len(running) < _AHEAD:
+                k = waiting.popleft()
+                running[executor.submit(work, tasks[k])] = k
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                k = running.pop(future)
+                try:
+                    error = future.exception()
+                except CancelledError:
+                    raise SchedulerLost(f"the scheduler at {address} ended, or cannot be reached any more") from None
+                if isinstance(error, KilledWorker):
+                    error = WorkerDied(" ".join(str(error).split()).split(". ")[0])
+                yield Finished(k, None if error else future.result(), error)
+
+
+def _version() -> str:
+    return __version__
+
+
+def _check_workers(versions: dict[str, str]) -> None:
+    if not versions:
+        _LOG.warning("the scheduler has no workers yet; waiting for some")
+    for worker, version in versions.items():
+        if version != __version__:
+            _LOG.warning("worker %s has elastic_strips %s; this is %s", worker, version, __version__)
