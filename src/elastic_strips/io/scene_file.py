@@ -231,7 +231,7 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
 def _robot(node: Node) -> str:
     """A robot's name as it is; a path to a URDF, relative to the file, as an absolute path."""
     robot = node.text()
-    if not robot.lower().endswith(".urdf") and "/" not in robot and "\\" not in robot:
+    if not robot.lower().endswith((".urdf", ".xacro")) and "/" not in robot and "\\" not in robot:
         return robot
     path = (node.source.path.parent / robot).absolute()
     if not os.path.isfile(path):

@@ -86,8 +86,8 @@ def test_what_is_left_out_is_said(tmp_path, caplog, scene):
 def test_an_object_of_several_shapes_is_several_obstacles(tmp_path):
     file = tmp_path / "s.scene"
     shape = "sphere\n0.1\n{} 0 0\n0 0 0 1\n0 0 0 0\n"
-    file.write_text("x\n* pair\n0 0 1\n0 0 0 1\n2\n" + shape.format(1) + shape.format(2) + "0\n* pair-1\n0 0 0\n0 0 0 1\n1\n"
-                    + shape.format(5) + "0\n.\n")  # fmt: skip
+    pair = "* pair\n0 0 1\n0 0 0 1\n2\n" + shape.format(1) + shape.format(2) + "0\n"
+    file.write_text(f"x\n{pair}* pair-1\n0 0 0\n0 0 0 1\n1\n{shape.format(5)}0\n.\n")
     back = read_moveit_scene(file)
     assert back.names == ("pair-1'", "pair-2", "pair-1")
     np.testing.assert_allclose([o.pose[:3, 3] for o in back], [[1, 0, 1], [2, 0, 1], [5, 0, 0]])
@@ -111,6 +111,6 @@ def test_an_object_of_several_shapes_is_several_obstacles(tmp_path):
 def test_what_does_not_fit_is_refused_with_its_line(tmp_path, content, says):
     file = tmp_path / "bad.scene"
     file.write_text(content)
-    with pytest.raises(SceneError, match="bad.scene:") as caught:
+    with pytest.raises(SceneError, match=r"bad\.scene:") as caught:
         es.read_scene(file)
     assert says in str(caught.value)

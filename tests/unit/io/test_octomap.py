@@ -1,4 +1,4 @@
-"""OctoMap's files: cells by an own recursive writer and Coal's octree, both formats, what is unknown, what is damaged."""
+"""OctoMap's files: cells by a recursive writer and Coal's octree, both formats, unknown space, what is damaged."""
 
 from __future__ import annotations
 
@@ -146,6 +146,6 @@ def test_what_is_damaged_is_refused(tmp_path):
         (deep, "deeper than 16 levels"),
     ]:
         file.write_bytes(content)
-        with pytest.raises(SceneError, match="m.bt: ") as caught:
+        with pytest.raises(SceneError, match=r"m\.bt: ") as caught:
             read_octomap(file)
         assert says in str(caught.value)
