@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from elastic_strips.files import write_json
+from elastic_strips.io.trajectory_file import check_trajectory_file, write_trajectory
 from elastic_strips.sim.scenarios import RunResult, get_scenario, result_document, run_scenario
 from elastic_strips.strip import DeformReport
+from elastic_strips.trajectory import RetimingError, retime
 
 from . import options
 
@@ -28,6 +30,10 @@ if TYPE_CHECKING:
     "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
 )
 @options.json_option("Write the result (docs/result-format.md).")
+@click.option(
+    "--trajectory", "trajectory_file", metavar="FILE", type=options.OutputFile(),
+    help="Write the certified strip, timed within the robot's limits: .csv, .npz, .json or .mcap (docs/formats.md).",
+)  # fmt: skip
 @options.html_option("Write a standalone 3D page of the result.")
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
 @options.browser_option
@@ -39,6 +45,7 @@ def run(
     seed: int | None,
     timeout: float,
     json_file: str | None,
+    trajectory_file: str | None,
     html_file: str | None,
     view: bool,
     no_browser: bool,
@@ -47,9 +54,11 @@ def run(
 
     NAME is one of "elastic-strips list"; FILE.yaml is a scenario file (docs/scene-files.md).
 
-    Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
+    Exit code 0: certified. 2: wrong input. 3: blocked or broken, or no trajectory was found; it is printed why.
     """
-    options.check_outputs(scenario, json_file, html_file)
+    options.check_outputs(scenario, json_file, trajectory_file, html_file)
+    if trajectory_file is not None:
+        check_trajectory_file(trajectory_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, preset, base)
     with options.LateProgress(f"{problem.name}: deforming") as bar:
@@ -61,6 +70,7 @@ def run(
     _summary(result)
     if json_file is not None:
         click.echo(f"result  {write_json(json_file, result_document(result))}")
+    timed = trajectory_file is None or _write_timed(result, trajectory_file)
 
     def draw(viewer: Viewer) -> None:
         viewer.animate(model, problem.scene, result.report, duration=10.0)
@@ -69,7 +79,22 @@ def run(
         options.write_page(draw, html_file)
     if view:
         options.serve(draw, no_browser=no_browser)
-    return options.EXIT_DONE if result.certified else options.EXIT_NOT_DONE
+    return options.EXIT_DONE if result.certified and timed else options.EXIT_NOT_DONE
+
+
+def _write_timed(result: RunResult, file: str) -> bool:
+    """Write the trajectory, or say why there is none."""
+    if not result.certified:
+        click.echo("no trajectory: the strip is not certified")
+        return False
+    try:
+        trajectory = retime(result.report.strip)
+    except RetimingError as error:
+        click.echo(f"no trajectory: {error}")
+        return False
+    written = write_trajectory(file, trajectory, scene=result.report.scene)
+    click.echo(f"trajectory  {written}, {trajectory.duration:.2f} s, {len(trajectory)} samples")
+    return True
 
 
 def _summary(result: RunResult) -> None:
