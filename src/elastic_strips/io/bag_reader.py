@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import InputError, missing_extra, nearest_name
+from elastic_strips.errors import ElasticStripsError, InputError, missing_extra, nearest_name
 from elastic_strips.files import check_input
 from elastic_strips.scene.quantities import rotation_of
 from elastic_strips.validation import check_array
@@ -243,7 +243,7 @@ class BagReader:
                 chosen = [c for c in reader.connections if wanted(_Channel(c.topic, c.msgtype))]
                 for connection, at, data in reader.messages(connections=chosen) if chosen else ():
                     yield connection.msgtype, 1e-9 * at, reader.deserialize(data, connection.msgtype)
-        except InputError:
+        except ElasticStripsError:
             raise
         except Exception as error:  # of rosbags, SQLite, zstd and lz4, of YAML: all of them about what the file holds
             said = " ".join(str(error).split())[:300] or type(error).__name__

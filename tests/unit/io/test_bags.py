@@ -77,12 +77,12 @@ class Made:
 CLOUD = np.array([[1.0, 2.0, 0.5], [np.nan, 0.0, 0.0], [3.0, -1.0, 0.25]])
 
 
-def drive(path: Path, kind: str) -> Path:
+def drive(path: Path, kind: str, *, steps: int = 60, cloud: float = 2.05) -> Path:
     """A base on a circle of radius 2, a turn in 20 s; scans between its transforms, a cloud, and joint states."""
     made = Made(path, kind)
     with made.writer:
         made.tf(0.0, "/tf_static", "base_link", "laser", 0.2, 0.0, 0.3, math.pi / 2)
-        for k in range(60):
+        for k in range(steps):
             t = 0.1 * k
             a = t * math.pi / 10
             made.tf(t, "/tf", "map", "odom", 1.0, 0.0, 0.0, 0.0)
@@ -90,7 +90,7 @@ def drive(path: Path, kind: str) -> Path:
             if k % 5 == 1:
                 made.scan(t + 0.05, "/scan", [1.5, float("nan"), 9.0])
             made.joints(t, "/joint_states", arm_1_joint=0.1 * k, wheel=t)
-        made.cloud(2.05, "/points", CLOUD)
+        made.cloud(cloud, "/points", CLOUD)
     return path if kind == ".bag" else next(path.glob(f"*{kind}")) if kind != "folder" else path
 
 
