@@ -234,7 +234,7 @@ class _Bag:
         """What makes a message of plain data."""
         if kind not in self._makers:
             fields = [(name, self._field(rule)) for name, rule in self._store.fielddefs[kind][1]]
-            message: Callable[..., Any] = self._store.types[kind]  # type: ignore[assignment]
+            message: Any = self._store.types[kind]
             self._makers[kind] = lambda values: message(*[make(values.get(name)) for name, make in fields])
         return self._makers[kind]
 
