@@ -11,7 +11,8 @@
     │   │   └── GoalError              no configuration reaches a goal, or none that is free
     │   ├── ParameterError             a parameter
     │   ├── RecordError                the record of a run (elastic_strips.control)
-    │   └── LaserLogError              a laser log (elastic_strips.io)
+    │   ├── LaserLogError              a laser log (elastic_strips.io)
+    │   └── BagError                   a bag of ROS messages (elastic_strips.io)
     ├── MissingExtraError (also an ImportError): a package that only some uses need is not installed
     ├── PerceptionError                no scene can be made of what was sensed (elastic_strips.sim)
     └── RetimingError                  no timing of a path was found (elastic_strips.trajectory)

@@ -19,7 +19,8 @@ from command_line import CALL, interrupted
 from elastic_strips import __version__
 from elastic_strips.cli import main
 from elastic_strips.cli.group import cli
-from elastic_strips.robot import robot_names
+from elastic_strips.io import load_path
+from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.sim.scenarios import scenario_names
 
 DOCS = Path(__file__).parents[2] / "docs" / "result-format.md"
@@ -134,6 +135,21 @@ def test_without_obstacles_there_is_no_clearance(tmp_path: Path) -> None:
     assert document["clearance_m"] is None
     assert document["obstacles"] == []
     _check_types(document)
+
+
+def test_a_run_writes_its_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "t.json"
+    assert call("run", "case-1", "--trajectory", target) == 0
+    assert f"trajectory  {target}" in capsys.readouterr().out
+    robot = load_robot("silvermate")
+    path = load_path(target, robot)
+    assert path.times is not None
+    assert path.times[-1] > 5.0
+    assert call("run", "case-3", "--preset", "paper", "--trajectory", tmp_path / "u.csv") == 3  # blocked
+    assert "no trajectory: the strip is not certified" in capsys.readouterr().out
+    assert call("run", "case-1", "--trajectory", tmp_path / "t.xml") == 2
+    assert "Valid: .csv, .json, .mcap, .npz." in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [target]
 
 
 def test_the_same_seed_gives_the_same_strip(tmp_path: Path) -> None:

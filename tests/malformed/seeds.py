@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -167,6 +168,70 @@ _MAP = "image: map.pgm\nmode: trinary\nresolution: 0.05\norigin: [-1.0, -2.0, 0.
 _PGM = b"P5\n# made\n8 6\n255\n" + bytes([0, 255, 205, 0, 90, 255] * 8)
 _PGM_TEXT = b"P2\n4 3\n255\n" + b"\n".join(b"0 255 205 90" for _ in range(3)) + b"\n"
 
+_MOVEIT = (
+    "made\n* table top\n0 0 0\n0 0 0 1\n2\nbox\n1 1 0.1\n2 3 0.5\n0 0 0.1 1\n1 0 0 1\ncylinder\n0.1 0.5\n2 3 0.3\n0 0 0 1\n"
+    "0 0 0 0\n1\ngrip\n0 0 1\n0 0 0 1\n* wedge\n0 0 0\n0 0 0 1\n3\nmesh\n4 4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 2 1\n0 1 3\n0 3 2\n1 2 3\n"
+    "5 5 0\n0 0 0 1\n0 0 0 0\nsphere\n0.2\n4 3 1\n0 0 0 1\n0 0 0 0\ncone\n0.2 0.5\n4 5 1\n0 0 0 1\n0 0 0 0\n0\n.\n"
+)
+_MOVEIT_OLD = (
+    "made\n* ball\n1\nsphere\n0.2\n4 3 1\n0 0 0 1\n0 0 0 0\n* floor\n1\nplane\n0 0 1 0\n0 0 0\n0 0 0 1\n0 0 0 0\n.\n"
+)
+_XACRO = SOUND.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1).replace(
+    "</robot>", '<xacro:arg name="a" default="0.1"/><xacro:property name="b" value="${2 * 0.3}"/>'
+    '<xacro:macro name="m" params="name:=tip size"><link name="${name}"><collision><geometry><box size="${size} $(arg a) ${b}"/>'
+    '</geometry></collision></link><joint name="${name}_joint" type="fixed"><parent link="base"/><child link="${name}"/>'
+    '<origin xyz="0 0 ${b + 1}"/></joint></xacro:macro><xacro:if value="${b > 0.5}"><xacro:m size="0.2"/></xacro:if></robot>',
+)  # fmt: skip
+
+
+def _octree(*, binary: bool) -> bytes:
+    """Two cells at the middle of the map, which is 16 levels down."""
+    first, second = [7] + [0] * 14, [0] + [7] * 14  # children on the way to the two, from the root
+    nodes = b"" if binary else np.float32(0.5).tobytes() + b"\x81"
+    if binary:
+        nodes = (0b11 | 0b11 << 14).to_bytes(2, "little")
+    for way in (second, first):
+        for child, after in zip(way[1:], [*way[2:], None], strict=True):
+            if binary:
+                nodes += ((0b11 if after is not None else 0b10) << 2 * child).to_bytes(2, "little")
+            else:
+                nodes += np.float32(0.5).tobytes() + bytes([1 << child])
+        nodes += b"" if binary else np.float32(0.9).tobytes() + b"\0"
+    kind = "OcTree binary file" if binary else "OcTree file"
+    return f"# Octomap {kind}\nid OcTree\nsize {1 + 2 * 15}\nres 0.1\ndata\n".encode() + nodes
+
+
+def _packed_pcd() -> bytes:
+    """Four points, packed: 4 bytes as they are, and a copy of 12 that overlaps them, for each column."""
+    packed = b"".join(b"\x03" + np.float32(x).tobytes() + b"\xe0\x03\x03" for x in (1.5, -0.5, 0.25))
+    head = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4\nHEIGHT 1\nPOINTS 4\nDATA binary_compressed\n"
+    return head + len(packed).to_bytes(4, "little") + (48).to_bytes(4, "little") + packed
+
+
+def _png() -> bytes:
+    import PIL.Image
+
+    stream = BytesIO()
+    PIL.Image.fromarray(np.array([[0, 255, 205, 0], [90, 255, 0, 254]], np.uint8)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def _bag(suffix: str) -> bytes:
+    """A scan, its transforms, a cloud and joint states; the modules that make it are the tests' of bags."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "io"))
+    from test_bags import drive
+
+    with tempfile.TemporaryDirectory() as folder:
+        return drive(Path(folder) / ("b.bag" if suffix == ".bag" else "b"), suffix, steps=12, cloud=0.6).read_bytes()
+
+
+def _read_bag(path: Path) -> None:
+    bag = io.BagReader(path)
+    for each in (bag.scans, bag.clouds, bag.joint_states, bag.poses):
+        for _ in each():
+            pass
+
+
 _BARN = {
     "cylinder_radius": 0.075, "cylinder_length": 1.0, "cylinder_center_z": 0.0, "goal_tolerance": 1.0, "timeout": 100.0,
     "worlds": [
@@ -282,6 +347,15 @@ def seeds() -> tuple[Seed, ...]:
         seed("point cloud", "c.ply", _ply(binary=True), _cloud, 1.5),
         seed("point cloud", "c.pcd", _pcd(binary=False), _cloud),
         seed("point cloud", "c.pcd", _pcd(binary=True), _cloud, 1.5),
+        seed("point cloud", "c.pcd", _packed_pcd(), _cloud, 1.5),
+        seed("MoveIt scene", "s.scene", _MOVEIT, _scene, 3.0),
+        seed("MoveIt scene", "s.scene", _MOVEIT_OLD, _scene),
+        seed("OctoMap", "m.bt", _octree(binary=True), _scene, 1.5),
+        seed("OctoMap", "m.ot", _octree(binary=False), _scene, 1.5),
+        seed("xacro", "r.urdf.xacro", _XACRO, _robot, 3.0),
+        seed("bag", "b.mcap", _bag(".mcap"), _read_bag, 2.0),
+        seed("bag", "b.db3", _bag(".db3"), _read_bag, 1.0),
+        seed("bag", "b.bag", _bag(".bag"), _read_bag, 2.0),
         seed("point cloud", "c.xyz", "# made\n" + "1.0 2.0 0.5 9\n2.0,1.0;0.5\n" * 20, _cloud),
         seed("scene's points", "p.npy", _npy(np.random.default_rng(3).uniform(-1, 1, (30, 3))), cloud_file, 2.0,
              npy__yaml="obstacles: [{shape: points, radius: 0.05, file: p.npy}]"),
@@ -293,6 +367,8 @@ def seeds() -> tuple[Seed, ...]:
         seed("Nav2 map", "m.yaml", _MAP, io.load_nav2_map, 2.0, map__pgm=_PGM),
         seed("Nav2 map", "map.pgm", _PGM, lambda p: io.load_nav2_map(p.parent / "m.yaml"), 1.5, m__yaml=_MAP),
         seed("Nav2 map", "map.pgm", _PGM_TEXT, lambda p: io.load_nav2_map(p.parent / "m.yaml"), 1.5, m__yaml=_MAP),
+        seed("Nav2 map", "map.png", _png(), lambda p: io.load_nav2_map(p.parent / "m.yaml"), 1.5,
+             m__yaml=_MAP.replace("map.pgm", "map.png").replace("trinary", "scale")),
         seed("BARN", "barn.json", _json(_BARN), lambda p: (datasets.barn_ids(p), datasets.load_barn(p, 0)), 2.0),
         seed("DynaBARN", "dyna.json", _json(_DYNABARN), lambda p: (datasets.dynabarn_ids(p), datasets.load_dynabarn(p, 0)), 2.0),
         seed("bridge", "bridge.json", _json(_BRIDGE), datasets.load_bridge, 2.0),

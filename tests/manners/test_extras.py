@@ -4,6 +4,7 @@ input."""
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,33 @@ def _cluster(robot: es.RobotModel) -> object:
     return list(run_jobs(len, [""], scheduler="tcp://127.0.0.1:9"))
 
 
+def _bag(robot: es.RobotModel) -> object:
+    return es.io.BagReader(__file__)
+
+
+def _xacro(robot: es.RobotModel) -> object:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "r.urdf.xacro"
+        file.write_text("<robot/>")
+        return es.load_robot(file)
+
+
+def _mcap(robot: es.RobotModel) -> object:
+    trajectory = es.trajectory.retime(es.Strip(robot, [robot.home(), robot.home(0.5)]))
+    with tempfile.TemporaryDirectory() as folder:
+        return es.io.write_trajectory(Path(folder) / "t.mcap", trajectory)
+
+
+def _png(robot: es.RobotModel) -> object:
+    with tempfile.TemporaryDirectory() as folder:
+        text = (
+            "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+        )
+        (Path(folder) / "map.yaml").write_text(text)
+        (Path(folder) / "map.png").write_bytes(b"\x89PNG")
+        return es.io.load_nav2_map(Path(folder) / "map.yaml")
+
+
 @pytest.mark.parametrize(
     ("package", "extra", "use"),
     [
@@ -81,10 +109,14 @@ def _cluster(robot: es.RobotModel) -> object:
         ("imageio", "film", _film),
         ("pyarrow", "sweep", _parquet),
         ("distributed", "sweep", _cluster),
+        ("rosbags", "ros", _bag),
+        ("rosbags", "ros", _mcap),
+        ("xacro", "ros", _xacro),
+        ("pillow", "ros", _png),
     ],
 )
 def test_a_missing_extra_is_said_with_the_command_that_installs_it(monkeypatch, silvermate, package, extra, use):
-    _hide(monkeypatch, package)
+    _hide(monkeypatch, {"pillow": "PIL"}.get(package, package))
     with pytest.raises(MissingExtraError) as caught:
         use(silvermate)
     assert f"{package}, which is not installed: pip install 'elastic-strips[{extra}]'" in str(caught.value)

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
 )
 @options.json_option("Write the result.")
+@click.option(
+    "--trajectory", "trajectory_file", metavar="FILE", type=options.OutputFile(),
+    help="Write the certified strip, timed within the robot's limits: .csv, .npz, .json or .mcap.",
+)  # fmt: skip
 @options.html_option("Write a standalone 3D page of the result.")
 @options.picture_options
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
@@ -36,6 +40,7 @@ def run(
     seed: int | None,
     timeout: float,
     json_file: str | None,
+    trajectory_file: str | None,
     html_file: str | None,
     png_file: str | None,
     film_file: str | None,
@@ -54,11 +59,14 @@ def run(
         obstacles:
           - {shape: box, size: [0.6, 0.6, 1.4], at: [1.5, 0.1, 0.7]}
 
-    Exit code 0: certified. 2: wrong input. 3: blocked or broken; the reason is printed and written.
+    Exit code 0: certified. 2: wrong input. 3: blocked or broken, or no trajectory was found; it is printed why.
     """
+    from elastic_strips.io.trajectory_file import check_trajectory_file
     from elastic_strips.sim.scenarios import get_scenario, result_document, run_scenario
 
-    options.check_outputs(scenario, json_file, html_file, png_file, film_file)
+    options.check_outputs(scenario, json_file, trajectory_file, html_file, png_file, film_file)
+    if trajectory_file is not None:
+        check_trajectory_file(trajectory_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(robot, preset, base)
     with options.LateProgress(f"{problem.name}: deforming") as bar:
@@ -70,6 +78,7 @@ def run(
     _summary(result)
     if json_file is not None:
         output.write_document("result", json_file, result_document(result))
+    timed = trajectory_file is None or _write_timed(result, trajectory_file)
 
     def draw(viewer: Viewer) -> None:
         viewer.animate(model, problem.scene, result.report, duration=10.0)
@@ -77,7 +86,25 @@ def run(
     options.write_pictures(draw, html_file, png_file, film_file, title=problem.name)
     if view:
         options.serve(draw, no_browser=no_browser, title=problem.name)
-    return options.EXIT_DONE if result.certified else options.EXIT_NOT_DONE
+    return options.EXIT_DONE if result.certified and timed else options.EXIT_NOT_DONE
+
+
+def _write_timed(result: RunResult, file: str) -> bool:
+    """Write the trajectory, or say why there is none."""
+    from elastic_strips.io.trajectory_file import write_trajectory
+    from elastic_strips.trajectory import RetimingError, retime
+
+    if not result.certified:
+        output.say("no trajectory: the strip is not certified")
+        return False
+    try:
+        trajectory = retime(result.report.strip)
+    except RetimingError as error:
+        output.say(f"no trajectory: {error}")
+        return False
+    written = write_trajectory(file, trajectory, scene=result.report.scene)
+    output.say(f"trajectory  {written}, {trajectory.duration:.2f} s, {len(trajectory)} samples")
+    return True
 
 
 def _summary(result: RunResult) -> None:

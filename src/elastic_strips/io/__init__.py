@@ -1,29 +1,41 @@
-"""IO room: reads and writes scenes, scenarios, records, laser logs, point clouds, maps; errors name file and place."""
+"""IO room: reads and writes scenes, records, trajectories, laser logs, clouds, maps, bags; errors name the place."""
 
 from typing import TYPE_CHECKING
 
 from elastic_strips._late import late_names
 
 if TYPE_CHECKING:
+    from .bag_reader import BagError, BagReader
+    from .bag_writer import write_bag
     from .laser_log import LaserLogError, read_laser_log
+    from .moveit_scene import read_moveit_scene
     from .nav2_map import load_nav2_map
+    from .octomap import read_octomap
     from .path_file import PathFile, load_path, write_path
     from .point_cloud import PointCloud, cloud_scene, read_point_cloud
     from .record_file import read_record, record_columns, record_frame, record_robot, write_record
     from .scene_file import PoseSpec, read_scenario, read_scene, read_world, write_scene, write_world
+    from .trajectory_file import trajectory_columns, trajectory_document, trajectory_frame, write_trajectory
 
 __all__ = [
-    "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_nav2_map", "load_path",
-    "read_laser_log", "read_point_cloud", "read_record", "read_scenario", "read_scene", "read_world", "record_columns",
-    "record_frame", "record_robot", "write_path", "write_record", "write_scene", "write_world",
+    "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_nav2_map",
+    "load_path", "read_laser_log", "read_moveit_scene", "read_octomap", "read_point_cloud", "read_record",
+    "read_scenario", "read_scene", "read_world", "record_columns", "record_frame", "record_robot",
+    "trajectory_columns", "trajectory_document", "trajectory_frame", "write_bag", "write_path", "write_record",
+    "write_scene", "write_trajectory", "write_world",
 ]  # fmt: skip
 
 _MODULES = {  # a scene file needs nothing of what records need
+    "bag_reader": ("BagError", "BagReader"),
+    "bag_writer": ("write_bag",),
     "laser_log": ("LaserLogError", "read_laser_log"),
+    "moveit_scene": ("read_moveit_scene",),
     "nav2_map": ("load_nav2_map",),
+    "octomap": ("read_octomap",),
     "path_file": ("PathFile", "load_path", "write_path"),
     "point_cloud": ("PointCloud", "cloud_scene", "read_point_cloud"),
     "record_file": ("read_record", "record_columns", "record_frame", "record_robot", "write_record"),
     "scene_file": ("PoseSpec", "read_scenario", "read_scene", "read_world", "write_scene", "write_world"),
+    "trajectory_file": ("trajectory_columns", "trajectory_document", "trajectory_frame", "write_trajectory"),
 }
 __getattr__ = late_names(__name__, _MODULES)

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Document
+from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.errors import InputError
 from elastic_strips.files import open_input
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan
@@ -199,24 +199,33 @@ def _carmen(line: str, which: str, range_max: float, height: float) -> LoggedSca
 
 
 def _scan(sensor: str, head: dict[str, float], ranges: list[float], mount: list[float]) -> LaserScan:
-    """The scan of a line; ranges as in REP 117: beyond ``range_max`` nothing, below ``range_min`` no answer."""
-    if len(ranges) < 2:
-        raise ValueError(f"a scan has {len(ranges)} ranges; at least 2 are needed")
+    """The scan of a line."""
+    x, y, z, yaw = mount
+    c, s = math.cos(yaw), math.sin(yaw)
+    T = np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
+    return scan_of(sensor, head, ranges, T)
+
+
+def scan_of(sensor: str, head: dict[str, float], ranges: ArrayLike, T_base_sensor: Array) -> LaserScan:
+    """A scan of what ROS' message holds; ranges as in REP 117: beyond ``range_max`` nothing, too near no answer.
+
+    Raises:
+        ValueError: numbers that make no scan.
+    """
+    r = np.array(ranges, dtype=float)
+    if len(r) < 2:
+        raise ValueError(f"a scan has {len(r)} ranges; at least 2 are needed")
     low, high, step = head["range_min"], head["range_max"], head["angle_increment"]
     if not 0.0 <= low < high:
         raise ValueError(f"range_min={low:g} must be at least 0 and less than range_max={high:g}")
-    if step == 0.0 or abs(step) * (len(ranges) - 1) > 2.0 * math.pi + 1e-6:
-        raise ValueError(f"angle_increment={step:g}: {len(ranges)} rays of that step make no scan of at most one turn")
-    r = np.array(ranges)
+    if step == 0.0 or abs(step) * (len(r) - 1) > 2.0 * math.pi + 1e-6:
+        raise ValueError(f"angle_increment={step:g}: {len(r)} rays of that step make no scan of at most one turn")
     angles = np.linspace(head["angle_min"], head["angle_min"] + step * (len(r) - 1), len(r))
     with np.errstate(invalid="ignore"):
         r = np.where(r >= high, NOTHING, np.where((r < low) | (r <= 0.0), NO_ANSWER, r))
     if step < 0.0:  # clockwise
         r, angles = r[::-1], angles[::-1]
-    x, y, z, yaw = mount
-    c, s = math.cos(yaw), math.sin(yaw)
-    T = np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
-    return LaserScan(sensor, head["stamp"], T, angles, r, low, high)
+    return LaserScan(sensor, head["stamp"], T_base_sensor, angles, r, low, high)
 
 
 def _pose(values: list[float] | None) -> Array | None:

@@ -1,7 +1,10 @@
-"""IO room, Nav2 maps: an occupancy map (YAML and PGM) as a scene of voxels."""
+"""IO room, Nav2 maps: an occupancy map (YAML, and PGM, PNG or BMP) as a scene of voxels."""
 
 from __future__ import annotations
 
+import importlib
+import io
+import logging
 import math
 import os
 from pathlib import Path
@@ -9,49 +12,68 @@ from pathlib import Path
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ScenarioError
+from elastic_strips.errors import ScenarioError, missing_extra
 from elastic_strips.files import read_input
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
-from elastic_strips.validation import check_choice
+from elastic_strips.validation import check_choice, check_number
 
 from .nodes import Node, load_yaml
 
+_log = logging.getLogger(__name__)
 _KEYS = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 MAX_BYTES = 100_000_000
 _MAX_CELLS = 16_000_000
+_MODES = ("trinary", "scale", "raw")
+_FULL = 100.0  # occupancy of a cell that is certainly occupied
 
 
-def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height: float = 1.0) -> Scene:
+def load_nav2_map(
+    path: str | os.PathLike[str], *, unknown: str = "free", height: float = 1.0, lethal: float = _FULL
+) -> Scene:
     """A map in Nav2's format as a scene with one obstacle, ``map``: a box from the floor up for every occupied cell.
 
     A pixel of brightness b (of 255) has the occupancy p = (255 − b) / 255, or b / 255 where ``negate`` is set. A cell
-    is occupied where p > ``occupied_thresh``, free where p < ``free_thresh``, and unknown between (mode ``trinary``).
-    Neighbouring boxes are merged. A map without an occupied cell gives a scene without obstacles.
+    is occupied where p > ``occupied_thresh``, free where p < ``free_thresh``. Between, mode ``trinary`` says that it is
+    unknown, and ``scale`` has it from 0 to 100 in proportion; there, a pixel that is not opaque is unknown. In mode
+    ``raw`` it is b itself up to 100, and unknown above. As Nav2 does, ``trinary`` takes opacity for one more colour.
+
+    Neighbouring boxes are merged. A map without an occupied cell gives a scene without obstacles. A warning in the log
+    says how many cells are left out that are unknown, or between free and occupied.
 
     Args:
-        path: The map's YAML file; it names the image, a PGM file.
+        path: The map's YAML file; it names the image, a PGM, PNG or BMP file. All but PGM need the extra ``ros``.
         unknown: What unknown cells are: ``"free"``, as Nav2's planners take them by default, or ``"occupied"``.
         height: Of the boxes [m].
+        lethal: Occupancy in (0, 100] from which on a cell of mode ``scale`` or ``raw`` is occupied; by default what
+            Nav2's static layer takes.
 
     Raises:
+        MissingExtraError: The image is no PGM file, and Pillow is not installed.
         ScenarioError: A file is missing, cannot be read, or does not fit; the message names file, line and key.
     """
     check_choice("unknown", unknown, ("free", "occupied"), ScenarioError)
+    check_number("lethal", lethal, above=0.0, high=_FULL, error=ScenarioError)
     root = load_yaml(path, error=ScenarioError)
     needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
     entries = root.mapping(_KEYS, needed=needed, what="a map")
-    if "mode" in entries:
-        entries["mode"].text(valid=("trinary",))
+    mode = entries["mode"].text(valid=_MODES) if "mode" in entries else "trinary"
     negate = "negate" in entries and entries["negate"].integer(low=0, high=1) == 1
     resolution = entries["resolution"].number(low=1e-4, high=100.0)
     x, y, yaw = entries["origin"].vector(3).tolist()
     high, low = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
     if low > high:
         entries["free_thresh"].fail(f"is {low:g}; it must not exceed 'occupied_thresh', {high:g}")
-    image = _read_pgm(entries["image"])
-    p = image if negate else 1.0 - image
-    filled = p > high if unknown == "free" else p >= low
+    image, opaque = _read_image(entries["image"], mode)
+    occupancy = _occupancy(image, opaque, mode, negate, low, high)
+    filled = occupancy >= lethal
+    partly, nothing = np.count_nonzero((occupancy > 0.0) & ~filled), np.isnan(occupancy)
+    if unknown == "occupied":
+        filled |= nothing
+    left_out = ((np.count_nonzero(nothing & ~filled), "unknown"), (partly, "between free and occupied"))
+    if any(count for count, _ in left_out):
+        said = ", ".join(f"{count} cells that are {what}" for count, what in left_out if count)
+        _log.warning("%s: left out: %s", root.source.path, said)
     if np.count_nonzero(filled) > MAX_CENTERS:
         entries["image"].fail(f"{np.count_nonzero(filled)} cells are occupied; at most {MAX_CENTERS} are read")
     rows, columns = np.nonzero(filled[::-1])  # the first row of an image is its upper edge
@@ -63,12 +85,47 @@ def load_nav2_map(path: str | os.PathLike[str], *, unknown: str = "free", height
     return root.checked(lambda: Scene([Voxels(centers, size, at=(x, y, 0.5 * height), quat=quat, name="map")]))
 
 
-def _read_pgm(node: Node) -> Array:
-    """Brightness (rows, columns) in [0, 1] of the PGM file (P2 or P5) that a node names, relative to its own file."""
+def _occupancy(image: Array, opaque: Array | None, mode: str, negate: bool, low: float, high: float) -> Array:
+    """Occupancy (rows, columns) from 0 to 100, and NaN where it is unknown."""
+    if mode == "raw":
+        value = np.rint(255.0 * image)
+        return np.where(value <= _FULL, value, np.nan)
+    p = image if negate else 1.0 - image
+    between = np.full(p.shape, np.nan) if mode == "trinary" else np.rint(_FULL * (p - low) / max(high - low, 1e-9))
+    value = np.where(p > high, _FULL, np.where(p < low, 0.0, between))
+    return value if opaque is None or mode == "trinary" else np.where(opaque < 1.0, np.nan, value)
+
+
+def _read_image(node: Node, mode: str) -> tuple[Array, Array | None]:
+    """Brightness and opacity (rows, columns) in [0, 1] of the image that a node names, relative to its own file."""
     file: Path = node.source.path.parent / node.text()
     data = node.checked(read_input, file, "map's image", MAX_BYTES, ScenarioError)
-    if data[:2] not in (b"P2", b"P5"):
-        node.fail(f"{file}: is no PGM image (P2 or P5)")
+    if data[:2] in (b"P2", b"P5"):
+        return _read_pgm(node, file, data), None
+    if data[:4] != b"\x89PNG" and data[:2] != b"BM":
+        node.fail(f"{file}: is no PGM (P2 or P5), PNG or BMP image")
+    try:
+        pillow = importlib.import_module("PIL.Image")
+    except ModuleNotFoundError:
+        raise missing_extra(f"the map's image {file.name}", "pillow", "ros") from None
+    try:
+        with pillow.open(io.BytesIO(data), formats=("PNG", "BMP")) as picture:
+            if not picture.width * picture.height <= _MAX_CELLS:
+                node.fail(f"{file}: {picture.width} × {picture.height} pixels; at most {_MAX_CELLS} are read")
+            if picture.mode.startswith("I"):  # 16 bits
+                return np.clip(np.asarray(picture, dtype=np.float64) / 65535.0, 0.0, 1.0), None
+            clear = "A" in picture.getbands() or "transparency" in picture.info
+            pixels = np.asarray(picture.convert("RGBA" if clear else "RGB"), dtype=np.float32) / 255.0
+    except ScenarioError:
+        raise
+    except Exception as error:  # Pillow's readers raise many kinds, all of them about damage
+        node.fail(f"{file}: the image is damaged: {' '.join(str(error).split())[:200]}")
+    colours = pixels if mode == "trinary" else pixels[:, :, :3]
+    return colours.mean(axis=2, dtype=np.float64), pixels[:, :, 3].astype(np.float64) if clear else None
+
+
+def _read_pgm(node: Node, file: Path, data: bytes) -> Array:
+    """Brightness (rows, columns) in [0, 1] of a PGM file (P2 or P5)."""
     numbers, at = [], 2
     while len(numbers) < 3:  # width, height, largest value; comments run from # to the end of the line
         while data[at : at + 1].isspace():

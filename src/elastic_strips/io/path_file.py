@@ -38,6 +38,7 @@ _MAX_BYTES = 50_000_000
 _MAX_ROWS = 200_000
 _BASE = {"x": 0, "y": 1, "yaw": 2, "theta": 2, "heading": 2}
 _TIMES = ("time", "times", "t", "ts", "time_from_start", "seconds", "sec")
+_RATES, _RATE_ENDS = ("vx", "vy", "omega", "ax", "ay", "alpha"), ("_rate", "_acceleration")  # of trajectory files
 _POSITIONS = ("positions", "path", "q", "qs", "waypoints", "samples", "states", "rows")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
@@ -290,7 +291,8 @@ def _placed(
         columns = {**({name: k for name, k in _BASE.items()} if b else {})}
         columns.update({name: b + k for k, name in enumerate(robot.joint_names)})
         taken = [(k, columns[name]) for k, name in enumerate(names) if name in columns]
-        left_out = [name for name in names if name not in columns]
+        rates = [name for name in names if name in _RATES or any(name.removesuffix(s) in columns for s in _RATE_ENDS)]
+        left_out = [name for name in names if name not in columns and name not in rates]
         if not taken:
             source.fail(
                 f"names {', '.join(map(str, names))[:120]}; {robot.name!r} plans {', '.join(robot.joint_names)}"
@@ -301,6 +303,8 @@ def _placed(
         for k, column in taken:
             coordinates[:, column] = rows[:, k]
         missing = [name for name, column in columns.items() if column >= b and column not in {c for _, c in taken}]
+        if set(rates) - set(columns):
+            notes.append("velocities and accelerations are left out")
         if left_out:
             notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(left_out)}")
         if missing:

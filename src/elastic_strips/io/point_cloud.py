@@ -57,7 +57,7 @@ class PointCloud(Summary):
 
 
 def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> PointCloud:
-    """Read the points of a PLY (ASCII or binary), PCD (ASCII or binary, not compressed) or XYZ file (.xyz, .txt).
+    """Read the points of a PLY (ASCII or binary), PCD (ASCII, binary or compressed) or XYZ file (.xyz, .txt).
 
     Of every point x, y and z are read, and the rest (colours, normals) is ignored. XYZ files hold at least three
     numbers a line, between blanks, commas or semicolons; lines that begin with ``#`` or ``//`` are comments.
@@ -221,11 +221,61 @@ def _pcd(data: bytes) -> Array:
         if code is None or not count.isdecimal() or not 1 <= int(count) <= 10_000:
             raise ValueError(f":{head['TYPE'][0]}: field {name!r} of type {letter!r}, size {size!r} is not understood")
         fields += [(name if i == 0 else f"{name}[{i}]", code) for i in range(int(count))]
-    if kind not in (["ascii"], ["binary"]):
+    if kind not in (["ascii"], ["binary"], ["binary_compressed"]):
+        valid = "ascii, binary, binary_compressed"
         raise ValueError(
-            f":{head['DATA'][0]}: PCD files with DATA {' '.join(kind)[:40]!r} are not read; valid: ascii, binary"
+            f":{head['DATA'][0]}: PCD files with DATA {' '.join(kind)[:40]!r} are not read; valid: {valid}"
         )
+    if kind == ["binary_compressed"]:
+        return _columns(data, body, fields, int(number[0]))
     return _table(data, body, fields, int(number[0]), "" if kind == ["ascii"] else "<", lines, 0)
+
+
+def _columns(data: bytes, body: int, fields: list[tuple[str, str]], count: int) -> Array:
+    """x, y, z (count, 3) of a compressed PCD file: two sizes, then the packed fields, one after the other."""
+    places = _places(fields, count)
+    sizes = [np.dtype(code).itemsize for _, code in fields]
+    needed = count * sum(sizes)
+    packed, unpacked = (int.from_bytes(data[body + at : body + at + 4], "little") for at in (0, 4))
+    if unpacked != needed:
+        raise ValueError(f": byte {body}: {unpacked} bytes are packed; {count} points have {needed}")
+    if len(data) < body + 8 + packed:
+        raise ValueError(f": byte {len(data)}: the file ends; {packed} packed bytes begin at byte {body + 8}")
+    if needed > MAX_BYTES:
+        raise ValueError(f": the points have {needed} bytes unpacked; at most {MAX_BYTES} are read")
+    table = _lzf(data[body + 8 : body + 8 + packed], needed)
+    columns = [
+        np.frombuffer(table, "<" + fields[i][1], count, count * sum(sizes[:i])).astype(np.float64) for i in places
+    ]
+    return np.column_stack(columns).reshape(-1, 3)
+
+
+def _lzf(data: bytes, size: int) -> bytearray:
+    """What LZF packed: runs of up to 32 bytes as they are, and copies of up to 264 bytes from at most 8192 before."""
+    out, at = bytearray(), 0
+    try:
+        while at < len(data) and len(out) < size:
+            token = data[at]
+            if token < 32:
+                out += data[at + 1 : at + 2 + token]
+                at += 2 + token
+                continue
+            length, at = token >> 5, at + 1
+            if length == 7:
+                length, at = 7 + data[at], at + 1
+            start = len(out) - ((token & 31) << 8) - data[at] - 1
+            at, length = at + 1, length + 2
+            if start < 0:
+                break
+            piece = out[start : start + length]
+            while len(piece) < length:  # it overlaps what it makes: a pattern that repeats
+                piece += piece[: length - len(piece)]
+            out += piece
+    except IndexError:
+        pass
+    if len(out) != size or at > len(data):
+        raise ValueError(f": the packed points are damaged after {len(out)} of {size} bytes")
+    return out
 
 
 def _xyz(data: bytes) -> Array:
@@ -284,15 +334,7 @@ def _table(
     data: bytes, body: int, fields: list[tuple[str, str]], count: int, order: str, line: int, skip: int
 ) -> Array:
     """x, y, z (count, 3) of rows of ``fields``, ``skip`` rows or bytes on; text where there is no byte ``order``."""
-    if count > _MAX_POINTS:
-        raise ValueError(f": the file has {count} points; at most {_MAX_POINTS} are read")
-    names = [name for name, _ in fields]
-    for axis in "xyz":
-        if axis not in names:
-            raise ValueError(f": the points have no {axis!r}; they have {', '.join(names) or 'nothing'}")
-        if names.count(axis) > 1:
-            raise ValueError(f": the points have {axis!r} twice")
-    places = [names.index(axis) for axis in "xyz"]
+    places = _places(fields, count)
     if order:
         kind = np.dtype([(f"{i}", order + code) for i, (_, code) in enumerate(fields)])
         start, needed = body + skip, count * kind.itemsize
@@ -318,6 +360,19 @@ def _table(
     if done < count:
         raise ValueError(f":{line + done}: the file ends after {done} of {count} points")
     return values
+
+
+def _places(fields: list[tuple[str, str]], count: int) -> list[int]:
+    """Which fields x, y and z are."""
+    if count > _MAX_POINTS:
+        raise ValueError(f": the file has {count} points; at most {_MAX_POINTS} are read")
+    names = [name for name, _ in fields]
+    for axis in "xyz":
+        if axis not in names:
+            raise ValueError(f": the points have no {axis!r}; they have {', '.join(names) or 'nothing'}")
+        if names.count(axis) > 1:
+            raise ValueError(f": the points have {axis!r} twice")
+    return [names.index(axis) for axis in "xyz"]
 
 
 def _whole(entry: tuple[int, list[str]]) -> str:

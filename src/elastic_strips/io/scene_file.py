@@ -16,11 +16,14 @@ from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.validation import check_type
 
+from .moveit_scene import read_moveit_scene
 from .nodes import Node, load_yaml
 from .obstacle_document import obstacle_entries, obstacle_from_node
+from .octomap import read_octomap
 
 VERSION = 1
 _BASES = ("diff_drive", "omni", "fixed")
+_FOREIGN = {".scene": read_moveit_scene, ".bt": read_octomap, ".ot": read_octomap}
 _PRESETS = ("default", "paper")
 _SCENARIO_KEYS = (
     "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "seed",
@@ -30,6 +33,9 @@ _SCENARIO_KEYS = (
 def read_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene file: the obstacles that exist at the file's time.
 
+    MoveIt's ``.scene`` files and OctoMap's ``.bt`` and ``.ot`` files are read, too: as `read_moveit_scene` and
+    `read_octomap` do.
+
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
@@ -38,12 +44,13 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
 
 
 def read_world(path: str | os.PathLike[str]) -> World:
-    """Read a scene file: all obstacles, and when they appear and vanish.
+    """Read a scene file: all obstacles, and when they appear and vanish; or one of others, as `read_scene` does.
 
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
-    return _world_from_node(load_yaml(path))
+    foreign = _FOREIGN.get(os.path.splitext(os.fspath(path))[1].lower()) if isinstance(path, (str, Path)) else None
+    return _world_from_node(load_yaml(path)) if foreign is None else World(foreign(path))
 
 
 def _world_from_node(node: Node) -> World:
@@ -224,7 +231,7 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
 def _robot(node: Node) -> str:
     """A robot's name as it is; a path to a URDF, relative to the file, as an absolute path."""
     robot = node.text()
-    if not robot.lower().endswith(".urdf") and "/" not in robot and "\\" not in robot:
+    if not robot.lower().endswith((".urdf", ".xacro")) and "/" not in robot and "\\" not in robot:
         return robot
     path = (node.source.path.parent / robot).absolute()
     if not os.path.isfile(path):

@@ -20,6 +20,7 @@ from .model import RobotModel
 from .space import BaseKind
 from .srdf import Srdf, read_srdf, within_limits
 from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
+from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
@@ -36,13 +37,16 @@ def load_robot(
     group: str | None = None,
     locked: Mapping[str, float] | None = None,
     package_dirs: tuple[str | Path, ...] = (),
+    mappings: Mapping[str, str] | None = None,
 ) -> RobotModel:
     """Load a robot by name (``"silvermate"``, ``"tiago"``, ``"panda"``, …: ``robot_names()``) or from a URDF file.
+
+    A xacro file (``.xacro``; extra ``ros``) is expanded first. xacro evaluates expressions: open files you trust.
 
     What a file gets wrong without harm is mended or passed over, with a warning in the log: see ``docs/robots.md``.
 
     Args:
-        name_or_path: a name, or a path that ends in ``.urdf`` or holds a separator.
+        name_or_path: a name, or a path that ends in ``.urdf`` or ``.xacro``, or holds a separator.
         base: ``"diff_drive"``, ``"omni"`` or ``"fixed"``; by default the named robot's own, and ``"diff_drive"`` for
             a file.
         srdf: SRDF file with the link pairs to ignore, named postures (``group_state``: see ``RobotModel.home`` and
@@ -53,15 +57,18 @@ def load_robot(
         locked: joint → value held still; by default the wheels (continuous joints named ``*wheel*`` or ``*caster*``)
             and mimic joints of a file, and what is neither lift nor arm of TIAGo. ``{}`` locks only what cannot be
             planned. With ``joints`` or ``group``: values of joints that these do not name.
-        package_dirs: folders to search for ``package://`` meshes.
+        package_dirs: folders to search for ``package://`` meshes and for a xacro file's ``$(find …)``.
+        mappings: arguments of a xacro file, by name.
 
     Raises:
         RobotError: an unknown name, or one that several robots share; an unknown joint or group, or a joint that is
-            both planned and locked; a fault in a file. The message names file, element and alternatives.
+            both planned and locked; a fault in a file. The message names file, element and alternatives; the file is
+            the expanded one of a xacro file.
+        MissingExtraError: a xacro file, and xacro is not installed.
     """
     text = str(name_or_path)
     path = Path(text).expanduser()
-    by_path = path.suffix.lower() in (".urdf", ".xml") or "/" in text or os.path.exists(path)
+    by_path = path.suffix.lower() in (".urdf", ".xml", ".xacro") or "/" in text or os.path.exists(path)
     if is_known(text) or not text or not by_path:
         known = find_robot(text)
         source = read_urdf(known.urdf, package_dirs=(*package_dirs, *known.package_dirs))
@@ -70,8 +77,16 @@ def load_robot(
         if joints is None and group is None and locked is None:
             joints = known.planned
     else:
-        source = read_urdf(path, package_dirs=package_dirs)
-        kind, home, hand, name = BaseKind.DIFF_DRIVE if base is None else base, {}, None, path.stem
+        urdf = expand_xacro(path, mappings, package_dirs) if path.suffix.lower() == ".xacro" else path
+        source = read_urdf(urdf, package_dirs=package_dirs)
+        kind, home, hand, name = (
+            BaseKind.DIFF_DRIVE if base is None else base,
+            {},
+            None,
+            path.stem.removesuffix(".urdf"),
+        )
+    if mappings and (is_known(text) or path.suffix.lower() != ".xacro"):
+        raise RobotError(f"mappings={dict(mappings)!r} are arguments of a xacro file; {text!r} is none")
     kind = BaseKind.parse(kind)
     semantics = None if srdf is None else read_srdf(srdf, source)
     planned = _planned(source, semantics, joints, group, locked)

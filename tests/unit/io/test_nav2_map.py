@@ -1,7 +1,8 @@
-"""Nav2 maps: which cells become boxes and where, both kinds of PGM, what is refused."""
+"""Nav2 maps: which cells become boxes and where, both kinds of PGM, PNG, the three modes, what is refused."""
 
 from __future__ import annotations
 
+import logging
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ from elastic_strips.errors import ScenarioError
 from elastic_strips.io import load_nav2_map
 from elastic_strips.scene import Scene
 
+image = pytest.importorskip("PIL.Image")
 YAML = """image: map.pgm
 mode: trinary
 resolution: 0.5
@@ -91,8 +93,8 @@ BAD_YAML = [
         YAML.replace("map.pgm", "gone.pgm"),
         r"map\.yaml:1: image: .*gone\.pgm: cannot read the map's image: No such file",
     ),
-    (YAML.replace("map.pgm", "map.yaml"), r"map\.yaml: is no PGM image"),
-    (YAML.replace("trinary", "scale"), r"map\.yaml:2: mode: unknown value 'scale'.*Valid: trinary"),
+    (YAML.replace("map.pgm", "map.yaml"), r"map\.yaml: is no PGM"),
+    (YAML.replace("trinary", "scaled"), r"map\.yaml:2: mode: unknown value 'scaled'; did you mean 'scale'"),
     (YAML.replace("0.5\n", "0\n"), r"map\.yaml:3: resolution: 0 must be"),
     (YAML.replace(", 0]", "]"), "origin: must be a list of 3 numbers"),
     (YAML.replace("negate: 0", "negate: 2"), r"negate: is 2, outside \[0, 1\]"),
@@ -108,8 +110,8 @@ def test_a_wrong_map_names_file_line_and_key(tmp_path, text, message):
 
 
 BAD_IMAGES = [
-    (b"", "is no PGM image"),
-    (b"P6\n3 4\n255\n" + bytes(36), "is no PGM image"),
+    (b"", r"is no PGM \(P2 or P5\), PNG or BMP image"),
+    (b"P6\n3 4\n255\n" + bytes(36), "is no PGM"),
     (b"P5\n3 4\n255\n" + bytes(11), r"has 11 pixels; 3 × 4 = 12 are needed"),
     (b"P2\n3 4\n255\n" + b"1 2 x", "no number"),
     (b"P2\n1 2\n255\n" + b"1 300", "beyond its largest value, 255"),
@@ -136,11 +138,69 @@ def test_sixteen_bit_images(tmp_path):
     assert cells(load_nav2_map(path)) == {(0, 3), (2, 0)}
 
 
+def write_png(folder, pixels, text=YAML):
+    write(folder)
+    image.fromarray(np.asarray(pixels)).save(folder / "map.png")
+    (folder / "map.yaml").write_text(text.replace("map.pgm", "map.png"), encoding="utf-8")
+    return folder / "map.yaml"
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [PIXELS, np.dstack([PIXELS] * 3), np.dstack([*[PIXELS] * 3, np.full_like(PIXELS, 255)])[:, :, [0, 1, 2]],
+     PIXELS.astype(np.uint16) * 257],
+    ids=["grey", "colour", "opaque", "16 bits"],
+)  # fmt: skip
+def test_a_png_has_the_cells_of_its_pgm(tmp_path, pixels):
+    assert cells(load_nav2_map(write_png(tmp_path, pixels))) == {(0, 3), (2, 0)}
+
+
+def test_opacity_counts_as_in_nav2(tmp_path):
+    """It is one more colour in mode trinary: black and opaque is p = 0.75. In mode scale all but opaque is unknown."""
+    opacity = np.full_like(PIXELS, 255)
+    opacity[3, 2] = 254
+    path = write_png(tmp_path, np.dstack([PIXELS, PIXELS, PIXELS, opacity]))
+    assert cells(load_nav2_map(path)) == {(0, 3), (2, 0)}
+    path = write_png(tmp_path, np.dstack([PIXELS, PIXELS, PIXELS, opacity]), YAML.replace("trinary", "scale"))
+    assert cells(load_nav2_map(path)) == {(0, 3)}
+    assert cells(load_nav2_map(path, unknown="occupied")) == {(0, 3), (2, 0)}
+
+
+def test_scale_and_raw_maps_have_occupancies_between(tmp_path, caplog):
+    """205 is p = 0.196, free; 100 is p = 0.608 and so (0.608 − 0.25) / 0.4 = 89 %."""
+    path = write(tmp_path, text=YAML.replace("trinary", "scale"))
+    with caplog.at_level(logging.WARNING):
+        assert cells(load_nav2_map(path)) == {(0, 3), (2, 0)}
+    assert "left out: 1 cells that are between free and occupied" in caplog.text
+    assert cells(load_nav2_map(path, lethal=90)) == {(0, 3), (2, 0)}
+    assert cells(load_nav2_map(path, lethal=89)) == {(0, 3), (2, 0), (2, 1)}
+    path = write(tmp_path, text=YAML.replace("trinary", "raw"))
+    caplog.clear()
+    with caplog.at_level(logging.WARNING):
+        assert cells(load_nav2_map(path)) == {(2, 1)}  # 100; 205 and 254 are unknown, 0 is free, 10 nearly
+    assert "left out: 9 cells that are unknown, 1 cells that are between" in caplog.text
+    assert cells(load_nav2_map(path, lethal=10)) == {(2, 1), (2, 0)}
+
+
+def test_a_damaged_png_is_refused(tmp_path):
+    path = write_png(tmp_path, PIXELS)
+    sound = (tmp_path / "map.png").read_bytes()
+    for data in (sound[:-30], sound[:30], sound.replace(b"IDAT", b"IDAX"), b"\x89PNG" + bytes(50)):
+        (tmp_path / "map.png").write_bytes(data)
+        with pytest.raises(ScenarioError, match=r"map\.png: the image is damaged"):
+            load_nav2_map(path)
+    image.new("L", (5000, 5000)).save(tmp_path / "map.png")
+    with pytest.raises(ScenarioError, match="5000 × 5000 pixels; at most 16000000 are read"):
+        load_nav2_map(path)
+
+
 def test_wrong_arguments_and_missing_files(tmp_path):
     with pytest.raises(ScenarioError, match=r"unknown='wall' is unknown. Valid: free, occupied"):
         load_nav2_map(write(tmp_path), unknown="wall")
     with pytest.raises(ScenarioError, match="Voxels size"):
         load_nav2_map(write(tmp_path), height=0.0)
+    with pytest.raises(ScenarioError, match="lethal=0"):
+        load_nav2_map(write(tmp_path), lethal=0)
     with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the YAML file"):
         load_nav2_map(tmp_path / "gone.yaml")
 

@@ -38,6 +38,36 @@ def pcd(points, kind="ascii", fields="x y z rgb", sizes="4 4 8 4", types="F F F 
     return head.encode() + b"".join(struct.pack("<ffdI", x, y, z, 9) for x, y, z in points.tolist())
 
 
+def lzf(data):
+    """Pack greedily: the last place of every three bytes is looked up, and runs that are new stay as they are."""
+    out, new, seen, at = b"", b"", {}, 0
+    while at < len(data):
+        start = seen.get(data[at : at + 3], -1)
+        seen[data[at : at + 3]] = at
+        length = 0
+        if start >= 0 and at - start <= 8192 and at + 3 <= len(data):
+            while at + length < len(data) and length < 264 and data[start + length] == data[at + length]:
+                length += 1
+        if length < 3:
+            new, at = new + data[at : at + 1], at + 1
+        if new and (length >= 3 or len(new) == 32 or at == len(data)):
+            out, new = out + bytes([len(new) - 1]) + new, b""
+        if length >= 3:
+            back = at - start - 1
+            top = min(length - 2, 7)
+            out += bytes([top << 5 | back >> 8]) + (bytes([length - 9]) if top == 7 else b"") + bytes([back & 255])
+            at += length
+    return out
+
+
+def packed_pcd(points, spoil=lambda data: data):
+    head = pcd(points, "binary_compressed")[: -20 * len(points)]
+    x, y, z = points.T
+    raw = x.astype("<f4").tobytes() + y.astype("<f4").tobytes() + z.astype("<f8").tobytes() + b"\t\0\0\0" * len(points)
+    data = spoil(lzf(raw))
+    return head + struct.pack("<II", len(data), len(raw)) + data
+
+
 def xyz(points):
     return b"# x y z\n" + b"".join(f"{x};{y}, {z} 255\n\n".encode() for x, y, z in points.tolist())
 
@@ -51,6 +81,7 @@ FILES = [
     ("c.ply", ply(POINTS).replace(b"\n", b"\r\n")),
     ("c.pcd", pcd(POINTS)),
     ("c.PCD", pcd(POINTS, "binary")),
+    ("c.pcd", packed_pcd(POINTS)),
     ("c.xyz", xyz(POINTS)),
     ("c.txt", xyz(POINTS)),
 ]
@@ -68,6 +99,16 @@ def test_every_format_gives_the_points(tmp_path, name, data):
     assert cloud.dropped == 0
     assert not cloud.points.flags.writeable
     np.testing.assert_allclose(read_point_cloud(tmp_path / name, scale=0.001).points, 0.001 * POINTS)
+
+
+def test_a_packed_cloud_of_many_points_comes_back(tmp_path):
+    """Long copies, copies that overlap what they make, and long runs of new bytes: all that LZF has."""
+    rng = np.random.default_rng(4)
+    points = np.vstack((rng.uniform(-5, 5, (300, 3)), np.ones((400, 3)), np.tile(rng.uniform(-5, 5, (7, 3)), (60, 1))))
+    points = points.astype(np.float32).astype(float)
+    data = packed_pcd(points)
+    assert len(data) < 0.8 * len(pcd(points, "binary"))
+    np.testing.assert_array_equal(read_point_cloud(write(tmp_path, "c.pcd", data)).points, points)
 
 
 def test_trimesh_reads_the_same_points(tmp_path):
@@ -122,7 +163,11 @@ BAD = [
     ("c.pcd", pcd(POINTS).replace(b"FIELDS x y z rgb\n", b""), "header has no line 'FIELDS'"),
     ("c.pcd", pcd(POINTS, "binary")[:-5], r"byte \d+: the file ends; 3 points need 60 bytes from byte \d+ on"),
     ("c.pcd", pcd(POINTS)[:-12], r"c\.pcd:13: the file ends after 2 of 3 points|c\.pcd:\d+: must hold 4 numbers"),
-    ("c.pcd", pcd(POINTS, "binary_compressed"), r"c\.pcd:11: PCD files with DATA 'binary_compressed' are not read"),
+    ("c.pcd", pcd(POINTS, "binary_packed"), r"c\.pcd:11: PCD files with DATA 'binary_packed' are not read"),
+    ("c.pcd", packed_pcd(POINTS)[:-1], r"c\.pcd: byte \d+: the file ends; \d+ packed bytes"),
+    ("c.pcd", pcd(POINTS, "binary_compressed")[:-60] + bytes(8), "0 bytes are packed; 3 points have 60"),
+    ("c.pcd", packed_pcd(POINTS, lambda data: b"\xe0\x00\x05" + data), "packed points are damaged after 0 of 60 bytes"),
+    ("c.pcd", packed_pcd(POINTS, lambda data: data[:-9]), "packed points are damaged"),
     ("c.pcd", pcd(POINTS, sizes="4 4 8"), "must have equally many entries"),
     ("c.pcd", pcd(POINTS, types="F F Q U"), "field 'z' of type 'Q', size '8' is not understood"),
     ("c.pcd", pcd(POINTS).replace(b"POINTS 3", b"POINTS many"), "does not say how many POINTS"),

@@ -1,0 +1,397 @@
+"""IO room, bags in: laser scans, point clouds, joint states and the base's pose from ROS 1 and ROS 2 bags.
+
+Messages come one after the other, as the bag is read: none of the iterators holds more than a second of them. Where the
+robot was when something was measured is interpolated between the transforms before and after.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ElasticStripsError, InputError, missing_extra, nearest_name
+from elastic_strips.files import check_input
+from elastic_strips.scene.quantities import rotation_of
+from elastic_strips.validation import check_array
+
+from .laser_log import LoggedScan, scan_of
+from .point_cloud import PointCloud
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+_MAX_BYTES = 2**42
+_SCAN, _CLOUD, _JOINTS = (f"sensor_msgs/msg/{name}" for name in ("LaserScan", "PointCloud2", "JointState"))
+_TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_WAIT = 1.0  # for the transforms after a measurement [s], on the bag's clock
+_GAP = 1.0  # between the transforms before and after, at most [s]
+_KEPT = 10.0  # transforms stay so long [s]
+_FLAT = 1e-6
+_FIELDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # of PointField
+_MAX_POINTS = 5_000_000
+
+
+class BagError(InputError):
+    """A bag cannot be read, or does not hold what is asked of it; the message names the file."""
+
+
+class BagTopic(NamedTuple):
+    """What a bag holds of a topic: the messages' type and how many there are."""
+
+    type: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BagCloud:
+    """A point cloud of a bag.
+
+    Attributes:
+        time: of its stamp [s].
+        frame: in which its points are.
+        cloud: the points.
+    """
+
+    time: float
+    frame: str
+    cloud: PointCloud
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BagJoints:
+    """A JointState of a bag.
+
+    Attributes:
+        time: of its stamp [s].
+        positions, velocities: of the joints that have any, by name [rad or m; rad/s or m/s].
+    """
+
+    time: float
+    positions: Mapping[str, float]
+    velocities: Mapping[str, float]
+
+
+class BagReader:
+    """Reads a bag: ``.bag`` of ROS 1; ``.mcap``, ``.db3`` or a folder with ``metadata.yaml`` of ROS 2.
+
+    Where a topic is not given, the bag must have one of the kind that is asked for.
+
+    Attributes:
+        path: the bag.
+        topics: what it holds, by topic.
+        dropped: what the iterators left out or assumed so far, and how often.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], *, base_frame: str = "base_link", world_frame: str | None = None
+    ) -> None:
+        """Open the bag and list its topics.
+
+        Args:
+            path: file or folder.
+            base_frame: the robot's base, of which poses are given and in which sensors are mounted.
+            world_frame: in which the base's poses are; where None, the frame that all others hang on.
+
+        Raises:
+            BagError: no such file, another format, or a damaged one.
+            MissingExtraError: rosbags is not installed.
+        """
+        self.path: Path = Path(path)
+        self.dropped: Counter[str] = Counter()
+        self._base, self._world = base_frame, world_frame
+        what = self.path / "metadata.yaml" if os.path.isdir(self.path) else self.path
+        check_input(what, "bag", _MAX_BYTES, BagError)
+        self.topics: dict[str, BagTopic] = {}
+        self._static = _Frames()
+        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
+            self._static.add(kind, message, static=True)
+
+    def scans(self, topic: str | None = None) -> Iterator[LoggedScan]:
+        """The laser scans, each with the base's pose, as `read_laser_log` gives them.
+
+        The sensor's mount is that of the transforms; it is taken as the base's own place where there are none. The pose
+        is None where the transforms do not say it. Both are counted in ``dropped``.
+
+        Raises:
+            BagError: no such topic, several of them, or a damaged bag.
+        """
+        for message, stamp, frames in self._stamped(_SCAN, topic):
+            name = message.header.frame_id
+            mount = frames.between(self._base, name, stamp)
+            if mount is None:
+                self.dropped["scans of a sensor whose mount is not known"] += 1
+                mount = np.eye(4)
+            pose = self._pose(frames, stamp)
+            if pose is None:
+                self.dropped["scans without a pose"] += 1
+            keys = ("angle_min", "angle_increment", "range_min", "range_max")
+            head = {"stamp": stamp, **{key: float(getattr(message, key)) for key in keys}}
+            try:
+                yield scan_of(name or "laser", head, message.ranges, mount), pose
+            except ValueError as error:
+                self.dropped[f"scans that are none ({error})"] += 1
+
+    def clouds(self, topic: str | None = None, *, frame: str | None = None) -> Iterator[BagCloud]:
+        """The point clouds; points that are not finite, and all but x, y and z, are left out.
+
+        Args:
+            topic: of the clouds.
+            frame: into which the points are brought; the sensor's where None. Clouds are left out, and counted in
+                ``dropped``, where the transforms do not say how.
+
+        Raises:
+            BagError: no such topic, several of them, a cloud without x, y and z, or a damaged bag.
+        """
+        for message, stamp, frames in self._stamped(_CLOUD, topic):
+            points, lost = self._points(message)
+            name = message.header.frame_id
+            if frame is not None:
+                T = frames.between(frame, name, stamp)
+                if T is None:
+                    self.dropped[f"clouds whose place in {frame!r} is not known"] += 1
+                    continue
+                points = points @ T[:3, :3].T + T[:3, 3]
+            if not len(points):
+                self.dropped["clouds without points"] += 1
+                continue
+            points.flags.writeable = False
+            yield BagCloud(stamp, frame or name, PointCloud(points, lost))
+
+    def joint_states(self, topic: str | None = None) -> Iterator[BagJoints]:
+        """The joint states; efforts are left out.
+
+        Raises:
+            BagError: no such topic, several of them, or a damaged bag.
+        """
+        topic = self._topic(_JOINTS, topic)
+        for _, _, message in self._read(lambda t: t.topic == topic):
+            rows = (
+                dict(zip(message.name, map(float, row), strict=False)) for row in (message.position, message.velocity)
+            )
+            yield BagJoints(_seconds(message.header.stamp), *rows)
+
+    def poses(self) -> Iterator[tuple[float, Array]]:
+        """Time [s] and pose (3,) of the base (x, y [m], yaw [rad]), whenever one of its transforms comes.
+
+        Raises:
+            BagError: a damaged bag.
+        """
+        frames, last = self._static.copied(), -math.inf
+        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and not t.topic.endswith("tf_static")):
+            frames.add(kind, message)
+            stamp = frames.latest(self._base)
+            pose = self._pose(frames, stamp) if stamp > last else None
+            if pose is not None:
+                last = stamp
+                yield stamp, pose
+
+    def _pose(self, frames: _Frames, stamp: float) -> Array | None:
+        world = self._world or frames.root(self._base)
+        T = None if world == self._base else frames.between(world, self._base, stamp)
+        return None if T is None else check_array("pose", [T[0, 3], T[1, 3], math.atan2(T[1, 0], T[0, 0])], (3,))
+
+    def _stamped(self, kind: str, topic: str | None) -> Iterator[tuple[Any, float, _Frames]]:
+        """Messages of a topic with their stamps, each once the transforms around its stamp are there."""
+        topic = self._topic(kind, topic)
+        frames = self._static.copied()
+        waiting: deque[tuple[Any, float]] = deque()
+        for name, now, message in self._read(
+            lambda t: t.topic == topic or (t.type in _TRANSFORMS and not t.topic.endswith("tf_static"))
+        ):
+            if name in _TRANSFORMS:
+                frames.add(name, message)
+            else:
+                waiting.append((message, _seconds(message.header.stamp)))
+            while waiting:
+                first, stamp = waiting[0]
+                ready = frames.known_at(stamp, first.header.frame_id, self._base)
+                if not ready and now - stamp < _WAIT and len(waiting) < 1000:
+                    break
+                waiting.popleft()
+                yield first, stamp, frames
+        for first, stamp in waiting:
+            yield first, stamp, frames
+
+    def _topic(self, kind: str, topic: str | None) -> str:
+        """The topic that is given, or the only one of a kind."""
+        fitting = [name for name, found in self.topics.items() if found.type == kind]
+        if topic is not None:
+            if topic not in fitting:
+                raise BagError(f"{self.path}: has no topic {topic!r} of {kind}{nearest_name(topic, fitting)}")
+            return topic
+        if not fitting:
+            said = ", ".join(f"{name} ({found.type})" for name, found in list(self.topics.items())[:12])
+            raise BagError(f"{self.path}: has no topic of {kind}; it has {said or 'none at all'}")
+        if len(fitting) > 1:
+            raise BagError(f"{self.path}: has several topics of {kind}: {', '.join(sorted(fitting)[:12])}; name one")
+        return fitting[0]
+
+    def _read(self, wanted: Callable[[_Channel], bool]) -> Iterator[tuple[str, float, Any]]:
+        """Type, time of recording [s] and message of all that is wanted, as the bag has them."""
+        try:
+            with self._opened() as reader:
+                self.topics = {name: BagTopic(str(t.msgtype), t.msgcount) for name, t in reader.topics.items()}
+                chosen = [c for c in reader.connections if wanted(_Channel(c.topic, c.msgtype))]
+                for connection, at, data in reader.messages(connections=chosen) if chosen else ():
+                    yield connection.msgtype, 1e-9 * at, reader.deserialize(data, connection.msgtype)
+        except ElasticStripsError:
+            raise
+        except Exception as error:  # of rosbags, SQLite, zstd and lz4, of YAML: all of them about what the file holds
+            said = " ".join(str(error).split())[:300] or type(error).__name__
+            raise BagError(f"{self.path}: the bag cannot be read: {said}") from None
+
+    def _opened(self) -> AnyReader:
+        try:
+            highlevel = importlib.import_module("rosbags.highlevel")
+            typesys = importlib.import_module("rosbags.typesys")
+        except ModuleNotFoundError:
+            raise missing_extra(f"the bag {self.path.name}", "rosbags", "ros") from None
+        store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)  # for bags that hold no definitions
+        return highlevel.AnyReader([self.path], default_typestore=store)
+
+    def _points(self, message: Any) -> tuple[Array, int]:
+        """x, y, z (n, 3) of a cloud, and how many points were left out."""
+        fields = {f.name: f for f in message.fields}
+        missing = [axis for axis in "xyz" if axis not in fields or fields[axis].datatype not in _FIELDS]
+        if missing:
+            raise BagError(f"{self.path}: a cloud has no {', '.join(missing)}; it has {', '.join(fields) or 'nothing'}")
+        order = ">" if message.is_bigendian else "<"
+        count, step, rows = message.width * message.height, message.point_step, message.height
+        if count > _MAX_POINTS:
+            raise BagError(f"{self.path}: a cloud has {count} points; at most {_MAX_POINTS} are read")
+        data = np.asarray(message.data, dtype=np.uint8)
+        if len(data) < rows * message.row_step or message.row_step < message.width * step:
+            raise BagError(f"{self.path}: a cloud has {len(data)} bytes, too few for {rows} rows of {message.row_step}")
+        if count and message.row_step > message.width * step:  # rows with something behind them
+            data = data[: rows * message.row_step].reshape(rows, message.row_step)[:, : message.width * step].ravel()
+        kinds = [order + _FIELDS[fields[axis].datatype] for axis in "xyz"]
+        offsets = [int(fields[axis].offset) for axis in "xyz"]
+        dtype = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": int(step)})
+        table = np.frombuffer(data.tobytes(), dtype, count)
+        points = np.column_stack([table[axis].astype(float) for axis in "xyz"])
+        finite = np.isfinite(points).all(axis=1)
+        return points[finite], int((~finite).sum())
+
+
+class _Channel(NamedTuple):
+    topic: str
+    type: str
+
+
+@dataclass(slots=True)
+class _Frames:
+    """The tree of frames over the last seconds."""
+
+    parents: dict[str, str] = field(default_factory=dict)
+    still: dict[str, Array] = field(default_factory=dict)  # T_parent_child (4, 4) that never change
+    moving: dict[str, deque[tuple[float, Array]]] = field(default_factory=dict)  # time, x y z qx qy qz qw
+
+    def copied(self) -> _Frames:
+        return _Frames(dict(self.parents), dict(self.still))
+
+    def add(self, kind: str, message: Any, *, static: bool = False) -> None:
+        for each in message.transforms:
+            child, parent = each.child_frame_id.lstrip("/"), each.header.frame_id.lstrip("/")
+            at, turn = each.transform.translation, each.transform.rotation
+            row = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w])
+            norm = float(np.linalg.norm(row[3:]))
+            if not np.isfinite(row).all() or norm < _FLAT or child == parent:
+                continue
+            row[3:] /= norm
+            self.parents[child] = parent
+            if static:
+                self.still[child] = _matrix(row)
+                continue
+            stamp, rows = _seconds(each.header.stamp), self.moving.setdefault(child, deque())
+            if rows and stamp <= rows[-1][0]:  # late, twice, or the clock was set back
+                if stamp < rows[-1][0] - _KEPT:
+                    rows.clear()
+                else:
+                    continue
+            rows.append((stamp, row))
+            while rows[0][0] < stamp - _KEPT:
+                rows.popleft()
+
+    def chain(self, frame: str) -> list[str]:
+        """The frame and those that it hangs on."""
+        chain = [frame.lstrip("/")]
+        while chain[-1] in self.parents and len(chain) < 100:
+            chain.append(self.parents[chain[-1]])
+        return chain
+
+    def root(self, frame: str) -> str:
+        return self.chain(frame)[-1]
+
+    def latest(self, frame: str) -> float:
+        """The time up to which the frame's place is known."""
+        times = [self.moving[f][-1][0] for f in self.chain(frame) if f in self.moving and f not in self.still]
+        return min(times, default=-math.inf)
+
+    def known_at(self, t: float, *frames: str) -> bool:
+        """Whether the transforms of the frames go on to a time; true only where there are any."""
+        return all(self.latest(f) >= t or not self.moving.keys() & set(self.chain(f)) for f in frames) and bool(
+            self.moving
+        )
+
+    def between(self, target: str, source: str, t: float) -> Array | None:
+        """T_target_source (4, 4) at a time, or None where it is not known."""
+        up, down = self.chain(source), self.chain(target)
+        common = next((f for f in up if f in down), None)
+        if common is None:
+            return None
+        left, right = (self._up(chain[: chain.index(common)], t) for chain in (down, up))
+        return None if left is None or right is None else np.linalg.inv(left) @ right
+
+    def _up(self, chain: list[str], t: float) -> Array | None:
+        """T of the last frame's parent and the first frame."""
+        T = np.eye(4)
+        for frame in chain:
+            step = self.still[frame] if frame in self.still else self._at(frame, t)
+            if step is None:
+                return None
+            T = step @ T
+        return T
+
+    def _at(self, frame: str, t: float) -> Array | None:
+        rows = self.moving[frame]
+        after: tuple[float, Array] | None = None
+        for before in reversed(rows):  # it is near the end
+            if before[0] <= t:
+                break
+            after = before
+        else:
+            before = None
+        if before is None or after is None:  # before the first, or after the last
+            stamp, row = before or after or rows[0]
+            return _matrix(row) if abs(stamp - t) <= 0.5 * _GAP else None
+        (t0, a), (t1, b) = before, after
+        if t1 - t0 > _GAP:
+            return None
+        s = (t - t0) / (t1 - t0)
+        row = (1.0 - s) * a + s * b
+        cos = float(a[3:] @ b[3:])
+        angle = math.acos(min(abs(cos), 1.0))
+        if angle > _FLAT:  # on the shorter way
+            sign = math.copysign(1.0, cos)
+            row[3:] = (math.sin((1.0 - s) * angle) * a[3:] + sign * math.sin(s * angle) * b[3:]) / math.sin(angle)
+        row[3:] /= np.linalg.norm(row[3:])
+        return _matrix(row)
+
+
+def _matrix(row: Array) -> Array:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation_of(row[3:]), row[:3]
+    return T
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)

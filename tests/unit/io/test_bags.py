@@ -1,0 +1,295 @@
+"""Bags: what is written is read again, by this library and by others; scans meet transforms; what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import elastic_strips as es
+from elastic_strips.control.record import Recorder
+from elastic_strips.errors import InputError
+from elastic_strips.io import BagError, BagReader, cloud_scene, write_bag
+from elastic_strips.scene import Cone, ConvexHull, Keyframes, Points, Voxels, World
+from elastic_strips.trajectory import retime
+
+rosbags = pytest.importorskip("rosbags.highlevel")
+from rosbags.rosbag1 import Writer as Writer1  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
+
+STORES = {"ros2": get_typestore(Stores.ROS2_HUMBLE), "ros1": get_typestore(Stores.ROS1_NOETIC)}
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+STORES["ros1"].register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS))
+
+
+class Made:
+    """A bag made by hand, of ROS 1 or ROS 2."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self.kind, self.store = ("ros1" if kind == ".bag" else "ros2"), STORES["ros1" if kind == ".bag" else "ros2"]
+        plugin = StoragePlugin.MCAP if kind == ".mcap" else StoragePlugin.SQLITE3
+        self.writer = Writer1(path) if kind == ".bag" else Writer(path, version=9, storage_plugin=plugin)
+        self.connections: dict[str, object] = {}
+
+    def make(self, name: str, *args: object) -> object:
+        return self.store.types[name](*args)
+
+    def header(self, t: float, frame: str) -> object:
+        sec, nanosec = divmod(round(t * 1e9), 10**9)
+        time = self.make("builtin_interfaces/msg/Time", sec, nanosec)
+        return self.make("std_msgs/msg/Header", *((0,) if self.kind == "ros1" else ()), time, frame)
+
+    def add(self, t: float, topic: str, kind: str, *args: object) -> None:
+        if topic not in self.connections:
+            self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
+        serialize = self.store.serialize_ros1 if self.kind == "ros1" else self.store.serialize_cdr
+        self.writer.write(self.connections[topic], round(t * 1e9), serialize(self.make(kind, *args), kind))
+
+    def tf(self, t: float, topic: str, parent: str, child: str, x: float, y: float, z: float, yaw: float) -> None:
+        vector = self.make("geometry_msgs/msg/Vector3", x, y, z)
+        turn = self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+        transform = self.make("geometry_msgs/msg/Transform", vector, turn)
+        stamped = self.make("geometry_msgs/msg/TransformStamped", self.header(t, parent), child, transform)
+        self.add(t, topic, TRANSFORMS, [stamped])
+
+    def scan(self, t: float, topic: str, ranges: list[float], frame: str = "laser") -> None:
+        head = (self.header(t, frame), -0.5, 0.5, 0.5, 0.0, 0.1, 0.1, 8.0)
+        self.add(t, topic, "sensor_msgs/msg/LaserScan", *head, np.array(ranges, np.float32), np.zeros(0, np.float32))
+
+    def cloud(self, t: float, topic: str, points: np.ndarray, frame: str = "laser") -> None:
+        fields = [self.make("sensor_msgs/msg/PointField", n, 4 * k + 4, 7, 1) for k, n in enumerate("xyz")]
+        table = np.zeros((len(points), 5), "<f4")
+        table[:, 1:4] = points
+        data = np.frombuffer(table.tobytes(), np.uint8)
+        size = (20, 20 * len(points))
+        self.add(t, topic, "sensor_msgs/msg/PointCloud2", self.header(t, frame), 1, len(points), fields, False, *size,
+                 data, True)  # fmt: skip
+
+    def joints(self, t: float, topic: str, **positions: float) -> None:
+        values = np.array(list(positions.values()))
+        self.add(t, topic, "sensor_msgs/msg/JointState", self.header(t, ""), list(positions), values, 0.1 * values,
+                 np.zeros(0))  # fmt: skip
+
+
+CLOUD = np.array([[1.0, 2.0, 0.5], [np.nan, 0.0, 0.0], [3.0, -1.0, 0.25]])
+
+
+def drive(path: Path, kind: str, *, steps: int = 60, cloud: float = 2.05) -> Path:
+    """A base on a circle of radius 2, a turn in 20 s; scans between its transforms, a cloud, and joint states."""
+    made = Made(path, kind)
+    with made.writer:
+        made.tf(0.0, "/tf_static", "base_link", "laser", 0.2, 0.0, 0.3, math.pi / 2)
+        for k in range(steps):
+            t = 0.1 * k
+            a = t * math.pi / 10
+            made.tf(t, "/tf", "map", "odom", 1.0, 0.0, 0.0, 0.0)
+            made.tf(t, "/tf", "odom", "base_link", 2 * math.cos(a), 2 * math.sin(a), 0.0, a + math.pi / 2)
+            if k % 5 == 1:
+                made.scan(t + 0.05, "/scan", [1.5, float("nan"), 9.0])
+            made.joints(t, "/joint_states", arm_1_joint=0.1 * k, wheel=t)
+        made.cloud(cloud, "/points", CLOUD)
+    return path if kind == ".bag" else next(path.glob(f"*{kind}")) if kind != "folder" else path
+
+
+@pytest.mark.parametrize("kind", [".mcap", ".db3", ".bag", "folder"])
+def test_scans_come_with_the_pose_at_their_stamp(tmp_path, kind):
+    bag = BagReader(drive(tmp_path / ("b.bag" if kind == ".bag" else "b"), kind))
+    scans = list(bag.scans())
+    assert len(scans) == 12
+    for scan, pose in scans:
+        a = scan.time * math.pi / 10
+        np.testing.assert_allclose(pose[:2], [1 + 2 * math.cos(a), 2 * math.sin(a)], atol=3e-4)  # a chord's sagitta
+        assert math.remainder(pose[2] - a - math.pi / 2, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+        np.testing.assert_allclose(scan.T_base_sensor[:3, 3], [0.2, 0, 0.3], atol=1e-12)
+        np.testing.assert_allclose(scan.T_base_sensor[:3, 0], [0, 1, 0], atol=1e-12)
+        np.testing.assert_array_equal(scan.ranges, [1.5, np.nan, np.inf])
+    assert not bag.dropped
+    assert bag.topics["/scan"] == ("sensor_msgs/msg/LaserScan", 12)
+
+
+def test_clouds_are_brought_into_a_frame(tmp_path):
+    bag = BagReader(drive(tmp_path / "b", ".mcap"))
+    (raw,) = bag.clouds()
+    np.testing.assert_allclose(raw.cloud.points, CLOUD[[0, 2]])
+    assert (raw.cloud.dropped, raw.frame) == (1, "laser")
+    (placed,) = bag.clouds(frame="base_link")
+    np.testing.assert_allclose(placed.cloud.points, [[0.2 - 2.0, 1.0, 0.8], [0.2 + 1.0, 3.0, 0.55]], atol=1e-9)
+    assert len(cloud_scene(placed.cloud)) == 1
+    assert list(bag.clouds(frame="nowhere")) == []
+    assert bag.dropped == {"clouds whose place in 'nowhere' is not known": 1}
+
+
+def test_joint_states_and_poses(tmp_path):
+    bag = BagReader(drive(tmp_path / "b.bag", ".bag"))
+    states = list(bag.joint_states())
+    assert len(states) == 60
+    assert states[7].positions == pytest.approx({"arm_1_joint": 0.7, "wheel": 0.7})
+    assert states[7].velocities["wheel"] == pytest.approx(0.07)
+    poses = list(bag.poses())
+    assert [t for t, _ in poses] == pytest.approx([0.1 * k for k in range(60)])
+    np.testing.assert_allclose(poses[0][1], [3.0, 0.0, math.pi / 2], atol=1e-9)
+    in_odom = list(BagReader(tmp_path / "b.bag", world_frame="odom").poses())
+    np.testing.assert_allclose(in_odom[0][1], [2.0, 0.0, math.pi / 2], atol=1e-9)
+
+
+def test_what_is_not_known_is_counted(tmp_path):
+    made = Made(tmp_path / "b", ".mcap")
+    with made.writer:
+        for t in (1.0, 2.0):
+            made.scan(t, "/scan", [1.0, 2.0], frame="lidar")
+        made.scan(3.0, "/scan", [1.0], frame="lidar")
+        made.tf(30.0, "/tf", "odom", "base_link", 0.0, 0.0, 0.0, 0.0)
+    bag = BagReader(next((tmp_path / "b").glob("*.mcap")))
+    scans = list(bag.scans())
+    assert [pose for _, pose in scans] == [None, None]
+    np.testing.assert_array_equal(scans[0][0].T_base_sensor, np.eye(4))
+    assert bag.dropped["scans of a sensor whose mount is not known"] == 3
+    assert bag.dropped["scans without a pose"] == 3
+    assert bag.dropped["scans that are none (a scan has 1 ranges; at least 2 are needed)"] == 1
+
+
+def test_the_topic_is_found_or_named(tmp_path):
+    made = Made(tmp_path / "b", ".mcap")
+    with made.writer:
+        made.scan(1.0, "/front", [1.0, 2.0])
+        made.scan(1.0, "/rear", [1.0, 3.0])
+    bag = BagReader(next((tmp_path / "b").glob("*.mcap")))
+    assert [scan.ranges[1] for scan, _ in bag.scans("/rear")] == [3.0]
+    for use, says in [
+        (lambda: list(bag.scans()), r"several topics of sensor_msgs/msg/LaserScan: /front, /rear; name one"),
+        (lambda: list(bag.scans("/raer")), r"no topic '/raer' .*; did you mean '/rear'\?"),
+        (lambda: list(bag.clouds()), r"no topic of sensor_msgs/msg/PointCloud2; it has /front"),
+    ]:
+        with pytest.raises(BagError, match=says):
+            use()
+
+
+def test_a_long_bag_is_read_as_a_stream(tmp_path, monkeypatch):
+    """What was read before the first scan is given is a second of the bag, not the bag."""
+    from rosbags.highlevel import AnyReader
+
+    taken = []
+    deserialize = AnyReader.deserialize
+    monkeypatch.setattr(AnyReader, "deserialize", lambda s, d, k: (taken.append(k), deserialize(s, d, k))[1])
+    bag = BagReader(drive(tmp_path / "b", ".mcap"))
+    taken.clear()
+    next(bag.scans())
+    assert len(taken) < 12
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    sound = drive(tmp_path / "b", ".mcap").read_bytes()
+    for name, data, says in [
+        ("b.mcap", b"", "cannot be read"),
+        ("b.mcap", sound[: len(sound) // 2], "cannot be read"),
+        ("b.bag", sound, "cannot be read"),
+        ("b.db3", sound, "cannot be read"),
+        ("b.zip", sound, "cannot be read"),
+    ]:
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(BagError, match=says):
+            list(BagReader(tmp_path / name).scans())
+    with pytest.raises(BagError, match="No such file"):
+        BagReader(tmp_path / "gone.mcap")
+    with pytest.raises(BagError, match=r"metadata\.yaml"):
+        BagReader(tmp_path)
+
+
+def messages(path: Path) -> dict[str, list]:
+    found: dict[str, list] = {}
+    with rosbags.AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+    return found
+
+
+@pytest.fixture(scope="module")
+def driven(silvermate):
+    strip = es.Strip(
+        silvermate, [silvermate.home(x, 0.0, 0.0, arm_4_joint=1.0 + 0.1 * x) for x in np.arange(0, 2.1, 0.1)]
+    )
+    return retime(strip)
+
+
+def test_a_trajectory_becomes_a_bag_that_others_read(tmp_path, silvermate, driven):
+    corners = np.random.default_rng(0).uniform(0, 1, (9, 3)) + 5
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    scene = es.Scene([
+        es.Box((0.6, 0.5, 1.4), at=(1.5, 2, 0.7), name="box"), es.Sphere(0.2, at=(2, 3, 1)), es.Capsule(0.1, 0.5),
+        Cone(0.1, 0.5), ConvexHull(corners), Voxels([[7, 7, 0], [7, 7.3, 0]], 0.1), Points(corners, 0.05),
+        es.Cylinder(0.1, 0.5), es.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], faces),
+    ])  # fmt: skip
+    path = write_bag(tmp_path / "t.mcap", driven, scene=scene)
+    assert not [p for p in tmp_path.iterdir() if p != path]
+    found = messages(path)
+    (plan,), (timed,), (markers,) = found["/plan"], found["/joint_trajectory"], found["/obstacles"]
+    assert [p.pose.position.x for p in plan.poses] == pytest.approx(driven.coordinates[:, 0])
+    assert timed.joint_names == list(silvermate.joint_names)
+    last = timed.points[-1]
+    assert last.time_from_start.sec + 1e-9 * last.time_from_start.nanosec == pytest.approx(driven.duration, abs=1e-9)
+    np.testing.assert_array_equal([p.positions for p in timed.points], driven.coordinates[:, 3:])
+    np.testing.assert_array_equal([p.accelerations for p in timed.points], driven.a[:, 3:])
+    kinds = {m.ns: m.type for m in markers.markers}
+    assert len(kinds) == len(scene)
+    assert kinds["box"] == 1
+    assert (markers.markers[0].scale.y, markers.markers[0].pose.position.z) == (0.5, 0.7)
+    capsule = np.array([[p.x, p.y, p.z] for p in markers.markers[2].points])
+    np.testing.assert_allclose(
+        [capsule.min(axis=0), capsule.max(axis=0)], [[-0.1, -0.1, -0.35], [0.1, 0.1, 0.35]], atol=2e-3
+    )
+    assert found["/robot_description"][0].data.startswith("<?xml")
+
+    bag = BagReader(path, world_frame="map")  # the same bag, read as a recorded one
+    states = list(bag.joint_states())
+    rows = np.searchsorted(driven.time, [s.time for s in states] - np.array(1e-6))
+    wanted = driven.coordinates[rows, 3:]
+    np.testing.assert_array_equal([[s.positions[n] for n in silvermate.joint_names] for s in states], wanted)
+    poses = np.array([pose for _, pose in bag.poses()])
+    np.testing.assert_allclose(poses, driven.coordinates[rows, :3], atol=1e-12)
+
+
+def test_the_links_are_where_the_robot_has_them(tmp_path, silvermate, driven):
+    import pinocchio as pin
+
+    found = messages(write_bag(tmp_path / "t.mcap", driven, period=1.0))
+    last = {t.child_frame_id: t for t in found["/tf"][-1].transforms}
+    data = silvermate.model.createData()
+    pin.framesForwardKinematics(silvermate.model, data, driven.q[-1])
+    hand = silvermate.model.getFrameId("arm_7_link")
+    base = silvermate.model.getFrameId("base_link")
+    at = last["arm_7_link"].transform.translation
+    np.testing.assert_allclose([at.x, at.y, at.z], data.oMf[base].actInv(data.oMf[hand]).translation, atol=1e-12)
+    assert last["base_link"].header.frame_id == "map"
+
+
+def test_the_record_of_a_drive_has_its_obstacles_as_they_moved(tmp_path):
+    robot = es.load_robot("jackal-box")
+    ball = Keyframes([0.0, 1.0], [[2, 0, 0.5], [2, 1, 0.5]])
+    world = World(es.Scene([es.Box((1, 1, 1), at=(0, 3, 0.5), name="table"), es.Sphere(0.2, motion=ball, name="ball")]),
+                  appears={"ball": 0.3})  # fmt: skip
+    recorder = Recorder(robot, world)
+    for k in range(101):
+        row = np.array([0.01 * k, 0.0, 0.0])
+        recorder.control(0.01 * k, coordinates=row, v=0 * row, reference=row)
+    found = messages(write_bag(tmp_path / "r.mcap", recorder.finish(), period=0.1))
+    names = [[m.ns for m in message.markers if m.action == 0] for message in found["/obstacles"]]
+    assert names == [["table"]] * 3 + [["table", "ball"]] * 8
+    y = [m.markers[-1].pose.position.y for m in found["/obstacles"][4:]]
+    np.testing.assert_allclose(y, np.arange(0.4, 1.05, 0.1), atol=0.011)  # a sample more or less
+    assert all(m.markers[0].action == 3 for m in found["/obstacles"])  # all are deleted, then there are new ones
+    assert "/joint_states" not in found
+
+
+def test_a_bag_refuses_what_it_cannot_hold(tmp_path, silvermate, driven):
+    from dataclasses import replace
+
+    with pytest.raises(InputError, match="begins at -1 s"):
+        write_bag(tmp_path / "t.mcap", replace(driven, time=driven.time - 1.0))
+    with pytest.raises(InputError, match="period=0"):
+        write_bag(tmp_path / "t.mcap", driven, period=0.0)
+    with pytest.raises(InputError, match="motion must be a Trajectory"):
+        write_bag(tmp_path / "t.mcap", driven.strip())
+    assert not list(tmp_path.iterdir())

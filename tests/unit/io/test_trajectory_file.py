@@ -1,0 +1,94 @@
+"""Trajectory files: what is written reads back, to the last bit or as far as the format goes; in ROS' field names."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import elastic_strips as es
+from elastic_strips.errors import InputError, MissingExtraError
+from elastic_strips.io import load_path, trajectory_columns, trajectory_document, trajectory_frame, write_trajectory
+from elastic_strips.trajectory import retime
+
+
+@pytest.fixture(scope="module", params=["silvermate", "jackal-box", "panda"])
+def trajectory(request):
+    """A base with an arm, a base alone, an arm alone; the base turns more than half a turn."""
+    robot = es.load_robot(request.param)
+    rows = np.tile(robot.space.to_coordinates(robot.home_q), (30, 1))
+    k = np.arange(30)
+    if robot.space.planar:
+        turn = 0.12 * k
+        rows[:, :3] = np.column_stack((np.sin(turn), 1.0 - np.cos(turn), turn))
+    if len(robot.joint_names):
+        rows[:, -1] += 0.001 * k
+    return retime(es.Strip.from_coordinates(robot, rows))
+
+
+@pytest.mark.parametrize(("suffix", "loss"), [(".csv", 0.0), (".npz", 0.0), (".json", 1e-9)])
+def test_a_trajectory_comes_back(tmp_path, trajectory, suffix, loss):
+    back = load_path(write_trajectory(tmp_path / f"t{suffix}", trajectory), trajectory.robot)
+    assert np.abs(back.q - trajectory.q).max() <= loss  # of a quaternion's sine and cosine
+    assert np.abs(back.times - trajectory.time).max() <= loss  # whole nanoseconds
+    assert back.notes == (("velocities and accelerations are left out",) if suffix == ".csv" else ())
+
+
+def test_all_that_is_known_is_in_the_columns(trajectory):
+    columns, robot = trajectory_columns(trajectory), trajectory.robot
+    assert len(columns) == 1 + 3 * robot.nv
+    for name in robot.joint_names[-1:]:
+        np.testing.assert_array_equal(columns[name], trajectory.coordinates[:, -1])
+        np.testing.assert_array_equal(columns[f"{name}_rate"], trajectory.v[:, -1])
+        np.testing.assert_array_equal(columns[f"{name}_acceleration"], trajectory.a[:, -1])
+    if robot.space.planar:
+        np.testing.assert_array_equal(columns["omega"], trajectory.v[:, 2])
+    assert np.abs(trajectory.v).max() > 0.0
+
+
+def test_the_table_has_the_columns(trajectory, monkeypatch):
+    pandas = pytest.importorskip("pandas")
+    frame = trajectory_frame(trajectory)
+    assert isinstance(frame, pandas.DataFrame)
+    assert list(frame.columns) == list(trajectory_columns(trajectory))
+    assert (frame["time"] == trajectory.time).all()
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(MissingExtraError, match="pip install pandas"):
+        trajectory_frame(trajectory)
+
+
+def test_json_has_the_fields_of_ros(tmp_path, trajectory):
+    """Every field of the messages, and no other; where rosbags is, its definitions say which."""
+    document = json.loads(write_trajectory(tmp_path / "t.json", trajectory, frame="odom").read_text())
+    assert document == trajectory_document(trajectory, frame="odom")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+    def check(kind: str, value: dict) -> None:
+        fields = dict(store.fielddefs[kind][1])
+        assert value.keys() == fields.keys(), kind
+        for name, (node, of) in fields.items():
+            if node == 2:
+                check(of, value[name])
+            elif node == 4 and of[0][0] == 2:
+                for each in value[name][:2]:
+                    check(of[0][1], each)
+
+    check("trajectory_msgs/msg/JointTrajectory", document["joint_trajectory"])
+    if trajectory.robot.space.planar:
+        check("trajectory_msgs/msg/MultiDOFJointTrajectory", document["multi_dof_joint_trajectory"])
+        check("nav_msgs/msg/Path", document["path"])
+        assert document["path"]["header"]["frame_id"] == "odom"
+    else:
+        assert document.keys() == {"joint_trajectory"}
+
+
+def test_another_ending_is_refused_before_anything_is_written(tmp_path, trajectory):
+    with pytest.raises(InputError, match=r"not written as '\.jsn'; did you mean '\.json'"):
+        write_trajectory(tmp_path / "t.jsn", trajectory)
+    with pytest.raises(InputError, match="must be a Trajectory"):
+        write_trajectory(tmp_path / "t.json", trajectory.strip())
+    with pytest.raises(InputError, match="there is no folder"):
+        write_trajectory(tmp_path / "gone" / "t.csv", trajectory)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,110 @@
+"""xacro files: the robot is that of the URDF which they expand to; arguments, packages, and what is refused."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+import elastic_strips as es
+from elastic_strips.errors import RobotError
+from elastic_strips.trajectory import MotionLimits
+
+pytest.importorskip("xacro")
+
+ARM = """<?xml version="1.0"?>
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="segment" params="name parent length">
+    <link name="${name}"><collision><origin xyz="0 0 ${length / 2}"/><geometry>
+      <box size="0.05 0.05 ${length}"/></geometry></collision></link>
+    <joint name="${name}_joint" type="revolute"><parent link="${parent}"/><child link="${name}"/>
+      <origin xyz="0 0 0.3"/><axis xyz="0 1 0"/><limit lower="-${pi / 2}" upper="${pi / 2}" velocity="1.5" effort="9"/>
+    </joint>
+  </xacro:macro>
+</robot>
+"""
+ROBOT = """<?xml version="1.0"?>
+<robot name="made" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="length" default="0.3"/>
+  <xacro:property name="length" value="$(arg length)"/>
+  <xacro:include filename="{include}"/>
+  <link name="base_link"><collision><geometry><box size="0.4 0.4 0.2"/></geometry></collision></link>
+  <xacro:segment name="upper" parent="base_link" length="${{length}}"/>
+  <xacro:segment name="lower" parent="upper" length="${{length}}"/>
+</robot>
+"""
+
+
+def write(folder, include="arm.xacro"):
+    (folder / "arm_description" / "urdf").mkdir(parents=True)
+    (folder / "arm_description" / "urdf" / "arm.xacro").write_text(ARM)
+    file = folder / "arm_description" / "urdf" / "robot.urdf.xacro"
+    file.write_text(ROBOT.format(include=include))
+    return file
+
+
+@pytest.mark.parametrize("include", ["arm.xacro", "$(find arm_description)/urdf/arm.xacro"])
+def test_a_xacro_file_is_the_robot_that_it_expands_to(tmp_path, include):
+    robot = es.load_robot(write(tmp_path, include), base="fixed")
+    assert robot.joint_names == ("upper_joint", "lower_joint")
+    assert robot.name == "robot"
+    same = es.load_robot(robot.urdf_path, base="fixed")  # the expanded file stands by itself
+    assert (same.model.upperPositionLimit == robot.model.upperPositionLimit).all()
+    assert robot.model.upperPositionLimit[0] == pytest.approx(1.5707963)
+    assert MotionLimits.for_robot(robot).joint_speed[0] == 1.5
+
+
+def test_arguments_change_the_robot(tmp_path):
+    file = write(tmp_path)
+    lengths = []
+    for mappings in (None, {"length": "0.7"}):
+        robot = es.load_robot(file, base="fixed", mappings=mappings)
+        lengths.append(max(2.0 * g.geometry.halfSide[2] for g in robot.collision_model.geometryObjects))
+    assert lengths == pytest.approx([0.3, 0.7])
+    with pytest.raises(RobotError, match="are arguments of a xacro file; 'panda' is none"):
+        es.load_robot("panda", mappings={"length": "0.7"})
+
+
+def test_meshes_are_found_from_the_xacro_file(tmp_path):
+    file = write(tmp_path)
+    mesh = tmp_path / "arm_description" / "meshes" / "wedge.stl"
+    mesh.parent.mkdir()
+    import trimesh
+
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
+    named = '<mesh filename="package://arm_description/meshes/wedge.stl"/>'
+    file.write_text(file.read_text().replace('<box size="0.4 0.4 0.2"/>', named))
+    robot = es.load_robot(file, base="fixed")
+    assert str(mesh) in Path(robot.urdf_path).read_text()
+
+
+def test_what_xacro_says_goes_to_the_log(tmp_path, caplog, capfd):
+    file = write(tmp_path)
+    file.write_text(file.read_text().replace("<xacro:include", "<xacro:include unknown='1'"))
+    with caplog.at_level(logging.WARNING):
+        es.load_robot(file, base="fixed")
+    assert "unknown attribute" in caplog.text
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "says"),
+    [
+        ("arm.xacro", "gone.xacro", "gone.xacro"),
+        ("arm.xacro", "$(find nowhere)/arm.xacro", "package 'nowhere' not found"),
+        ("${length}", "${lenght}", "lenght"),
+        ("${length}", "${1 / 0}", "division by zero"),
+        ("</robot>", "", "xacro cannot expand it"),
+        ("$(arg length)", "$(arg width)", "width"),
+        ("<robot", "<!DOCTYPE robot><robot", "document type"),
+    ],
+)
+def test_what_cannot_be_expanded_is_one_typed_error(tmp_path, capfd, before, after, says):
+    file = write(tmp_path)
+    file.write_text(file.read_text().replace(before, after))
+    with pytest.raises(RobotError, match=r"robot\.urdf\.xacro: ") as caught:
+        es.load_robot(file, base="fixed")
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
