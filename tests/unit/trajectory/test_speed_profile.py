@@ -61,6 +61,18 @@ def _bend():
 
 
 @pytest.mark.parametrize("kernel", [nullcontext, twin], ids=["native", "twin"])
+def test_where_a_joint_turns_back_only_the_speed_counts(kernel):
+    """Its rate is 0 there whatever the acceleration along the path is: y'' alone bounds the start, at 1/5."""
+    grid = np.linspace(0.0, 1.0, 21)
+    y1, y2 = np.tile([1.0, 0.1], (21, 1)), np.zeros((21, 2))
+    y1[0, 1], y2[0, 1] = 0.0, 5.0
+    bound, limits = np.full(21, 1.0), np.ones(2)
+    with kernel():
+        assert fastest(grid, y1, y2, bound, limits, 0.199) is not None
+        assert fastest(grid, y1, y2, bound, limits, 0.201) is None
+
+
+@pytest.mark.parametrize("kernel", [nullcontext, twin], ids=["native", "twin"])
 @pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
 def test_as_fast_as_toppra(name, kernel, request):
     """Its own algorithm with the same constraints at the same points is no faster."""
