@@ -73,7 +73,10 @@ def _cluster(robot: es.RobotModel) -> object:
 
 
 def _bag(robot: es.RobotModel) -> object:
-    return es.io.BagReader(__file__)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "b.bag"
+        file.write_bytes(b"#ROSBAG V2.0\n")
+        return es.io.BagReader(file)
 
 
 def _xacro(robot: es.RobotModel) -> object:

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ElasticStripsError, InputError, missing_extra, nearest_name
-from elastic_strips.files import check_input
+from elastic_strips.files import check_input, open_input
 from elastic_strips.scene.quantities import rotation_of
 from elastic_strips.validation import check_array
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 _MAX_BYTES = 2**42
+_HEADS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 _SCAN, _CLOUD, _JOINTS = (f"sensor_msgs/msg/{name}" for name in ("LaserScan", "PointCloud2", "JointState"))
 _TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _WAIT = 1.0  # for the transforms after a measurement [s], on the bag's clock
@@ -108,12 +109,23 @@ class BagReader:
         self.path: Path = Path(path)
         self.dropped: Counter[str] = Counter()
         self._base, self._world = base_frame, world_frame
-        what = self.path / "metadata.yaml" if os.path.isdir(self.path) else self.path
-        check_input(what, "bag", _MAX_BYTES, BagError)
+        if os.path.isdir(self.path):
+            check_input(self.path / "metadata.yaml", "bag", _MAX_BYTES, BagError)
+        else:
+            self._check_head()
         self.topics: dict[str, BagTopic] = {}
         self._static = _Frames()
         for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
             self._static.add(kind, message, static=True)
+
+    def _check_head(self) -> None:
+        """The file begins as its name's ending says: a reader that looks for the end of a line reads all of another."""
+        suffix = self.path.suffix.lower()
+        with open_input(self.path, "bag", _MAX_BYTES, BagError) as (stream, _):
+            if suffix not in _HEADS:
+                raise BagError(f"{self.path}: bags of kind {suffix!r} are not read{nearest_name(suffix, _HEADS)}")
+            if stream.read(len(_HEADS[suffix])) != _HEADS[suffix]:
+                raise BagError(f"{self.path}: is no {suffix} bag: it does not begin with {_HEADS[suffix]!r}")
 
     def scans(self, topic: str | None = None) -> Iterator[LoggedScan]:
         """The laser scans, each with the base's pose, as `read_laser_log` gives them.
