@@ -18,7 +18,7 @@ from elastic_strips.cli import main
 from elastic_strips.sim.sweep.runs import CLOCKED, MEASURED
 
 SMALL = "kind: plan\nscenarios: [case-1]\nseeds: {count: 3}\ngrid: {influence: [0.2, 0.3]}\n"
-MANY = SMALL.replace("count: 3", "count: 12")
+MANY = SMALL.replace("count: 3", "count: 6")
 PAGE = Path(__file__).parents[2] / "docs" / "sweeps.md"
 
 
@@ -155,7 +155,7 @@ def test_ctrl_c_says_how_to_go_on(folder: Path, undisturbed: list[dict[str, str]
 def test_kill_9_loses_no_row_and_repeats_none(folder: Path, undisturbed: list[dict[str, str]]) -> None:
     (folder / "s.yaml").write_text(MANY)
     arguments = ["sweep", "s.yaml", "--out", "t.csv", "--jobs", "2"]
-    for count in (2, 7):
+    for count in (2, 6):
         process = subprocess.Popen([*CALL, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         while kept(folder) < count and process.poll() is None:
             time.sleep(0.01)
