@@ -41,7 +41,7 @@ def _completed(line: str) -> tuple[list[str], set[str]]:
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("elastic-strips d", ["doctor", "drive"]),
+        ("elastic-strips d", ["doctor", "drag", "drive"]),
         ("elastic-strips run ca", [*(name for name in SCENARIOS if name.startswith("ca")), "ca"]),
         ("elastic-strips run case-1 --preset ", list(PRESETS)),
         ("elastic-strips drive case-1 --method ", list(METHODS)),

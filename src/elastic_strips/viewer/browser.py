@@ -33,7 +33,7 @@ _FLAGS = (
     "--remote-allow-origins=*",
 )
 _READY = """document.body !== null && document.readyState === "complete"
-  && (!window.MeshCat || document.body.dataset.ready === "yes")"""
+  && (!document.getElementById("meshcat-pane") || document.body.dataset.ready === "yes")"""
 _START = 60.0  # [s]
 _T = TypeVar("_T")
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_strips.errors import InputError, missing_extra
 from elastic_strips.files import atomic_write, check_writable
@@ -122,14 +123,13 @@ def _check_film(path: str | os.PathLike[str], fps: float) -> tuple[Path, str]:
 
 
 class _Frames:
-    def __init__(self, path: Path, append: object) -> None:
+    def __init__(self, path: Path, append: Callable[[NDArray[np.uint8]], object]) -> None:
         self.path = path
         self._append = append
 
     def add(self, picture: bytes) -> None:
         from PIL import Image
 
-        assert callable(self._append)
         self._append(np.asarray(Image.open(BytesIO(picture)).convert("RGB")))
 
 
