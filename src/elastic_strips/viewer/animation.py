@@ -43,7 +43,7 @@ STATE_COLORS = {
     "failed": "#7b2d8e",
 }
 _REFERENCE = "#24303c"
-_FPS, _MAX_FRAMES = 30.0, 900
+_FPS, _MAX_FRAMES = 20.0, 600  # the page interpolates between them
 _MAX_STRIPS, _MAX_RECORDED, _MAX_NODES = 24, 48, 32
 _MAX_TRACE, _MAX_TRAILS = 400, 48
 _TRAIL = ((0.4, 0.3), (0.8, 0.19), (1.2, 0.1))  # how far behind [s], opacity
@@ -207,7 +207,7 @@ def _sequence(
         path = f"/playback/{k}"
         poses.update(coordinate_arrays[which])
         colors = segment_colors(play.reports[which], len(coordinate_arrays[which]) - 1)
-        out += drawing.strip(path, coordinate_arrays[which], poses.points(), colors)
+        out += drawing.strip(path, coordinate_arrays[which], poses.points(), colors, light=True)
         out.append(commands.visible(path, k == 0))
         end = begins[k + 1] if k + 1 < len(chosen) else frames + 1
         times = np.arange(frames + 1)
@@ -366,7 +366,7 @@ def _recorded_strips(drawing: Drawing, play: RunReplay, times: Array, tracks: li
         poses.update(nodes)
         color = linear(CERTIFIED if planning.certified[row] else REFUSED)
         path = f"/playback/strips/{k}"
-        out += drawing.strip(path, nodes, poses.points(), np.tile(color, (len(nodes) - 1, 1)))
+        out += drawing.strip(path, nodes, poses.points(), np.tile(color, (len(nodes) - 1, 1)), light=True)
         until = planning.time[rows[k + 1]] if k + 1 < len(rows) else np.inf
         tracks.append(commands.visible_track(path, (times >= planning.time[row]) & (times < until)))
     return out

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from weakref import WeakKeyDictionary
 
 import coal
 import numpy as np
@@ -253,6 +254,23 @@ def coarse_bodies(bodies: tuple[Body, ...], faces: int) -> tuple[Body, ...]:
     return coarse
 
 
+_DRAWN: WeakKeyDictionary[RobotModel, dict[tuple[int | None, bool], tuple[Body, ...]]] = WeakKeyDictionary()
+
+
+def drawn_bodies(robot: RobotModel, *, faces: int | None = None, plain: bool = False) -> tuple[Body, ...]:
+    """A robot's bodies, of no more than so many ``faces``, and ``plain`` without colours; made once for each robot,
+    as a notebook has many pictures of one."""
+    known = _DRAWN.setdefault(robot, {})
+    if (faces, plain) not in known:
+        if faces is None and not plain:
+            known[faces, plain] = robot_bodies(robot)
+        else:
+            bodies = drawn_bodies(robot)
+            bodies = plain_bodies(bodies) if plain else bodies
+            known[faces, plain] = bodies if faces is None else coarse_bodies(bodies, faces)
+    return known[faces, plain]
+
+
 UNIT_MESHES: dict[str, Callable[[], MeshData]] = {"box": box, "sphere": sphere, "cylinder": cylinder, "cone": cone}
 """By the shape of an obstacle, which is also the kind of its Coal shape."""
 
@@ -411,8 +429,9 @@ def interpolated(space: ConfigurationSpace, coordinates: Array, at: Array, where
 
 
 def ribbon(
-    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0
-) -> MeshData | None:
+    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0,
+    steps: int = 4,
+) -> MeshData | None:  # fmt: skip
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
     Args:
@@ -421,13 +440,13 @@ def ribbon(
         colors: (N - 1, 3) linear RGB.
         width: Width of the band [m].
         height: Height above the floor [m].
+        steps: Pieces of a segment, so that arcs look like arcs.
 
     Returns:
         None where the base does not move.
     """
     if len(coordinates) < 2 or not space.planar:
         return None
-    steps = 4  # per segment, so that arcs look like arcs
     s = np.broadcast_to(np.linspace(0.0, 1.0, steps + 1), (len(coordinates) - 1, steps + 1))
     path = space.interpolate(coordinates[:-1, None], coordinates[1:, None], s)[..., :2]
     flat = path.reshape(-1, 2)  # ((N - 1) (steps + 1), 2): the ends of a segment appear twice, once for each colour
