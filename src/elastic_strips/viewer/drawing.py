@@ -35,7 +35,7 @@ _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
 _FEW, _MANY = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
-_MAX_NODES, _LIGHT_NODES = 100, 32  # of a strip between which threads are drawn; one that is stuck can have 500
+_MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
 _MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
 _NONE = np.zeros((0, 16), dtype=np.float32)
@@ -79,6 +79,7 @@ class Drawing:
         self.poses: RobotPoses | None = None
         self.obstacles: ObstacleDrawing = ObstacleDrawing()
         self.playing: bool = False
+        self.hidden: tuple[str, ...] = ()  # what is hidden by what plays
         self._made: set[str] = set()
         self._pinned = False
 
@@ -132,11 +133,16 @@ class Drawing:
             out.append(ghosts)
         return out
 
+    def hide(self) -> list[Command]:
+        """Hide the still picture, for as long as something plays."""
+        self.hidden = STATIC
+        return [commands.visible(path, False) for path in STATIC]
+
     def stop(self) -> list[Command]:
         """End what plays and bring back what it hid."""
         if not self.playing:
             return []
-        self.playing = False
+        self.playing, self.hidden = False, ()
         shown = [commands.visible(path, True) for path in STATIC]
         self._made -= {path for path in self._made if path.startswith("/playback")}
         return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
