@@ -61,7 +61,7 @@ def test_their_extra_brings_what_they_import() -> None:
     required = project["dependencies"] + project["optional-dependencies"]["notebooks"]
     brought = {re.split(r"[\[<>=;! ]", line)[0].lower().replace("_", "-") for line in required}
     brought |= {"elastic-strips", "ipython"}  # IPython comes with ipykernel
-    homes = packages_distributions()
+    homes = packages_distributions() | {"pinocchio": ["pin"]}  # which is in a folder of its own
     for path in NOTEBOOKS:
         for node in ast.walk(ast.parse(_code(path))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from umsgpack import Ext, packb
 
-from elastic_strips.arrays import ArrayLike, Document, Indices, Mask
+from elastic_strips.arrays import Array, ArrayLike, Document, Indices, Mask
 
 from .geometry import Floats, MeshData
 from .server import Command, CommandLog
@@ -138,6 +138,16 @@ def instances(
     if names is not None:
         data["names"] = list(names)
     return key(path, "instances"), packb(data)
+
+
+def rods(path: str, points: Array, colors: ArrayLike, radius: float) -> Command:
+    """Place a rod's instances between neighbouring points (N, C, 3) [m] of C lines, of colours (C, 3).
+
+    The page makes the matrices: there are many lines, and a point is a fifth of a matrix.
+    """
+    lines = np.swapaxes(points, 0, 1)
+    data: Document = {"type": "rods", "path": path, "points": _floats(lines), "nodes": len(points), "radius": radius}
+    return key(path, "instances"), packb({**data, "colors": _floats(colors)})
 
 
 def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command:

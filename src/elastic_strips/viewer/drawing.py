@@ -166,9 +166,7 @@ class Drawing:
             out.append(commands.mesh(threads, geometry.rod(), look, instances=points.shape[1], cast=False))
         share = np.linspace(0.0, 1.0, points.shape[1])[:, None]
         shade = (1.0 - share) * np.array(linear(BASE_THREAD)) + share * np.array(linear(HAND_THREAD))
-        starts, ends = (np.swapaxes(rows, 0, 1).reshape(-1, 3) for rows in (points[:-1], points[1:]))
-        rods = geometry.between(starts, ends, 0.0055)
-        out.append(commands.instances(threads, rods, np.repeat(shade, len(points) - 1, axis=0)))
+        out.append(commands.rods(threads, points, shade, 0.0055))
         band = geometry.ribbon(self.robot.space, coordinates, colors, height=0.004, steps=1 if light else 4)
         if band is not None:
             out.append(commands.mesh(f"{path}/base", band, commands.material(lit=False), cast=False))
