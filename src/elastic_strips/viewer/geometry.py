@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.robot import ConfigurationSpace, Kinematics, RobotModel
 from elastic_strips.robot.coal_shapes import ShapeKind, faces, shape_of, vertices
 from elastic_strips.scene import Obstacle
@@ -71,7 +71,8 @@ def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> M
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < crease]
     patch = trimesh.graph.connected_component_labels(smooth, node_count=len(mesh.faces))
     corners = np.column_stack((np.repeat(patch, 3), mesh.faces.ravel()))
-    corners, index = np.unique(corners, axis=0, return_inverse=True)
+    first, index = _distinct(corners)
+    corners = corners[first]
     split = trimesh.Trimesh(mesh.vertices[corners[:, 1]], index.reshape(-1, 3), process=False)
     return MeshData(
         split.vertices.astype(np.float32), split.vertex_normals.astype(np.float32), split.faces.astype(np.uint32)
@@ -98,8 +99,8 @@ def merged(meshes: Iterable[MeshData]) -> MeshData:
 def clustered(mesh: MeshData, cell: float) -> MeshData:
     """Return a coarser mesh: vertices of one colour that share a cell of edge ``cell`` [m] become one."""
     if mesh.colors is not None:
-        shades, shade = np.unique(mesh.colors, axis=0, return_inverse=True)
-        shade = shade.reshape(-1)[mesh.faces[:, 0]]
+        first, shade = _distinct(np.rint(255 * mesh.colors).astype(np.int64))
+        shades, shade = mesh.colors[first], shade[mesh.faces[:, 0]]
         parts = [replace(mesh, faces=mesh.faces[shade == k], colors=None) for k in range(len(shades))]
         colored = [
             clustered(part, cell).colored((float(r), float(g), float(b)))
@@ -107,13 +108,24 @@ def clustered(mesh: MeshData, cell: float) -> MeshData:
             if len(part.faces)
         ]
         return merged(colored) if colored else mesh
-    key = np.floor(mesh.vertices / cell).astype(np.int64)
-    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    faces = inverse.reshape(-1)[mesh.faces]
+    first, inverse = _distinct(np.floor(mesh.vertices / cell).astype(np.int64))
+    faces = inverse[mesh.faces]
     keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     if not keep.any():
         return mesh
-    return _shaded(mesh.vertices[first], np.unique(faces[keep], axis=0))
+    faces = faces[keep]
+    return _shaded(mesh.vertices[first], faces[_distinct(faces)[0]])
+
+
+def _distinct(rows: NDArray[np.integer]) -> tuple[Indices, Indices]:
+    """Where each distinct one of integer rows (N, d) comes first, in the order of the rows, and which of them each is.
+
+    ``np.unique(rows, axis=0)`` says the same, five times as slowly: a row becomes one number here.
+    """
+    low = rows.min(axis=0)
+    number = np.ravel_multi_index(tuple((rows - low).T), tuple(rows.max(axis=0) - low + 1))
+    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
+    return first, inverse.reshape(-1)
 
 
 # Unit meshes
