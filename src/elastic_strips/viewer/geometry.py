@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -123,8 +124,10 @@ def _distinct(rows: NDArray[np.integer]) -> tuple[Indices, Indices]:
     ``np.unique(rows, axis=0)`` says the same, five times as slowly: a row becomes one number here.
     """
     low = rows.min(axis=0)
-    number = np.ravel_multi_index(tuple((rows - low).T), tuple(rows.max(axis=0) - low + 1))
-    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
+    size = (rows.max(axis=0) - low + 1).tolist()
+    fits = math.prod(size) < 2**63  # all but robots of kilometres
+    number = np.ravel_multi_index(tuple((rows - low).T), size) if fits else rows
+    _, first, inverse = np.unique(number, axis=0, return_index=True, return_inverse=True)
     return first, inverse.reshape(-1)
 
 
