@@ -140,7 +140,7 @@ def test_a_drive_without_mujoco_ends_with_the_command_and_no_traceback(monkeypat
 def test_what_the_notebooks_need_is_in_their_extra():
     extras = tomllib.loads(PROJECT.read_text())["project"]["optional-dependencies"]
     names = {line.split(">")[0] for line in extras["notebooks"]}
-    assert {"matplotlib", "py_trees", "embreex"} <= names  # what 03 and 04 import, and what rays against meshes need
+    assert {"ipywidgets", "matplotlib", "py_trees", "embreex"} <= names  # imported, and what rays against meshes need
 
 
 @pytest.mark.parametrize("error", [RetimingError, PerceptionError, MissingExtraError])

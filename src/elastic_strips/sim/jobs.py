@@ -242,9 +242,20 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
                     error = future.exception()
                 except CancelledError:
                     raise SchedulerLost(f"the scheduler at {address} ended, or cannot be reached any more") from None
+                if error is not None and _is_lost(error):
+                    waiting.append(k)
+                    continue
                 if isinstance(error, KilledWorker):
                     error = WorkerDied(" ".join(str(error).split()).split(". ")[0])
                 yield Finished(k, None if error else future.result(), error)
+
+
+def _is_lost(error: BaseException) -> bool:
+    """Whether an error is the executor's own: a result that was lost with its worker while it was handed over."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and trace.tb_frame.f_globals.get("__name__") == "distributed.cfexecutor"
 
 
 def _version() -> str:

@@ -26,7 +26,6 @@ from .drawing import (
     MOVING,
     MOVING_COLOR,
     REFUSED,
-    STATIC,
     THREADS,
     UNCHECKED,
     Drawing,
@@ -43,8 +42,8 @@ STATE_COLORS = {
     "failed": "#7b2d8e",
 }
 _REFERENCE = "#24303c"
-_FPS, _MAX_FRAMES = 30.0, 900
-_MAX_STRIPS, _MAX_RECORDED, _MAX_NODES = 24, 48, 32
+_FPS, _MAX_FRAMES = 20.0, 600  # the page interpolates between them
+_MAX_STRIPS, _MAX_RECORDED, _MAX_NODES = 24, 32, 24
 _MAX_TRACE, _MAX_TRAILS = 400, 48
 _TRAIL = ((0.4, 0.3), (0.8, 0.19), (1.2, 0.1))  # how far behind [s], opacity
 _CAPTION, _EVENT = 0.1, 2.5  # the card changes so often, and shows an event so long [s]
@@ -143,7 +142,7 @@ def draw_strips(drawing: Drawing, play: StripAnimation) -> list[Command]:
         path = drawing.obstacles.path(obstacle)
         tracks += commands.motion_tracks(path, _obstacle_poses(obstacle, play.scene.time + share * play.duration))
     if len(coordinate_arrays) > 1:
-        out += [commands.visible(path, False) for path in STATIC]
+        out += drawing.hide()
         out += _sequence(drawing, play, coordinate_arrays, tracks, frames)
     out.append(drawing.camera(np.concatenate(coordinate_arrays), play.scene))
     out.append(commands.animation(tracks, fps))
@@ -207,7 +206,7 @@ def _sequence(
         path = f"/playback/{k}"
         poses.update(coordinate_arrays[which])
         colors = segment_colors(play.reports[which], len(coordinate_arrays[which]) - 1)
-        out += drawing.strip(path, coordinate_arrays[which], poses.points(), colors)
+        out += drawing.strip(path, coordinate_arrays[which], poses.points(), colors, light=True)
         out.append(commands.visible(path, k == 0))
         end = begins[k + 1] if k + 1 < len(chosen) else frames + 1
         times = np.arange(frames + 1)
@@ -259,7 +258,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out += shown
     goal = coordinates[-1] if record.goal is None else record.goal
     out += drawing.markers(np.stack((record.control.coordinates[0], goal)))
-    out += [commands.visible(path, False) for path in (*STATIC, "/hulls")]
+    out += [*drawing.hide(), commands.visible("/hulls", False)]
     drawing.playing = True
     out.append(drawing.camera(np.concatenate((coordinates, goal[None])), scene, height=_HEIGHT))
     out += _captions(drawing, play, times, points, bool(shown))
@@ -304,7 +303,7 @@ def _traces(
         nodes = rows.reference[inside]
         nodes = nodes[_evenly(nodes[:, :2], _MAX_TRACE)]
         colors = np.tile(linear(_REFERENCE), (max(len(nodes) - 1, 0), 1))
-        band = geometry.ribbon(robot.space, nodes, colors, width=0.014, height=0.02)
+        band = geometry.ribbon(robot.space, nodes, colors, width=0.014, height=0.02, steps=1)
         if band is not None:
             out.append(commands.mesh("/playback/trace/reference", band, commands.material(lit=False), cast=False))
     colors = np.array([linear(_color(record, code)) for code in range(len(record.states))])
@@ -366,7 +365,7 @@ def _recorded_strips(drawing: Drawing, play: RunReplay, times: Array, tracks: li
         poses.update(nodes)
         color = linear(CERTIFIED if planning.certified[row] else REFUSED)
         path = f"/playback/strips/{k}"
-        out += drawing.strip(path, nodes, poses.points(), np.tile(color, (len(nodes) - 1, 1)))
+        out += drawing.strip(path, nodes, poses.points(), np.tile(color, (len(nodes) - 1, 1)), light=True)
         until = planning.time[rows[k + 1]] if k + 1 < len(rows) else np.inf
         tracks.append(commands.visible_track(path, (times >= planning.time[row]) & (times < until)))
     return out

@@ -26,13 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 from umsgpack import Ext, packb
 
-from elastic_strips.arrays import ArrayLike, Document, Indices, Mask
+from elastic_strips.arrays import Array, ArrayLike, Document, Indices, Mask
 
 from .geometry import Floats, MeshData
 from .server import Command, CommandLog
 
 _WEB = Path(__file__).parent / "web"
 _UINT8, _UINT16, _FLOAT32 = 0x12, 0x14, 0x17
+_GRAIN = 2.0**16  # steps in a metre
 _LARGE = 20.0  # [m]: places in a larger mesh are sent as they are
 _serial = itertools.count()
 
@@ -43,8 +44,9 @@ def key(path: str, kind: str) -> str:
 
 
 def _floats(array: ArrayLike) -> Ext:
-    """Pack numbers as a Float32Array."""
-    return Ext(_FLOAT32, np.ascontiguousarray(array, dtype="<f4").tobytes())
+    """Pack numbers as a Float32Array, rounded to 15 µm: what nobody sees is not worth its bytes."""
+    rounded = np.rint(np.asarray(array, dtype=float) * _GRAIN) / _GRAIN
+    return Ext(_FLOAT32, np.ascontiguousarray(rounded, dtype="<f4").tobytes())
 
 
 def material(
@@ -136,6 +138,16 @@ def instances(
     if names is not None:
         data["names"] = list(names)
     return key(path, "instances"), packb(data)
+
+
+def rods(path: str, points: Array, colors: ArrayLike, radius: float) -> Command:
+    """Place a rod's instances between neighbouring points (N, C, 3) [m] of C lines, of colours (C, 3).
+
+    The page makes the matrices: there are many lines, and a point is a fifth of a matrix.
+    """
+    lines = np.swapaxes(points, 0, 1)
+    data: Document = {"type": "rods", "path": path, "points": _floats(lines), "nodes": len(points), "radius": radius}
+    return key(path, "instances"), packb({**data, "colors": _floats(colors)})
 
 
 def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.hulls import convex_hull
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Obstacle, Scene
 from elastic_strips.scene.parts import Part
@@ -35,6 +36,7 @@ _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "block
 _MAX_HULLS = 600
 _FEW, _MANY = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _AHEAD, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
+_MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
 _MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
 _CLOUDS = ("voxels", "points")  # shapes of what sensors saw
@@ -79,6 +81,7 @@ class Drawing:
         self.poses: RobotPoses | None = None
         self.obstacles: ObstacleDrawing = ObstacleDrawing()
         self.playing: bool = False
+        self.hidden: tuple[str, ...] = ()  # what is hidden by what plays
         self._made: set[str] = set()
         self._pinned = False
 
@@ -110,7 +113,7 @@ class Drawing:
         """Send the robot's bodies, once per robot."""
         if self.poses is not None and robot is self.robot:
             return self.poses, []
-        self.robot, self.poses, self.bodies = robot, RobotPoses(robot), geometry.robot_bodies(robot)
+        self.robot, self.poses, self.bodies = robot, RobotPoses(robot), geometry.drawn_bodies(robot)
         self.joints = [body.joint for body in self.bodies]
         self.body_paths = [f"/robot/{joint}" for joint in self.joints]
         out = [commands.delete("/robot"), commands.delete("/ghosts")]
@@ -121,28 +124,44 @@ class Drawing:
 
     def robot_meshes(self, *, coarse: bool = False) -> list[Command]:
         """The robot's bodies and its ghosts'; ``coarse`` ones are small enough for a notebook."""
-        bodies = geometry.coarse_bodies(self.bodies, _FEW) if coarse else self.bodies
+        if self.robot is None:
+            return []
+        bodies = geometry.drawn_bodies(self.robot, faces=_FEW) if coarse else self.bodies
         steps, look = 4095 if coarse else 65535, commands.material(roughness=0.55)
         out = [commands.mesh(p, b.mesh, look, steps=steps) for p, b in zip(self.body_paths, bodies, strict=True)]
         look = commands.material(linear(_GHOST), opacity=0.27, roughness=0.9)
-        for body in geometry.coarse_bodies(geometry.plain_bodies(self.bodies), _FEW // 2 if coarse else _MANY):
+        for body in geometry.drawn_bodies(self.robot, faces=_FEW // 2 if coarse else _MANY, plain=True):
             path = f"/ghosts/{body.joint}"
             ghosts = commands.mesh(path, body.mesh, look, instances=self.ghosts, cast=False, veiled=True, steps=steps)
             out.append(ghosts)
         return out
 
+    def hide(self) -> list[Command]:
+        """Hide the still picture, for as long as something plays."""
+        self.hidden = STATIC
+        return [commands.visible(path, False) for path in STATIC]
+
     def stop(self) -> list[Command]:
         """End what plays and bring back what it hid."""
         if not self.playing:
             return []
-        self.playing = False
+        self.playing, self.hidden = False, ()
         shown = [commands.visible(path, True) for path in STATIC]
         self._made -= {path for path in self._made if path.startswith("/playback")}
         return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
 
-    def strip(self, path: str, coordinates: Array, points: Array, colors: Array) -> list[Command]:
-        """Draw the paths of the control points and of the base below ``path``, the base's in ``colors`` (N - 1, 3)."""
+    def strip(
+        self, path: str, coordinates: Array, points: Array, colors: Array, *, light: bool = False
+    ) -> list[Command]:
+        """Draw the paths of the control points and of the base below ``path``, the base's in ``colors`` (N - 1, 3).
+
+        A ``light`` one is one of many in a page: less is sent of it, namely every other thread, between fewer nodes.
+        """
         assert self.robot is not None
+        if light:
+            points = points[:, np.arange(points.shape[1] - 1, -1, -2)[::-1]]  # the hand's among them
+        most = min(_LIGHT_NODES if light else _MAX_NODES, len(points))
+        points = points[np.unique(np.linspace(0, len(points) - 1, most).round().astype(int))]
         out: list[Command] = []
         threads = f"{path}/threads"
         if self._first(threads):
@@ -150,10 +169,8 @@ class Drawing:
             out.append(commands.mesh(threads, geometry.rod(), look, instances=points.shape[1], cast=False))
         share = np.linspace(0.0, 1.0, points.shape[1])[:, None]
         shade = (1.0 - share) * np.array(linear(BASE_THREAD)) + share * np.array(linear(HAND_THREAD))
-        starts, ends = (np.swapaxes(rows, 0, 1).reshape(-1, 3) for rows in (points[:-1], points[1:]))
-        rods = geometry.between(starts, ends, 0.0055)
-        out.append(commands.instances(threads, rods, np.repeat(shade, len(points) - 1, axis=0)))
-        band = geometry.ribbon(self.robot.space, coordinates, colors, height=0.004)
+        out.append(commands.rods(threads, points, shade, 0.0055))
+        band = geometry.ribbon(self.robot.space, coordinates, colors, height=0.004, steps=1 if light else 4)
         if band is not None:
             out.append(commands.mesh(f"{path}/base", band, commands.material(lit=False), cast=False))
         return out
@@ -169,7 +186,7 @@ class Drawing:
             low, high = vertices.min(axis=0), vertices.max(axis=0)
             corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
             inside.append((corners @ T[:, :3, :3] + T[:, 3:, :3]).reshape(-1, 3))
-        points = np.concatenate(inside)
+        points = _outermost(np.concatenate(inside))
         low, high = points.min(axis=0), points.max(axis=0)
         for obstacle in scene:  # what stands next to the strip belongs in the picture as well
             at = obstacle.pose[:3, 3]
@@ -294,6 +311,16 @@ class Drawing:
         first = name not in self._made
         self._made.add(name)
         return first
+
+
+def _outermost(points: Array) -> Array:
+    """The corners of the convex hull of points (K, 3), which are in a picture where they are; all, of a flat one."""
+    from scipy.spatial import QhullError  # late: slow to import
+
+    try:
+        return points[convex_hull(points).vertices]
+    except QhullError:
+        return points
 
 
 def segment_colors(report: DeformReport | None, count: int) -> Array:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from weakref import WeakKeyDictionary
 
 import coal
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.robot import ConfigurationSpace, Kinematics, RobotModel
 from elastic_strips.robot.coal_shapes import ShapeKind, faces, shape_of, vertices
 from elastic_strips.scene import Obstacle
@@ -70,7 +72,8 @@ def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> M
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < crease]
     patch = trimesh.graph.connected_component_labels(smooth, node_count=len(mesh.faces))
     corners = np.column_stack((np.repeat(patch, 3), mesh.faces.ravel()))
-    corners, index = np.unique(corners, axis=0, return_inverse=True)
+    first, index = _distinct(corners)
+    corners = corners[first]
     split = trimesh.Trimesh(mesh.vertices[corners[:, 1]], index.reshape(-1, 3), process=False)
     return MeshData(
         split.vertices.astype(np.float32), split.vertex_normals.astype(np.float32), split.faces.astype(np.uint32)
@@ -97,8 +100,8 @@ def merged(meshes: Iterable[MeshData]) -> MeshData:
 def clustered(mesh: MeshData, cell: float) -> MeshData:
     """Return a coarser mesh: vertices of one colour that share a cell of edge ``cell`` [m] become one."""
     if mesh.colors is not None:
-        shades, shade = np.unique(mesh.colors, axis=0, return_inverse=True)
-        shade = shade.reshape(-1)[mesh.faces[:, 0]]
+        first, shade = _distinct(np.rint(255 * mesh.colors).astype(np.int64))
+        shades, shade = mesh.colors[first], shade[mesh.faces[:, 0]]
         parts = [replace(mesh, faces=mesh.faces[shade == k], colors=None) for k in range(len(shades))]
         colored = [
             clustered(part, cell).colored((float(r), float(g), float(b)))
@@ -106,13 +109,26 @@ def clustered(mesh: MeshData, cell: float) -> MeshData:
             if len(part.faces)
         ]
         return merged(colored) if colored else mesh
-    key = np.floor(mesh.vertices / cell).astype(np.int64)
-    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    faces = inverse.reshape(-1)[mesh.faces]
+    first, inverse = _distinct(np.floor(mesh.vertices / cell).astype(np.int64))
+    faces = inverse[mesh.faces]
     keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     if not keep.any():
         return mesh
-    return _shaded(mesh.vertices[first], np.unique(faces[keep], axis=0))
+    faces = faces[keep]
+    return _shaded(mesh.vertices[first], faces[_distinct(faces)[0]])
+
+
+def _distinct(rows: NDArray[np.integer]) -> tuple[Indices, Indices]:
+    """Where each distinct one of integer rows (N, d) comes first, in the order of the rows, and which of them each is.
+
+    ``np.unique(rows, axis=0)`` says the same, five times as slowly: a row becomes one number here.
+    """
+    low = rows.min(axis=0)
+    size = (rows.max(axis=0) - low + 1).tolist()
+    fits = math.prod(size) < 2**63  # all but robots of kilometres
+    number = np.ravel_multi_index(tuple((rows - low).T), size) if fits else rows
+    _, first, inverse = np.unique(number, axis=0, return_index=True, return_inverse=True)
+    return first, inverse.reshape(-1)
 
 
 # Unit meshes
@@ -251,6 +267,23 @@ def coarse_bodies(bodies: tuple[Body, ...], faces: int) -> tuple[Body, ...]:
             break
         coarse = tuple(Body(body.joint, clustered(body.mesh, cell)) for body in bodies)
     return coarse
+
+
+_DRAWN: WeakKeyDictionary[RobotModel, dict[tuple[int | None, bool], tuple[Body, ...]]] = WeakKeyDictionary()
+
+
+def drawn_bodies(robot: RobotModel, *, faces: int | None = None, plain: bool = False) -> tuple[Body, ...]:
+    """A robot's bodies, of no more than so many ``faces``, and ``plain`` without colours; made once for each robot,
+    as a notebook has many pictures of one."""
+    known = _DRAWN.setdefault(robot, {})
+    if (faces, plain) not in known:
+        if faces is None and not plain:
+            known[faces, plain] = robot_bodies(robot)
+        else:
+            bodies = drawn_bodies(robot)
+            bodies = plain_bodies(bodies) if plain else bodies
+            known[faces, plain] = bodies if faces is None else coarse_bodies(bodies, faces)
+    return known[faces, plain]
 
 
 UNIT_MESHES: dict[str, Callable[[], MeshData]] = {"box": box, "sphere": sphere, "cylinder": cylinder, "cone": cone}
@@ -411,8 +444,9 @@ def interpolated(space: ConfigurationSpace, coordinates: Array, at: Array, where
 
 
 def ribbon(
-    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0
-) -> MeshData | None:
+    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0,
+    steps: int = 4,
+) -> MeshData | None:  # fmt: skip
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
     Args:
@@ -421,13 +455,13 @@ def ribbon(
         colors: (N - 1, 3) linear RGB.
         width: Width of the band [m].
         height: Height above the floor [m].
+        steps: Pieces of a segment, so that arcs look like arcs.
 
     Returns:
         None where the base does not move.
     """
     if len(coordinates) < 2 or not space.planar:
         return None
-    steps = 4  # per segment, so that arcs look like arcs
     s = np.broadcast_to(np.linspace(0.0, 1.0, steps + 1), (len(coordinates) - 1, steps + 1))
     path = space.interpolate(coordinates[:-1, None], coordinates[1:, None], s)[..., :2]
     flat = path.reshape(-1, 2)  # ((N - 1) (steps + 1), 2): the ends of a segment appear twice, once for each colour

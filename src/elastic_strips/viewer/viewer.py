@@ -224,7 +224,8 @@ class Viewer:
         """Return the picture as a standalone page that needs neither a server nor a network.
 
         Args:
-            coarse: Draw the robot from fewer triangles, as notebooks do, where many pages are in one file.
+            coarse: Draw the robot from fewer triangles and leave out what is hidden while something plays, as notebooks
+                do, where many pages are in one file.
         """
         missed, self._missed = self._missed, None
         if missed is not None:
@@ -234,6 +235,7 @@ class Viewer:
             items = dict(self._log.items())
         if coarse and self._drawing.robot is not None:
             items.update(self._drawing.robot_meshes(coarse=True))  # in the places of the fine ones
+            items = {path: item for path, item in items.items() if not path.startswith(self._drawing.hidden)}
         log = CommandLog()
         log.extend(items.items())
         return static_page(self._title, log)

@@ -121,6 +121,17 @@ def test_a_job_that_brings_down_a_worker_of_a_cluster_is_named(tmp_path: Path) -
     assert found[[f.index for f in found].index(3)].error is not None
 
 
+@pytest.mark.parametrize(("module", "lost"), [("distributed.cfexecutor", True), ("somebody.else", False)])
+def test_a_result_that_the_executor_lost_is_no_error_of_the_job(module: str, lost: bool) -> None:
+    names: dict[str, object] = {"__name__": module}
+    exec("def hand_over(result):\n    kind, error, trace = result", names)
+    hand_over = names["hand_over"]
+    assert callable(hand_over)
+    with pytest.raises(TypeError) as raised:
+        hand_over(9)
+    assert jobs._is_lost(raised.value) is lost
+
+
 def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:
     with odd_jobs.cluster(tmp_path, 1) as (address, (scheduler, _)), pytest.raises(SchedulerLost, match=address):
         list(run_jobs(odd_jobs.deadly_scheduler, [(n, scheduler.pid) for n in range(6)], scheduler=address))

@@ -105,3 +105,12 @@ def test_spaced_ends_with_the_goal(count, nodes):
     assert chosen == sorted(set(chosen))
     assert not chosen or chosen[-1] == nodes - 1
     assert 0 not in chosen  # there stands the robot itself
+
+
+@pytest.mark.parametrize("spread", [1, 10**9])
+def test_distinct_rows_are_those_that_numpy_finds(spread):
+    rows = spread * np.random.default_rng(0).integers(-5, 5, (3000, 3))
+    _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    found = geometry._distinct(rows)
+    np.testing.assert_array_equal(found[0], first)
+    np.testing.assert_array_equal(found[1], inverse.reshape(-1))

@@ -6,12 +6,13 @@ import http.client
 import shutil
 import time
 
+import numpy as np
 import pytest
 
 from elastic_strips.planning import plan
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene, Sphere
-from elastic_strips.viewer import LiveStrip, Viewer
+from elastic_strips.viewer import LiveStrip, Viewer, geometry
 from elastic_strips.viewer.browser import NAMES
 
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
@@ -137,6 +138,23 @@ def test_what_is_hidden_stays_hidden_after_a_reload(opened, live):
     page.wait_for_function("viewer.scene_tree.children.strip !== undefined && buttons.threads !== undefined")
     assert not page.evaluate(mesh)
     assert page.get_by_role("button", name="threads").get_attribute("aria-pressed") == "false"
+
+
+def test_the_page_lays_rods_as_arrows_and_pins_are_laid(opened, live):
+    page = opened()
+    lines = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 2]], [[0, 1, 1], [-0.5, 1, 1.2], [-0.5, 1, 1.2]]], dtype=float)
+    laid, colors = page.evaluate(  # in one go, before the next picture
+        """([points, colors]) => {
+          rods({ path: "/strip/threads", nodes: 3, radius: 0.25, points: new Float32Array(points),
+                 colors: new Float32Array(colors) });
+          const mesh = viewer.scene_tree.find(["strip", "threads", "<object>"]).object;
+          return [[...mesh.instanceMatrix.array], [...mesh.instanceColor.array]];
+        }""",
+        [lines.ravel().tolist(), [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
+    )
+    wanted = geometry.between(lines[:, :-1].reshape(-1, 3), lines[:, 1:].reshape(-1, 3), 0.25)
+    np.testing.assert_allclose(np.reshape(laid[: 4 * 16], (4, 16)), wanted, atol=1e-6)
+    np.testing.assert_array_equal(np.reshape(colors[: 4 * 3], (4, 3)), np.repeat(np.eye(3)[:2], 2, axis=0))
 
 
 def test_one_of_two_pages_holds(opened, live):

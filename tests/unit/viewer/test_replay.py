@@ -109,8 +109,8 @@ def test_one_strip_is_shown_at_a_time_and_it_is_that_of_the_time(played, record)
     for t in np.linspace(0.0, record.duration - 0.1, 23):
         shown = [p for p in strips if played.at(p.removesuffix("/threads"), "visible", t)]
         assert len(shown) == 1
-        rods = played.commands[shown[0] + "\0instances"]["matrices"].data
-        first = np.frombuffer(rods, "<f4").reshape(-1, 16)[0, 12:14]  # where the first rod begins
+        points = played.commands[shown[0] + "\0instances"]["points"].data
+        first = np.frombuffer(points, "<f4")[:2]  # where the first rod begins
         row = record.planning.row_at(t)
         nearby = [record.planning.strip(k)[0, :2] for k in range(max(row - 8, 0), row + 1)]
         assert np.linalg.norm(np.array(nearby) - first, axis=1).min() < 0.02

@@ -111,6 +111,25 @@ function place(cmd) {
   const veil = object.userData.veil;
   if (veil) { veil.instanceMatrix = object.instanceMatrix; veil.count = count; }
 }
+// Rods between neighbouring points of lines, each of one colour.
+function rods(cmd) {
+  const n = cmd.nodes, lines = cmd.points.length / (3 * n), count = lines * (n - 1);
+  const matrices = new Float32Array(16 * count), colors = new Float32Array(3 * count);
+  const M = new T.Matrix4(), a = new T.Vector3(), x = new T.Vector3(), y = new T.Vector3(), z = new T.Vector3();
+  for (let line = 0, k = 0; line < lines; line++) {
+    for (let j = 0; j < n - 1; j++, k++) {
+      const i = 3 * (line * n + j);
+      a.fromArray(cmd.points, i);
+      z.fromArray(cmd.points, i + 3).sub(a);
+      if (z.length() < 1e-6) z.set(0, 0, 1e-6);
+      (Math.abs(z.z) < 0.9 * z.length() ? x.set(0, 0, 1) : x.set(1, 0, 0)).cross(z).setLength(cmd.radius);
+      y.crossVectors(z, x).setLength(cmd.radius);
+      M.makeBasis(x, y, z).setPosition(a).toArray(matrices, 16 * k);
+      colors.set(cmd.colors.subarray(3 * line, 3 * line + 3), 3 * k);
+    }
+  }
+  place({ path: cmd.path, matrices, colors });
+}
 // A translucent body hides its own inside: draw its depth first.
 function veiled(object) {
   const veil = new T.InstancedMesh(object.geometry, object.material.clone(), 1);
@@ -209,6 +228,7 @@ viewer.handle_command = (cmd) => {
   switch (cmd.type) {
     case "set_object": cmd.object.geometries.forEach(unpack); handle(cmd); break;
     case "instances": place(cmd); break;
+    case "rods": rods(cmd); break;
     case "transforms":
       cmd.paths.forEach((p, i) => viewer.set_transform(names(p), cmd.matrices.subarray(16 * i, 16 * i + 16)));
       break;
