@@ -231,6 +231,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
         executor: Executor = client.get_executor(pure=False)
         waiting = deque(range(len(tasks)))
         running: dict[Future[_Made], int] = {}
+        again: set[int] = set()
         while waiting or running:
             while waiting and len(running) < _AHEAD:
                 k = waiting.popleft()
@@ -242,7 +243,8 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
                     error = future.exception()
                 except CancelledError:
                     raise SchedulerLost(f"the scheduler at {address} ended, or cannot be reached any more") from None
-                if error is not None and _is_lost(error):
+                if _is_lost(error) and k not in again:
+                    again.add(k)
                     waiting.append(k)
                     continue
                 if isinstance(error, KilledWorker):
@@ -250,9 +252,9 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
                 yield Finished(k, None if error else future.result(), error)
 
 
-def _is_lost(error: BaseException) -> bool:
-    """Whether an error is the executor's own: a result that was lost with its worker while it was handed over."""
-    trace = error.__traceback__
+def _is_lost(error: BaseException | None) -> bool:
+    """Whether an error is the executor's own: it takes a result that was lost with its worker for an error's parts."""
+    trace = error.__traceback__ if isinstance(error, TypeError) else None
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     return trace is not None and trace.tb_frame.f_globals.get("__name__") == "distributed.cfexecutor"
