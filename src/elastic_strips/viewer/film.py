@@ -101,7 +101,7 @@ def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
             else imageio.get_writer(there, fps=fps, quality=8, macro_block_size=2)
         )
         with writer:
-            yield _Frames(path, writer.append_data)
+            yield _Frames(path, lambda frame: writer.append_data(frame))  # its own type says less than it takes
         atomic_write(path, there.read_bytes())
 
 
