@@ -188,7 +188,7 @@ def _version(distribution: str) -> str | None:
         return None
 
 
-def _run(program: str, names: Sequence[str] = ()) -> tuple[list[object], str]:
+def _run(program: str, names: Sequence[str] = ()) -> tuple[list[tuple[str, str | None]], str]:
     """What a program in a process of its own has printed, and how it ended where that was not well."""
     given = json.dumps({"path": sys.path, "names": list(names)})
     try:
@@ -212,8 +212,7 @@ def _import_all(modules: Sequence[str]) -> dict[str, str | None]:
     said: dict[str, str | None] = {}
     while left := [name for name in modules if name not in said]:
         found, ended = _run(_PROBE, left)
-        for name, text in found:  # type: ignore[misc]
-            said[name] = text
+        said.update(found)
         if len(found) < len(left):
             said[left[len(found)]] = ended or "says nothing"
     return said
@@ -245,8 +244,8 @@ def _kernel() -> Check:
     found, ended = _run(_KERNEL)
     if not found:
         return Check("native kernel", PROBLEM, f"{ended}; ELASTIC_STRIPS_NATIVE=0 turns it off")
-    status, text = found[0]  # type: ignore[misc]
-    return Check("native kernel", status, text)
+    status, text = found[0]
+    return Check("native kernel", status, text or "")
 
 
 def _extra(extra: str, names: Sequence[str], said: dict[str, str | None]) -> Check:

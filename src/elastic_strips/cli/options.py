@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -44,6 +45,19 @@ class OutputFile(click.Path):
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         check_writable(value)
         return value
+
+
+class PictureFile(OutputFile):
+    """A file that can be written, whose ending is one of those given: said before anything is planned."""
+
+    def __init__(self, *endings: str) -> None:
+        super().__init__()
+        self.endings = endings
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if os.path.splitext(value)[1].lower() not in self.endings:
+            self.fail(f"{value!r} has to end in {', '.join(self.endings)}", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 class JsonFile(OutputFile):
@@ -158,10 +172,13 @@ def html_option(help: str) -> Callable[[_F], _F]:
 
 def picture_options(command: _F) -> _F:
     """``--png`` and ``--film``: names of a picture and a film, or None."""
-    png = click.option("--png", "png_file", metavar="FILE", type=click.Path(), help="Write a picture (with Chromium).")
-    film = click.option(
-        "--film", "film_file", metavar="FILE.gif|.mp4|.webm", type=click.Path(), help="Write a film (extra 'film')."
+    png = click.option(
+        "--png", "png_file", metavar="FILE.png", type=PictureFile(".png"), help="Write a picture (with Chromium)."
     )
+    film = click.option(
+        "--film", "film_file", metavar="FILE.gif|.mp4|.webm", type=PictureFile(".gif", ".mp4", ".webm"),
+        help="Write a film (with Chromium, and the extra 'film').",
+    )  # fmt: skip
     return png(film(command))
 
 

@@ -36,9 +36,11 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
 
     Raises:
         BrowserError: there is no Chromium.
-        InputError: the file cannot be written.
+        InputError: another ending, or the file cannot be written.
     """
     path = check_writable(path)
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: a picture ends in .png")
     with _opened(html, size) as browser:
         browser.evaluate(_AT.format(0.0 if time is None else float(time)))
         return atomic_write(path, browser.picture())

@@ -11,7 +11,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.errors import ConfigurationError, GoalError, RobotError, SceneError
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import PlanReport, plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -293,7 +293,7 @@ class LiveStrip:
         search, self._search = self._search, None
         try:
             strip = search.result().strip
-        except (ConfigurationError, GoalError) as error:  # start or goal touch something: the report says so as well
+        except ElasticStripsError as error:  # say start or goal touch something: the report says so as well
             _log.debug("no path: %s", error)
             return None
         if self._report.certified or not np.array_equal(strip.q[-1], self._report.strip.q[-1]):

@@ -54,6 +54,8 @@ def test_wrong_files_and_speeds_are_said_before_anything_is_drawn(viewer, tmp_pa
         viewer.save_film(tmp_path / "film.avi")
     with pytest.raises(ParameterError, match="fps"):
         viewer.save_film(tmp_path / "film.gif", fps=0.0)
+    with pytest.raises(InputError, match=r"ends in \.png"):
+        viewer.save_png(tmp_path / "picture.gif")
     with pytest.raises(InputError, match="nowhere"):
         viewer.save_png(tmp_path / "nowhere" / "x.png")
 

@@ -77,6 +77,24 @@ def test_a_strip_that_stays_broken_is_planned_anew(robot):
         assert live.replans >= 1
 
 
+def test_a_search_that_fails_does_not_end_it(robot, monkeypatch):
+    def fail(*_, **__):
+        raise SceneError("no")
+
+    monkeypatch.setattr("elastic_strips.viewer.live.plan_report", fail)
+    wall = Scene([Box((0.2, 3.0, 1.4), at=(1.5, 3.5, 0.7), name="wall")])
+    strip = plan(robot, wall, robot.home(x=-1.0), robot.home(x=4.0))
+    with LiveStrip(robot, wall, strip, speed=100.0, rate=100.0, thread=False) as live:
+        live.move("wall", (1.5, 0.9, 0.7))
+        for _ in range(60):  # it is broken after the first, and looked for a path after 0.4 s
+            live.tick()
+        wait(lambda: live._search is None or live._search.done())
+        live.tick()
+        assert live._searched > 0.0
+        assert live.replans == 0
+        assert live.alive
+
+
 def test_a_goal_in_an_obstacle_is_broken_and_recovers(robot, scene, strip):
     with LiveStrip(robot, scene, strip) as live:
         live.move("shelf", (4.0, 0.0, 0.7))

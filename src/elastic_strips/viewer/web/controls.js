@@ -27,6 +27,12 @@ function apply(object, path) {
   if (layer) object.visible = on[layer[0]];
   return layer;
 }
+function toggle(name) {
+  on[name] = !on[name];
+  buttons[name].setAttribute("aria-pressed", on[name]);
+  each_mesh(viewer.scene_tree, [], apply);
+  viewer.set_dirty();
+}
 function button(name) {
   if (buttons[name]) return;
   const b = buttons[name] = element(byId("es-bar"), "button", name);
@@ -34,11 +40,8 @@ function button(name) {
   b.title = `show or hide: ${name}`;
   b.setAttribute("aria-pressed", on[name]);
   b.onclick = () => {
-    on[name] = !on[name];
+    toggle(name);
     try { store["es-" + name] = on[name]; } catch { /* kept for this page alone */ }
-    b.setAttribute("aria-pressed", on[name]);
-    each_mesh(viewer.scene_tree, [], apply);
-    viewer.set_dirty();
   };
   byId("es-bar").append(...[...LAYERS.map((l) => l[0]), "names"].filter((n) => buttons[n]).map((n) => buttons[n]));
   byId("es-bar").style.display = "flex";
@@ -73,7 +76,7 @@ function plainer() {
   plain++;
   if (plain === 1) viewer.renderer.shadowMap.enabled = sun.castShadow = floor.visible = false;
   if (plain === 2) viewer.renderer.setPixelRatio(0.5 * window.devicePixelRatio);
-  if (plain === 3 && on.ghosts && buttons.ghosts) buttons.ghosts.click();
+  if (plain === 3 && on.ghosts && buttons.ghosts) toggle("ghosts");
   each_mesh(viewer.scene_tree, [], simplify);
   viewer.set_dirty();
   document.body.dataset.plain = plain;
