@@ -22,6 +22,7 @@ from elastic_strips.cli.group import cli
 from elastic_strips.io import load_path
 from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.sim.scenarios import scenario_names
+from elastic_strips.viewer.browser import find_browser
 
 DOCS = Path(__file__).parents[2] / "docs" / "result-format.md"
 SHUT_IN = """robot: silvermate
@@ -307,6 +308,17 @@ def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
     assert figures["into_m"] == 0.3
     assert figures["anew"] == sum(run["anew"] for run in figures["runs"]) > 0
     assert all(run["certified"] or run["reason"] for run in figures["runs"])
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+@pytest.mark.skipif(find_browser() is None, reason="no chromium")
+def test_bench_page(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("elastic_strips.sim.bench.page._SETTLED", 0.5)
+    figures = _bench(tmp_path, "page", "--robot", "bridge-arm", "--obstacles", "3", "--movers", "1", "--for", "1")
+    assert figures["pictures_per_s"] > 0.0 < figures["ticks_per_s"]
+    assert figures["renderer"]
+    assert "pictures a second" in capsys.readouterr().out
 
 
 def test_bench_settle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,6 @@ def bench() -> None:
 for _command in (
     planning.plan, planning.replan, planning.tick, planning.settle, planning.ik, planning.robots, planning.mbm,
     planning.peers, driving.drive, driving.disturb, driving.faults, driving.reaction, driving.soak, driving.realtime,
-    driving.trials, driving.barn, driving.dynabarn, driving.bridge, driving.house,
+    driving.trials, driving.barn, driving.dynabarn, driving.bridge, driving.house, planning.page,
 ):  # fmt: skip
     bench.add_command(_command)

@@ -102,6 +102,33 @@ def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
     output.write_document("figures", json_file, figures)
 
 
+@click.command(short_help="Pictures a second of the live page.")
+@options.robot_option("tiago")
+@click.option("--obstacles", type=click.IntRange(0, 10_000), default=60, show_default=True, help="That stand.")
+@click.option("--movers", type=click.IntRange(0, 1000), default=5, show_default=True, help="Balls that move.")
+@click.option(
+    "--for", "seconds", type=options.Finite(1, 3600), default=10.0, show_default=True, help="Time of measuring [s]."
+)
+@figures_option
+def page(robot: str, obstacles: int, movers: int, seconds: float, json_file: str | None) -> None:
+    """A live strip at 50 ticks a second among obstacles, shown in Chromium without a window, 1280 by 720 pixels.
+
+    The page is sent at most 30 pictures a second, and drawn plainer where that takes long.
+    """
+    from elastic_strips.robot import load_robot
+    from elastic_strips.sim.bench import bench_page
+
+    model = load_robot(robot)
+    with options.LateProgress("drawing", 2) as bar:
+        figures = bench_page(model, seconds, bar.step, obstacles=obstacles, movers=movers)
+    output.say(f"{figures['robot']}, {obstacles} obstacles, {movers} movers, {figures['renderer']}")
+    row("pictures a second", f"{figures['pictures_per_s']:.1f}")
+    row("between pictures", times(figures["between_pictures_ms"]))
+    row("ticks a second", f"{figures['ticks_per_s']:.0f}")
+    row("plainness", f"{figures['plainness']} of 3")
+    output.write_document("figures", json_file, figures)
+
+
 @click.command(short_help="Load every robot, plan and settle a small problem.")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option(

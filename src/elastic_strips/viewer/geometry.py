@@ -142,7 +142,7 @@ def box() -> MeshData:
 
 
 @cache
-def sphere(segments: int = 24) -> MeshData:
+def sphere(segments: int = 20) -> MeshData:
     """Unit sphere about the origin."""
     angle = np.linspace(0.0, np.pi, segments // 2 + 1)
     return _revolved(np.column_stack((np.sin(angle), -np.cos(angle))), segments, crease=np.pi)
@@ -151,7 +151,7 @@ def sphere(segments: int = 24) -> MeshData:
 @cache
 def cylinder() -> MeshData:
     """Cylinder of radius 1 and length 1 about the origin, along z."""
-    return _revolved([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)], 32)
+    return _revolved([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)], 24)
 
 
 @cache
@@ -160,7 +160,7 @@ def cone() -> MeshData:
 
     The ring below the apex has the normals of the side, which the apex cannot have.
     """
-    return _revolved([(0.0, -0.5), (1.0, -0.5), (0.002, 0.498), (0.0, 0.5)], 32)
+    return _revolved([(0.0, -0.5), (1.0, -0.5), (0.002, 0.498), (0.0, 0.5)], 24)
 
 
 @cache

@@ -68,11 +68,11 @@ def opened(browser, live):
     """Open the page; every error that it reports fails the test."""
     pages, errors = [], []
 
-    def open_page():
+    def open_page(how=""):
         page = browser.new_page(viewport={"width": 800, "height": 500})
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-        page.goto(live.viewer_of_test.url)
+        page.goto(live.viewer_of_test.url + how)
         page.wait_for_function("document.body.dataset.ready === 'yes' && allowed.obstacles")
         page.wait_for_function("viewer.scene_tree.children.obstacles !== undefined && places(9).length > 1")
         pages.append(page)
@@ -140,13 +140,18 @@ def test_what_is_hidden_stays_hidden_after_a_reload(opened, live):
     assert page.get_by_role("button", name="threads").get_attribute("aria-pressed") == "false"
 
 
+LINES = """([points, colors]) => {
+  rods({ path: "/strip/threads", nodes: 3, radius: 0.25, points: new Float32Array(points),
+         colors: new Float32Array(colors) });
+"""
+
+
 def test_the_page_lays_rods_as_arrows_and_pins_are_laid(opened, live):
-    page = opened()
+    page = opened("#fine")
     lines = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 2]], [[0, 1, 1], [-0.5, 1, 1.2], [-0.5, 1, 1.2]]], dtype=float)
     laid, colors = page.evaluate(  # in one go, before the next picture
-        """([points, colors]) => {
-          rods({ path: "/strip/threads", nodes: 3, radius: 0.25, points: new Float32Array(points),
-                 colors: new Float32Array(colors) });
+        LINES
+        + """
           const mesh = viewer.scene_tree.find(["strip", "threads", "<object>"]).object;
           return [[...mesh.instanceMatrix.array], [...mesh.instanceColor.array]];
         }""",
@@ -155,6 +160,45 @@ def test_the_page_lays_rods_as_arrows_and_pins_are_laid(opened, live):
     wanted = geometry.between(lines[:, :-1].reshape(-1, 3), lines[:, 1:].reshape(-1, 3), 0.25)
     np.testing.assert_allclose(np.reshape(laid[: 4 * 16], (4, 16)), wanted, atol=1e-6)
     np.testing.assert_array_equal(np.reshape(colors[: 4 * 3], (4, 3)), np.repeat(np.eye(3)[:2], 2, axis=0))
+
+
+def test_a_processor_draws_plainer(opened, live):
+    """Lines instead of rods, and fewer faces of the robot."""
+    page = opened()
+    lines = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 2]], [[0, 1, 1], [-0.5, 1, 1.2], [-0.5, 1, 1.2]]], dtype=float)
+    laid, colors = page.evaluate(
+        LINES
+        + """
+          const [laid] = viewer.scene_tree.find(["strip", "threads", "<object>"]).object.children;
+          return ["position", "color"].map((name) => [...laid.geometry.attributes[name].array]);
+        }""",
+        [lines.ravel().tolist(), [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
+    )
+    wanted = np.stack((lines[:, :-1], lines[:, 1:]), axis=2)
+    np.testing.assert_allclose(np.reshape(laid, wanted.shape), wanted, atol=1e-6)
+    np.testing.assert_array_equal(np.reshape(colors, (8, 3)), np.repeat(np.eye(3)[:2], 4, axis=0))
+    assert page.evaluate("document.body.dataset.plain") >= "1"
+    assert page.evaluate("""[...Array(3)].map((_, k) => {
+      const geometry = new T.SphereGeometry(0.3, 60, 30), before = geometry.index.count;
+      for (let again = 0; again < k; again++) fewer(geometry);
+      const { index, attributes: { position: p } } = geometry;
+      return [index.count < before, index.array.every((i) => i < p.count)];
+    })""") == [[False, True], [True, True], [True, True]]
+
+
+def test_a_strip_that_moves_is_not_compiled_anew(opened, live):
+    page = opened("#fine")
+    page.evaluate("""() => {
+      const gl = viewer.renderer.getContext(), link = gl.linkProgram.bind(gl);
+      window.band = viewer.scene_tree.find(["strip", "base", "<object>"]).object;
+      window.shape = band.geometry;
+      viewer.render();
+      window.linked = 0;
+      gl.linkProgram = (program) => { linked++; link(program); };
+    }""")
+    page.wait_for_function("band.geometry !== shape")
+    page.evaluate("viewer.render()")
+    assert page.evaluate("[linked, viewer.scene_tree.find(['strip', 'base', '<object>']).object === band]") == [0, True]
 
 
 def test_one_of_two_pages_holds(opened, live):

@@ -1,6 +1,7 @@
-"""Benchmarks: planning, replanning, the tick and the closed loop, measured on this machine."""
+"""Benchmarks: planning, replanning, the tick, the closed loop and the live page, measured on this machine."""
 
 from .drive import bench_disturb, bench_drive, bench_reaction, bench_soak
+from .page import bench_page
 from .plan import bench_plan, bench_replan
 from .problems import bench_bridge, bench_problems
 from .robots import bench_robots
@@ -10,6 +11,7 @@ __all__ = [
     "bench_bridge",
     "bench_drive",
     "bench_disturb",
+    "bench_page",
     "bench_plan",
     "bench_problems",
     "bench_reaction",

@@ -57,36 +57,87 @@ added = (path) => {
   if (layer && layer[0] === "obstacles") button("names");
 };
 
-// Without a graphics card a picture takes long: then it is drawn plainer, step by step, until it is quick enough. Not
-// where the address ends in #fine: pictures and films may take their time.
+// Where a picture takes long it is drawn plainer, step by step, until it is quick enough.
 const SLOW = 45;  // [ms] a picture
 let plain = 0;
 function simplify(object, path) {
   const old = object.material;
-  if (plain >= 1 && object.userData.veil) {
+  if (!plain || !old) return;
+  if (path[0] === "robot") fewer(object.geometry);
+  if (object.userData.veil && object.userData.veil.visible) {
     object.userData.veil.visible = false;
     object.material = new T.MeshBasicMaterial({ color: old.color, opacity: 0.2, transparent: true, depthWrite: false });
-  } else if (plain >= 2 && old && old.isMeshStandardMaterial && path[0] !== "lights") {
-    const { color: c, opacity, transparent, side, vertexColors, depthWrite } = old;
+  } else if (old.isMeshStandardMaterial && path[0] !== "lights") {
+    const { color: c, opacity, transparent, vertexColors, depthWrite } = old;
+    const side = ["obstacles", "predictions"].includes(path[0]) ? T.FrontSide : old.side;  // closed ones
     object.material = new T.MeshLambertMaterial({ color: c, opacity, transparent, side, vertexColors, depthWrite });
   } else return;
   old.dispose();
 }
+// Of a mesh's vertices that share a cell, and look the same way, only the first is kept.
+function fewer(geometry) {
+  if (geometry.userData.fewer || !geometry.index || geometry.index.count < 3 * 300) return;
+  geometry.userData.fewer = true;
+  geometry.computeBoundingSphere();
+  const { position, normal, color } = geometry.attributes, faces = geometry.index.array, kept = [];
+  const cell = Math.max(geometry.boundingSphere.radius / 12, 0.02), first = new Map(), of = new Uint32Array(position.count);
+  for (let i = 0; i < of.length; i++) {
+    const key = [position, normal, color].map((a, k) => a &&
+      [a.getX(i), a.getY(i), a.getZ(i)].map((x) => Math.round(x / [cell, 1, 0.1][k]))).join();
+    if (!first.has(key)) first.set(key, i);
+    of[i] = first.get(key);
+  }
+  for (let i = 0; i < faces.length; i += 3) {
+    const [a, b, c] = [of[faces[i]], of[faces[i + 1]], of[faces[i + 2]]];
+    if (a !== b && b !== c && c !== a) kept.push(a, b, c);
+  }
+  if (kept.length) geometry.setIndex(kept);
+}
+// Lines in place of rods.
+function plain_rods(cmd) {
+  const object = at(cmd.path + "/<object>"), n = cmd.nodes, count = cmd.points.length / (3 * n);
+  const points = new Float32Array(6 * count * (n - 1)), colors = new Float32Array(points.length);
+  for (let line = 0, k = 0; line < count; line++) {
+    for (let j = 0; j < n - 1; j++, k += 6) {
+      const i = 3 * (line * n + j);
+      points.set(cmd.points.subarray(i, i + 6), k);
+      for (const end of [k, k + 3]) colors.set(cmd.colors.subarray(3 * line, 3 * line + 3), end);
+    }
+  }
+  let lines = object.children[0];
+  if (!lines) {
+    lines = new T.LineSegments(new T.BufferGeometry(), new T.LineBasicMaterial({ vertexColors: true }));
+    lines.frustumCulled = false;
+    object.add(lines);
+    object.count = 0;
+  }
+  for (const [name, values] of [["position", points], ["color", colors]]) {
+    const old = lines.geometry.attributes[name];
+    if (!old || old.array.length !== values.length) lines.geometry.setAttribute(name, new T.BufferAttribute(values, 3));
+    else { old.array.set(values); old.needsUpdate = true; }
+  }
+}
 function plainer() {
   plain++;
-  if (plain === 1) viewer.renderer.shadowMap.enabled = sun.castShadow = floor.visible = false;
+  if (plain === 1) {
+    viewer.renderer.shadowMap.enabled = sun.castShadow = floor.visible = false;
+    grid.geometry.setDrawRange(0, lines.length / 3 / 4);  // its middle
+  }
   if (plain === 2) viewer.renderer.setPixelRatio(0.5 * window.devicePixelRatio);
   if (plain === 3 && on.ghosts && buttons.ghosts) toggle("ghosts");
   each_mesh(viewer.scene_tree, [], simplify);
   viewer.set_dirty();
   document.body.dataset.plain = plain;
 }
+if (SOFTWARE) plainer();
 const one_pixel = new Uint8Array(4);
 let due_look = 0, looks = 0;
 function time_it() {  // what a picture takes is known only where its pixels are waited for
-  const gl = viewer.renderer.getContext(), begin = performance.now();
+  const gl = viewer.renderer.getContext(), finish = () => gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, one_pixel);
+  finish();  // the pictures before
+  const begin = performance.now();
   draw();
-  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, one_pixel);
+  finish();
   looks++;
   due_look = performance.now() + 600;
   if (performance.now() - begin > SLOW && looks > 1 && plain < 3) plainer();  // the first one compiles
@@ -180,7 +231,7 @@ function write() {
 }
 const draw = viewer.render.bind(viewer);
 viewer.render = () => {
-  const may = looks < 12 && location.hash !== "#fine" && document.body.dataset.ready;
+  const may = looks < 12 && !FINE && document.body.dataset.ready;
   if (may && performance.now() > due_look) time_it(); else draw();
   write();
 };

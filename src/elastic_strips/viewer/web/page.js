@@ -1,6 +1,16 @@
 "use strict";
-const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
 const T = MeshCat.THREE, byId = (id) => document.getElementById(id);
+// Without a graphics card a processor draws: then edges are not smoothed, which takes it half of its time, and all is
+// drawn plainer (see controls.js). Not where the address ends in #fine: pictures and films may take their time.
+const FINE = location.hash === "#fine";
+const SOFTWARE = !FINE && (() => {
+  const gl = document.createElement("canvas").getContext("webgl"), info = gl && gl.getExtension("WEBGL_debug_renderer_info");
+  return !!gl && /swiftshader|llvmpipe|softpipe|software|basic render/i.test(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+})();
+const renderer = new T.WebGLRenderer({ antialias: !SOFTWARE, alpha: true });
+renderer.shadowMap.enabled = true;
+byId("meshcat-pane").appendChild(renderer.domElement);
+const viewer = new MeshCat.Viewer(byId("meshcat-pane"), undefined, renderer);
 const color = (hex) => new T.Color(hex).convertSRGBToLinear();
 
 // Background, floor and light.
@@ -31,9 +41,10 @@ const floor = new T.Mesh(new T.PlaneGeometry(1000, 1000), new T.ShadowMaterial({
 floor.receiveShadow = true;
 floor.position.z = -0.002;
 viewer.set_object(["floor", "shadow"], floor);
-const lines = [], HALF = 40;  // short lines: long ones that pass the camera get lost in some renderers
-for (let i = -HALF; i <= HALF; i++)
-  for (let j = -HALF; j < HALF; j++) lines.push(i, j, 0, i, j + 1, 0, j, i, 0, j + 1, i, 0);
+const cells = [], HALF = 40;  // short lines: long ones that pass the camera get lost in some renderers
+for (let i = -HALF; i <= HALF; i++) for (let j = -HALF; j < HALF; j++) cells.push([i, j]);
+cells.sort(([i, j], [k, l]) => Math.max(i * i, j * j) - Math.max(k * k, l * l));  // the first ones are the middle
+const lines = cells.flatMap(([i, j]) => [i, j, 0, i, j + 1, 0, j, i, 0, j + 1, i, 0]);
 const grid = new T.LineSegments(new T.BufferGeometry(), new T.LineBasicMaterial({ color: color(0xcbd3db) }));
 grid.geometry.setAttribute("position", new T.BufferAttribute(new Float32Array(lines), 3));
 grid.position.z = -0.001;
@@ -113,6 +124,7 @@ function place(cmd) {
 }
 // Rods between neighbouring points of lines, each of one colour.
 function rods(cmd) {
+  if (plain) return plain_rods(cmd);
   const n = cmd.nodes, lines = cmd.points.length / (3 * n), count = lines * (n - 1);
   const matrices = new Float32Array(16 * count), colors = new Float32Array(3 * count);
   const M = new T.Matrix4(), a = new T.Vector3(), x = new T.Vector3(), y = new T.Vector3(), z = new T.Vector3();
@@ -150,7 +162,14 @@ function element(parent, tag, text, style) {
   if (style) e.style.background = style;
   return e;
 }
+let newest = null, resting = null;  // the card to show, and for how long the one that is shown stays
 function card(cmd) {
+  newest = cmd;
+  if (resting) return;
+  write_card(cmd);
+  if (!FINE) resting = setTimeout(() => { resting = null; if (newest !== cmd) card(newest); }, 150);  // nobody reads faster
+}
+function write_card(cmd) {
   const box = byId("es-card");
   box.replaceChildren();
   box.style.display = "block";
@@ -214,8 +233,21 @@ function unpack(geometry) {
   p.array = places;
   p.type = "Float32Array";
 }
+// What a plain mesh looks like besides its shape.
+function looks_like(object) {
+  if (!object.isMesh || object.isInstancedMesh || !object.userData) return undefined;
+  const { uuid, ...look } = object.material.toJSON();
+  return JSON.stringify([look, object.matrix, object.userData.shadow, object.userData.veiled]);
+}
 const set_object = viewer.set_object.bind(viewer), handle = viewer.handle_command.bind(viewer);
 viewer.set_object = (path, object) => {
+  const old = (viewer.scene_tree.find(path).children["<object>"] || { }).object, look = looks_like(object);
+  if (old && look && old.userData.look === look) {  // a new material would be compiled anew, which takes long
+    old.geometry.dispose();
+    old.geometry = object.geometry;
+    return added(path);
+  }
+  object.userData.look = look;
   if (object.userData && object.userData.shadow === false) object.castShadow = object.receiveShadow = false;
   if (object.geometry && !object.geometry.attributes.normal) object.geometry.computeVertexNormals();
   if (object.userData && object.userData.veiled) veiled(object);
