@@ -324,6 +324,7 @@ def _page(title: str, scripts: str) -> str:
 <div id="es-card"></div>
 <div id="es-bar" role="toolbar" aria-label="what is shown"></div>
 <div id="es-labels"></div><div id="es-tip"></div><div id="es-toast" role="status"></div>
+<div id="es-hint"></div>
 <div id="es-play"><button id="es-toggle" title="play or pause"></button>
 <input id="es-time" type="range" min="0" max="1" step="0.01" value="0" aria-label="time"><output id="es-now"></output>
 <select id="es-speed" title="speed" aria-label="speed"></select></div>

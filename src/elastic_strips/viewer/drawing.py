@@ -28,7 +28,8 @@ _TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
 _KINDS = {  # of obstacles: what they are called, and their colour
     "standing": ("obstacle", "#c9a27e"),
     "moving": ("obstacle that moves", "#e07a3f"),
-    "cloud": ("points, voxels", "#a3adb8"),
+    "points": ("points that were sensed", "#a3adb8"),
+    "voxels": ("map of voxels", "#8f9db0"),
 }
 MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
@@ -39,7 +40,7 @@ _AHEAD, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predi
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
 _PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
 _MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
-_CLOUDS = ("voxels", "points")  # shapes of what sensors saw
+_CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
 _NONE = np.zeros((0, 16), dtype=np.float32)
 
 
@@ -49,7 +50,7 @@ class Snapshot:
 
     The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
     ``live`` is one of many pictures a second: what takes long to measure is left out. ``tick`` is how long one takes
-    [s].
+    [s]; ``notes`` are further rows of the card.
     """
 
     robot: RobotModel
@@ -60,6 +61,7 @@ class Snapshot:
     q: ArrayLike | None = None
     live: bool = False
     tick: float | None = None
+    notes: tuple[tuple[str, str], ...] = ()
 
 
 class Drawing:
@@ -230,6 +232,7 @@ class Drawing:
                 card["note"] = report.reason[:_MOST] if bad or not report.certificate.certified else ""
         if snapshot.tick is not None:
             rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
+        rows += [list(note) for note in snapshot.notes]
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         legend += [THREADS, *self._things(snapshot)]
@@ -404,7 +407,8 @@ class ObstacleDrawing:
                 continue
             path = self.path(obstacle)
             parts, pose = self._own.get(path, (None, None))
-            kind = "moving" if single else "cloud" if obstacle.shape in _CLOUDS else "standing"
+            still = obstacle.motion is None and (obstacle.name in self.singles or obstacle.name not in alone)
+            kind = "moving" if not still else obstacle.shape if obstacle.shape in _CLOUDS else "standing"
             self._seen.add(kind)
             if parts is not obstacle.parts:
                 mesh = geometry.obstacle_mesh(obstacle)
@@ -446,8 +450,9 @@ class ObstacleDrawing:
     @staticmethod
     def path(obstacle: Obstacle) -> str:
         """Where an obstacle is in the tree; its name may contain anything."""
-        branch = "/sensed/" if obstacle.shape in _CLOUDS else "/obstacles/"
-        return branch + str(obstacle.name).replace("/", "\N{DIVISION SLASH}").replace("\0", "")
+        return f"/{_CLOUDS.get(obstacle.shape, 'obstacles')}/" + str(obstacle.name).replace(
+            "/", "\N{DIVISION SLASH}"
+        ).replace("\0", "")
 
     def moving(self, scene: Scene) -> list[Obstacle]:
         """Obstacles that have an object of their own because they move."""

@@ -12,10 +12,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
-from elastic_strips.planning import PlanReport, plan_report
+from elastic_strips.planning import PlanReport, check_endpoints, plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
 from elastic_strips.validation import check_array, check_number, check_type
 
 from .drag import Drag
@@ -33,8 +33,8 @@ class LiveStrip:
 
     What is moved, by :meth:`move`, :meth:`move_goal` or with the mouse in the viewer's page, goes there no faster
     than ``speed``. Where the strip stays broken for 0.4 s a path is planned anew, in another thread, and taken where
-    it is certified in the scene of that moment. Obstacles that have a motion move on by the clock until they are
-    grabbed; then they stay where they are put.
+    it is certified in the scene of that moment. While start or goal touches something the strip waits, and says so.
+    Obstacles that have a motion move on by the clock until they are grabbed; then they stay where they are put.
 
     Example:
         >>> live = LiveStrip(robot, scene, strip, viewer=Viewer())  # doctest: +SKIP
@@ -176,7 +176,7 @@ class LiveStrip:
         if self._viewer is None or self._viewer.url is None:
             return self._report.strip._repr_html_()
         return (
-            f'<iframe src="{self._viewer.url}" style="width: 100%; height: 480px; border: 0; border-radius: 8px">'
+            f'<iframe src="{self._viewer.own_url}" style="width: 100%; height: 480px; border: 0; border-radius: 8px">'
             "</iframe>"
         )
 
@@ -232,13 +232,29 @@ class LiveStrip:
         strip = self._taken(scene) or self._towards_goal(self._report.strip)
         self._scene = scene
         certified = self._report.certified
-        report = self._deformer.step(strip, scene, budget=None if certified else 0.5 * self._period, detail=True)
+        report = None if certified else self._held_by_its_ends(strip, scene)
+        waits = report is not None
+        if report is None:
+            report = self._deformer.step(strip, scene, budget=None if certified else 0.5 * self._period, detail=True)
         self._report = report
         self._count += 1
         self._ticks.append(report.seconds)
-        self._look_for_path(now)
+        if not waits:
+            self._look_for_path(now)
         if self._viewer is not None:
-            self._viewer.update(report, scene, tick=float(np.median(self._ticks)))
+            notes = [("planned anew", "looking for a way" if self._search is not None else str(self._replans))]
+            self._viewer.update(report, scene, tick=float(np.median(self._ticks)), notes=notes)
+
+    def _held_by_its_ends(self, strip: Strip, scene: Scene) -> DeformReport | None:
+        """Where its start or goal touches something nothing helps but to move either: the strip stays as it is."""
+        begin = time.perf_counter()
+        try:
+            check_endpoints(self._robot, scene, strip.q[0], strip.q[-1], self._deformer.params)
+        except ConfigurationError as error:
+            certificate = self._deformer.certify(strip, scene)
+            clearance, seconds = self._deformer.workspace.obstacles.least_clearance(), time.perf_counter() - begin
+            return DeformReport(strip, DeformStatus.BROKEN, str(error), certificate, clearance, scene, seconds=seconds)
+        return None
 
     def _moved(self, scene: Scene) -> Scene:
         """The scene with what is moved one step nearer to where it is wanted."""

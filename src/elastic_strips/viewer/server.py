@@ -2,7 +2,7 @@
 
 ``ServerProcess`` runs this file as a script. The process knows neither robots nor scenes and needs no port besides the
 browser's: page and commands arrive on standard input, and when that ends, because the parent closed it or died, the
-process ends.
+process ends. An address that names another program's picture (``?id=``) is not answered with this one's.
 
 A frame on standard input is a header (length of the key, length of the payload), the key and the payload. Key ``page``
 carries the HTML; an empty key ends a batch; any other one is a command (see ``commands``).
@@ -18,6 +18,7 @@ import atexit
 import contextlib
 import json
 import os
+import secrets
 import select
 import socket
 import struct
@@ -106,6 +107,7 @@ class ServerProcess:
         Raises:
             ServerError: It does not start, or the port is taken.
         """
+        self.id = secrets.token_hex(4)
         ours, theirs = socket.socketpair()
         # Writes block in the kernel, without the interpreter's lock; one that waits too long fails.
         ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _SEND, 0))
@@ -113,7 +115,7 @@ class ServerProcess:
         self._socket = ours
         try:
             self._process = subprocess.Popen(
-                [sys.executable, __file__, str(port or 0)],
+                [sys.executable, __file__, str(port or 0), self.id],
                 stdin=theirs.fileno(),
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -201,7 +203,7 @@ def _read(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-async def _serve(port: int) -> None:
+async def _serve(port: int, own: str) -> None:
     """Serve until standard input ends."""
     import tornado.httpserver
     import tornado.netutil
@@ -226,6 +228,10 @@ async def _serve(port: int) -> None:
             if not local(self.request):
                 raise tornado.web.HTTPError(403)
             self.set_header("Cache-Control", "no-store")
+            if self.get_query_argument("id", own) != own:  # a notebook's, of a program before this one
+                self.set_status(404)
+                self.finish("This live picture has ended: run its cell again.")
+                return
             self.write(await page)
 
     class Client(tornado.websocket.WebSocketHandler):
@@ -341,4 +347,4 @@ async def _serve(port: int) -> None:
 
 if __name__ == "__main__":
     sys.path.pop(0)  # the modules next to this file are no top-level modules
-    asyncio.run(_serve(int(sys.argv[1])))
+    asyncio.run(_serve(int(sys.argv[1]), sys.argv[2]))

@@ -8,7 +8,7 @@ import os
 import threading
 import time
 import webbrowser
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from elastic_strips.arrays import ArrayLike
@@ -105,6 +105,11 @@ class Viewer:
         return None if self._server is None else self._server.url
 
     @property
+    def own_url(self) -> str | None:
+        """Address of this picture alone: once it has ended, another one at the same port does not answer to it."""
+        return None if self._server is None else f"{self._server.url}?id={self._server.id}"
+
+    @property
     def server_pid(self) -> int | None:
         """Process id of the server; None without one."""
         return None if self._server is None else self._server.pid
@@ -134,6 +139,7 @@ class Viewer:
         *,
         q: ArrayLike | None = None,
         tick: float | None = None,
+        notes: Sequence[tuple[str, str]] = (),
     ) -> None:
         """Show the newest report, at once; it takes microseconds, and a picture that is not drawn yet is left out.
 
@@ -142,6 +148,7 @@ class Viewer:
             scene: The scene if it has changed.
             q: Configuration (nq,) where the robot is; at the strip's first node where None.
             tick: How long a tick takes [s], to be shown; nothing where None.
+            notes: Further rows of the card: what, and its value.
 
         Raises:
             InputError: Something else than a report or a strip, or than a scene.
@@ -154,7 +161,7 @@ class Viewer:
             raise InputError(f"update shows a report or a Strip, not {shown(report)}")
         if scene is not None:
             self._scene = scene
-        job = Snapshot(strip.robot, self._scene, strip.q, about, q=q, live=True, tick=tick)
+        job = Snapshot(strip.robot, self._scene, strip.q, about, q=q, live=True, tick=tick, notes=tuple(notes))
         if self._lost:
             self._missed = job  # no browser gets it; save_html may
         else:

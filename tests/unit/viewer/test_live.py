@@ -95,13 +95,24 @@ def test_a_search_that_fails_does_not_end_it(robot, monkeypatch):
         assert live.alive
 
 
-def test_a_goal_in_an_obstacle_is_broken_and_recovers(robot, scene, strip):
-    with LiveStrip(robot, scene, strip) as live:
-        live.move("shelf", (4.0, 0.0, 0.7))
-        wait(lambda: live.scene.obstacle("shelf").pose[0, 3] == 4.0 and not live.report.certified)
-        assert live.report.reason
-        live.move("shelf", (4.0, 2.5, 0.7))
-        wait(lambda: live.report.certified)
+@pytest.mark.parametrize(("what", "x"), [("start", -1.0), ("goal", 4.0)])
+def test_an_end_in_an_obstacle_is_said_and_the_strip_waits(robot, scene, strip, what, x):
+    with LiveStrip(robot, scene, strip, thread=False) as live:
+        live.move("shelf", (x, 0.0, 0.7))
+        while live.scene.obstacle("shelf").pose[0, 3] != x:
+            live.tick()
+        held = live.tick().strip
+        for _ in range(5):
+            report = live.tick()
+            assert not report.certified
+            assert report.reason.startswith(f"{what} is in collision")
+            assert report.node_clearance < 0.0
+            np.testing.assert_array_equal(report.strip.q, held.q)
+        live.move("shelf", (x, 2.5, 0.7))
+        for _ in range(1000):
+            if live.tick().certified and live.scene.obstacle("shelf").pose[1, 3] == 2.5:
+                break
+        assert live.report.certified
 
 
 def test_what_moves_by_itself_stays_where_it_is_put(robot, scene, strip):

@@ -247,11 +247,51 @@ def test_the_picture_is_framed_again_when_the_window_changes(opened, live):
 def test_a_page_says_that_the_program_has_ended(browser, live):
     page = browser.new_page()
     page.goto(live.viewer_of_test.url)
-    page.wait_for_function("document.body.dataset.ready === 'yes'")
-    live.close()
+    page.wait_for_function("document.body.dataset.ready === 'yes' && allowed.obstacles")
+    assert "certified" in page.inner_text("#es-card .chip")
+    live.close()  # nobody keeps the strip certified from now on
+    page.wait_for_function("document.querySelector('#es-card .chip').textContent.startsWith('ended')")
     live.viewer_of_test.close()
     page.wait_for_function("document.title.startsWith('(ended)')")
+    page.evaluate("card({ title: 'late', chip: ['certified', 'green'], rows: [], legend: [] })")
+    page.wait_for_function("document.querySelector('#es-card h1').textContent.startsWith('late')")
+    assert page.inner_text("#es-card .chip").startswith("ended")
     page.close()
+
+
+def test_a_frame_of_another_program_is_not_answered(live):
+    port = int(live.viewer_of_test.url.rsplit(":", 1)[1].strip("/"))
+
+    def status(path):
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+        connection.request("GET", path)
+        return connection.getresponse().status
+
+    own = live.viewer_of_test.own_url.rsplit("/", 1)[1]
+    assert status("/") == status("/" + own) == 200
+    assert own in live._repr_html_() or live._viewer is None
+    assert status("/?id=12345678") == 404
+
+
+def test_the_goal_is_held_by_the_inside_of_its_ring(opened, live):
+    page = opened()
+    page.wait_for_function("allowed.goal && viewer.scene_tree.children.markers !== undefined")
+    before = live.report.strip.coordinates[-1].copy()
+    assert "drag an obstacle or the goal" in page.inner_text("#es-hint")
+    drag(page, page.evaluate(GOAL.replace("0, 0.47, 0", "-0.3, 0.2, 0")), (-60, 0))
+    page.mouse.up()
+    wait(lambda: abs(live.report.strip.coordinates[-1, :2] - before[:2]).max() > 0.1 and live.report.certified)
+    assert not page.is_visible("#es-hint")  # it is known now
+
+
+def test_the_whole_strip_comes_back_into_the_picture(opened, live):
+    page = opened()
+    eye = page.evaluate("viewer.camera.position.toArray()")
+    drag(page, (620, 420), (90, 30))  # the floor: the camera turns
+    page.mouse.up()
+    page.wait_for_function("(was) => viewer.camera.position.distanceTo(new T.Vector3(...was)) > 0.2", arg=eye)
+    page.get_by_role("button", name="the whole strip in the picture").click()
+    assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(eye, abs=1e-6)
 
 
 def test_pages_of_others_are_refused(live):

@@ -161,7 +161,7 @@ def test_what_moves_shows_where_it_will_be_and_everything_has_a_name(robot, scen
         viewer._flush()
         log = dict(viewer._log.items())
         legend = dict(umsgpack.unpackb(log["\0hud"])["legend"])
-        assert {"obstacle", "obstacle that moves", "points, voxels", "start", "goal", "robot along the strip"} <= set(
+        assert {"obstacle", "obstacle that moves", "map of voxels", "start", "goal", "robot along the strip"} <= set(
             legend
         )
         assert len(set(legend.values())) == len(legend)  # no colour means two things
@@ -173,7 +173,7 @@ def test_what_moves_shows_where_it_will_be_and_everything_has_a_name(robot, scen
                 there, scene.at(ahead).obstacle("capsule-4").pose[:3, 3], atol=2e-5
             )  # sent to 15 µm
         assert umsgpack.unpackb(log["/obstacles/all sphere\0instances"])["names"] == ["sphere-1"]
-        assert umsgpack.unpackb(log["/sensed/voxels-7\0names"])["names"] == ["voxels-7"]
+        assert umsgpack.unpackb(log["/map/voxels-7\0names"])["names"] == ["voxels-7"]
         viewer.update(make_report(), scene.without("capsule-4"))
         viewer._flush()
         assert not any(key.startswith("/predictions") for key, _ in viewer._log.items())

@@ -9,12 +9,19 @@ const LAYERS = [  // name, whether it is shown at first, what belongs to it
   ["trails", true, (p) => p[1] === "trails"],
   ["predictions", true, (p) => p[0] === "predictions"],
   ["sensed", true, (p) => p[0] === "sensed"],
+  ["map", true, (p) => p[0] === "map"],
   ["obstacles", true, (p) => p[0] === "obstacles"],
 ];
 const store = (() => { try { return window.sessionStorage; } catch { return { }; } })();  // none in some frames
 const on = Object.fromEntries([...LAYERS, ["names", false]].map(([n, first]) => [n, (store["es-" + n] || first + "") === "true"]));
 const layer_of = (path) => LAYERS.find(([, , holds]) => holds(path));
 const buttons = { };
+const whole = element(byId("es-bar"), "button", "\u2922");  // the camera as it was at first
+whole.type = "button";
+whole.title = "the whole strip in the picture";
+whole.setAttribute("aria-label", whole.title);
+whole.className = "whole";
+whole.onclick = () => { if (home) { look(...home); viewer.set_dirty(); } };
 
 // Meshes are hidden, not the nodes above them: those belong to what plays.
 function each_mesh(node, path, visit) {
@@ -43,7 +50,7 @@ function button(name) {
     toggle(name);
     try { store["es-" + name] = on[name]; } catch { /* kept for this page alone */ }
   };
-  byId("es-bar").append(...[...LAYERS.map((l) => l[0]), "names"].filter((n) => buttons[n]).map((n) => buttons[n]));
+  byId("es-bar").append(...[...LAYERS.map((l) => l[0]), "names"].filter((n) => buttons[n]).map((n) => buttons[n]), whole);
   byId("es-bar").style.display = "flex";
 }
 added = (path) => {
@@ -63,7 +70,8 @@ let plain = 0;
 function simplify(object, path) {
   const old = object.material;
   if (!plain || !old) return;
-  if (path[0] === "robot") fewer(object.geometry);
+  if (path[0] === "robot" || path[0] === "ghosts") fewer(object.geometry);
+  if (path[0] === "ghosts") place({ path: path.join("/"), matrices: object.instanceMatrix.array.slice(0, 16 * object.count) });
   if (object.userData.veil && object.userData.veil.visible) {
     object.userData.veil.visible = false;
     object.material = new T.MeshBasicMaterial({ color: old.color, opacity: 0.2, transparent: true, depthWrite: false });
@@ -124,10 +132,10 @@ function plainer() {
     grid.geometry.setDrawRange(0, lines.length / 3 / 4);  // its middle
   }
   if (plain === 2) viewer.renderer.setPixelRatio(0.5 * window.devicePixelRatio);
-  if (plain === 3 && on.ghosts && buttons.ghosts) toggle("ghosts");
   each_mesh(viewer.scene_tree, [], simplify);
   viewer.set_dirty();
   document.body.dataset.plain = plain;
+  if (plain === 2) toast("drawn plainer, for this machine is slow; #fine at the end of the address: in full");
 }
 if (SOFTWARE) plainer();
 const one_pixel = new Uint8Array(4);
@@ -179,7 +187,7 @@ pane.addEventListener("pointermove", (event) => {
   waiting = setTimeout(() => {
     waiting = null;
     if (down) return;
-    const hit = pick(event, ["obstacles", "sensed", "robot", "markers"]);
+    const hit = look_under(event);
     tip.style.display = hit && hit.name ? "block" : "none";
     if (hit && hit.name) tip.textContent = hit.name;
     tip.style.left = event.clientX + "px"; tip.style.top = event.clientY + "px";
@@ -188,6 +196,7 @@ pane.addEventListener("pointermove", (event) => {
 });
 pane.addEventListener("pointerdown", () => { tip.style.display = "none"; });
 let can_drag = () => false;
+let look_under = (event) => pick(event, ["obstacles", "sensed", "map", "robot", "markers"]);
 
 // Where each obstacle is: [name, world position] of those that are shown.
 function places(limit) {
@@ -217,6 +226,7 @@ function write() {
   if (on.names) for (const [text, at] of places(120)) list.push([text, at, ""]);
   while (board.children.length > list.length) board.lastChild.remove();
   while (board.children.length < list.length) element(board, "div");
+  const beside = list.length ? byId("es-card").getBoundingClientRect() : null;
   const p = new T.Vector3(), box = viewer.renderer.domElement.getBoundingClientRect();
   list.forEach(([text, at, kind], i) => {
     const e = board.children[i];
@@ -224,9 +234,10 @@ function write() {
     if (e.textContent !== text) e.textContent = text;
     if (e.className !== kind) e.className = kind;
     e.style.display = Math.abs(p.z) < 1 ? "block" : "none";
-    const half = e.offsetWidth / 2, wide = box.width - half;
-    e.style.left = Math.min(Math.max((p.x + 1) / 2 * box.width, half), wide) + "px";
-    e.style.top = Math.max((1 - p.y) / 2 * box.height, e.offsetHeight) + "px";
+    const half = e.offsetWidth / 2, wide = box.width - half, top = Math.max((1 - p.y) / 2 * box.height, e.offsetHeight);
+    const low = top - e.offsetHeight < beside.bottom ? Math.min(beside.right + 8 + half, wide) : half;  // not over the card
+    e.style.left = Math.min(Math.max((p.x + 1) / 2 * box.width, low), wide) + "px";
+    e.style.top = top + "px";
   });
 }
 const draw = viewer.render.bind(viewer);
@@ -237,8 +248,9 @@ viewer.render = () => {
 };
 let toasting = null;
 function toast(text) {
+  if (document.body.dataset.ended) return;
   byId("es-toast").textContent = text;
   byId("es-toast").style.display = "block";
   clearTimeout(toasting);
-  toasting = setTimeout(() => { byId("es-toast").style.display = "none"; }, 2500);
+  toasting = setTimeout(() => { byId("es-toast").style.display = "none"; }, Math.max(2500, 60 * text.length));
 }

@@ -1,13 +1,31 @@
 // What can be dragged: obstacles and the ring at the goal. Over the floor; with Shift, or the arrow, up and down; with
 // Alt, or the ring, about the vertical. The picture follows what comes back from the program.
 let allowed = { obstacles: false, goal: false }, held = null, chosen = null;
-extra.draggable = (cmd) => { allowed = cmd; choose(null); };
+extra.draggable = (cmd) => {
+  if (cmd.obstacles) delete document.body.dataset.ended;
+  else if (allowed.obstacles) ended();  // nobody keeps the strip any more
+  allowed = cmd;
+  choose(null);
+  byId("es-hint").style.display = cmd.obstacles && !document.body.dataset.grabbed ? "block" : "none";
+  byId("es-hint").textContent = `drag an obstacle${cmd.goal ? " or the goal" : ""} \u00b7 Shift: up and down \u00b7 Alt: turn`;
+};
 const say_back = (message) => {
   if (viewer.connection && viewer.connection.readyState === 1) viewer.connection.send(JSON.stringify(message));
 };
 const is_goal = (object) => { for (let o = object; o; o = o.parent) if (o.userData.name === "goal") return true; return false; };
 can_drag = (hit) => (hit.branch === "obstacles" && allowed.obstacles && hit.name !== undefined) ||
   (hit.branch === "markers" && allowed.goal && is_goal(hit.object));
+
+// The goal is held by its ring's inside, too, where nothing stands in front of it.
+const under = look_under;
+look_under = (event) => {
+  const hit = under(event);
+  const goal = allowed.goal && ((viewer.scene_tree.children.markers || { children: { } }).children.goal || { }).object;
+  if ((hit && hit.branch !== "markers") || !goal || !shown(goal)) return hit;
+  const floor = ray.ray.intersectPlane(new T.Plane(new T.Vector3(0, 1, 0), 0), new T.Vector3());
+  if (!floor || floor.distanceTo(goal.getWorldPosition(new T.Vector3())) > 0.55) return hit;
+  return { branch: "markers", point: floor, object: goal, name: "goal" };
+};
 
 // Handles about what was chosen.
 const handle_color = new T.MeshBasicMaterial({ color: color(0x24606f), transparent: true, opacity: 0.85, depthTest: false });
@@ -76,7 +94,7 @@ function send() {
 }
 pane.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !(allowed.obstacles || allowed.goal)) return;
-  const mode = on_handle(event), hit = mode ? null : pick(event, ["obstacles", "sensed", "robot", "markers"]);
+  const mode = on_handle(event), hit = mode ? null : look_under(event);
   if (!mode && !(hit && can_drag(hit))) { choose(null); return; }
   event.stopPropagation();  // the camera stays
   viewer.controls.enabled = false;
@@ -90,6 +108,8 @@ pane.addEventListener("pointerdown", (event) => {
   pane.setPointerCapture(event.pointerId);
   pane.style.cursor = "grabbing";
   say_back({ type: "grab", name: held.name });
+  document.body.dataset.grabbed = "yes";
+  byId("es-hint").style.display = "none";
 }, true);
 pane.addEventListener("pointermove", (event) => { if (held) { event.stopPropagation(); drag_to(event); } }, true);
 function let_go() {

@@ -4,5 +4,6 @@ viewer.connection.onmessage = (message) => {
 };
 viewer.connection.onclose = () => {
   document.title = "(ended) " + document.title;
-  toast("the program has ended");
+  toast("the program has ended: this is its last picture");
+  ended();
 };

@@ -11,6 +11,7 @@ const renderer = new T.WebGLRenderer({ antialias: !SOFTWARE, alpha: true });
 renderer.shadowMap.enabled = true;
 byId("meshcat-pane").appendChild(renderer.domElement);
 const viewer = new MeshCat.Viewer(byId("meshcat-pane"), undefined, renderer);
+viewer.gui.domElement.style.display = "none";  // the bar has what one needs
 const color = (hex) => new T.Color(hex).convertSRGBToLinear();
 
 // Background, floor and light.
@@ -52,11 +53,11 @@ viewer.set_object(["floor", "grid"], grid);
 
 // Look against `direction` (z up) from where all points are in the picture; again where the window changes, until
 // somebody moves the camera.
-let framed = null;
+let framed = null, home = null;
 viewer.controls.addEventListener("start", () => { framed = null; });
 window.addEventListener("resize", () => { if (framed) look(...framed); });
 function look(points, direction) {
-  framed = [points, direction];
+  home = framed = [points, direction];
   const box = new T.Box3(), p = new T.Vector3(), list = [];
   for (let i = 0; i < points.length; i += 3) {
     list.push(new T.Vector3(points[i], points[i + 1], points[i + 2]));
@@ -107,7 +108,9 @@ const room = (object, name, size, count) => {
   return object[name];
 };
 function place(cmd) {
-  const object = at(cmd.path + "/<object>"), count = cmd.matrices.length / 16;
+  const object = at(cmd.path + "/<object>");
+  if (plain > 2 && names(cmd.path)[0] === "ghosts") cmd = { ...cmd, matrices: thinned(cmd.matrices, 6) };
+  const count = cmd.matrices.length / 16;
   if (cmd.names) object.userData.names = cmd.names;
   const matrices = room(object, "instanceMatrix", 16, count);
   matrices.array.set(cmd.matrices);
@@ -121,6 +124,15 @@ function place(cmd) {
   object.count = count;
   const veil = object.userData.veil;
   if (veil) { veil.instanceMatrix = object.instanceMatrix; veil.count = count; }
+}
+// So many of matrices, evenly.
+function thinned(matrices, most) {
+  const n = matrices.length / 16, few = new Float32Array(16 * Math.min(n, most));
+  for (let k = 0; k < few.length / 16; k++) {
+    const from = 16 * Math.round(k * (n - 1) / Math.max(few.length / 16 - 1, 1));
+    few.set(matrices.subarray(from, from + 16), 16 * k);
+  }
+  return few;
 }
 // Rods between neighbouring points of lines, each of one colour.
 function rods(cmd) {
@@ -182,6 +194,7 @@ function write_card(cmd) {
     element(row, "b", value);
   }
   if (cmd.note !== undefined) element(box, "div", cmd.note).className = "note";
+  if (document.body.dataset.ended) ended();
   const legend = element(box, "div");
   legend.className = "legend";
   for (const [name, color] of cmd.legend) {
@@ -189,6 +202,13 @@ function write_card(cmd) {
     element(entry, "i", undefined, color);
     entry.append(name);
   }
+}
+
+// What is shown is no longer so: the program behind it has ended.
+function ended() {
+  document.body.dataset.ended = "yes";
+  const chip = byId("es-card").querySelector(".chip");
+  if (chip) { chip.textContent = "ended: the last picture"; chip.style.background = "#7b8896"; }
 }
 
 // Buttons for what plays.
