@@ -167,9 +167,9 @@ def labels(group: str, texts: Sequence[str], points: ArrayLike) -> Command:
     )
 
 
-def draggable(*, obstacles: bool, goal: bool) -> Command:
-    """Whether obstacles and the ring at the goal can be dragged."""
-    return key("", "draggable"), packb({"type": "draggable", "obstacles": obstacles, "goal": goal})
+def draggable(*, obstacles: bool, goal: bool, hand: bool) -> Command:
+    """Whether obstacles, the ring at the goal, and the ball at its hand can be dragged."""
+    return key("", "draggable"), packb({"type": "draggable", "obstacles": obstacles, "goal": goal, "hand": hand})
 
 
 def visible(path: str, value: bool) -> Command:

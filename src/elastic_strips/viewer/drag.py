@@ -22,6 +22,7 @@ class Drag:
     Attributes:
         kind: which of them.
         name: of the obstacle; None for the goal.
+        hand: of the goal, whether it is the hand's; else it is the base's.
         shift: (3,) displacement since it was grabbed [m], world frame.
         turn: about the vertical through its own origin since it was grabbed [rad].
     """
@@ -30,6 +31,7 @@ class Drag:
     name: str | None
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn: float = 0.0
+    hand: bool = False
 
     def applied(self, pose: Array) -> Array:
         """``pose`` (4, 4) [m], the one at which it was grabbed, where it is dragged to."""
@@ -44,12 +46,14 @@ def parse(line: bytes) -> Drag | None:
     """Read a message; None where it is none, for any program on this machine may write to the page's server."""
     try:
         data = json.loads(line)
-        kind, name = data["type"], data.get("name")
+        kind, name, hand = data["type"], data.get("name"), data.get("hand", False)
         shift, turn = tuple(float(x) for x in data.get("shift", (0, 0, 0))), float(data.get("turn", 0))
     except (AttributeError, LookupError, TypeError, ValueError, RecursionError, OverflowError):
         return None
     if kind not in _KINDS or not (name is None or (isinstance(name, str) and len(name) <= _LONGEST)):
         return None
-    if len(shift) != 3 or not all(abs(x) <= _FARTHEST for x in (*shift, turn)):  # NaN neither
+    if (
+        not isinstance(hand, bool) or len(shift) != 3 or not all(abs(x) <= _FARTHEST for x in (*shift, turn))
+    ):  # NaN neither
         return None
-    return Drag(kind, name, shift, turn)
+    return Drag(kind, name, shift, turn, hand)

@@ -38,7 +38,7 @@ _MAX_HULLS = 600
 _FEW, _MANY = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _AHEAD, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
-_PIN, _SPOT, _HEAD, _POLE = 1.9, 0.16, 0.09, 0.02  # height of the pin, radii [m]
+_PIN, _SPOT, _HEAD, _POLE, _BALL = 1.9, 0.16, 0.09, 0.02, 0.07  # height of the pin, radii [m]
 _MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
 _NONE = np.zeros((0, 16), dtype=np.float32)
@@ -76,6 +76,7 @@ class Drawing:
         """
         self.title = title
         self.ghosts = ghosts
+        self.hand = False  # whether there is a ball at the goal's, to be dragged
         self.robot: RobotModel | None = None
         self.bodies: tuple[Body, ...] = ()
         self.joints: list[int] = []  # that carry the bodies
@@ -100,6 +101,7 @@ class Drawing:
         out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
         out += self.strip("/strip", coordinates, points, segment_colors(snapshot.report, len(coordinates) - 1))
         out += self.markers(coordinates)
+        out += self._hand_ball(points[-1, -1])
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
         out += self._trouble(snapshot.report, coordinates)
@@ -262,6 +264,19 @@ class Drawing:
             T[:2, :2], T[:3, 3] = [[c, -s], [s, c]], (x, y, 0.006)
         out.append(commands.transforms("/markers", ["/markers/start", "/markers/goal"], commands.columns(poses)))
         return out
+
+    def _hand_ball(self, at: Array) -> list[Command]:
+        """A ball about a place (3,), by which the goal's hand is dragged."""
+        if not self.hand:
+            return []
+        out, path = [], "/markers/hand"
+        if self._first("hand"):
+            look = commands.material(linear(HAND_THREAD), opacity=0.55, hides=False)
+            out.append(commands.mesh(path, geometry.sphere().scaled(np.full(3, _BALL)), look, cast=False))
+            out.append(commands.names(path, [path], ["hand at the goal"]))
+        T = np.eye(4)
+        T[:3, 3] = at
+        return [*out, commands.transforms(path, [path], commands.columns(T[None]))]
 
     def _forces(self, report: DeformReport | None) -> list[Command]:
         forces = None if report is None else report.forces

@@ -14,6 +14,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import PlanReport, check_endpoints, plan_report
 from elastic_strips.robot import RobotModel
+from elastic_strips.robot.inverse_kinematics import PoseSolver, rotation_of
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
 from elastic_strips.validation import check_array, check_number, check_type
@@ -81,8 +82,10 @@ class LiveStrip:
         self._viewer = viewer
         self._lock = threading.Lock()
         self._targets: dict[str, Array] = {}
-        self._goal: Array | None = None  # (3,) x, y, yaw
-        self._held: tuple[str | None, Array] | None = None  # name, and the pose (4, 4) at which it was grabbed
+        self._goal: Array | None = None  # (nv,) coordinates
+        self._hand_goal: Array | None = None  # pose (4, 4)
+        self._hands = _hand_solvers(robot)  # of the ticks, and of whoever holds the lock
+        self._held: tuple[str | None, bool, Array] | None = None  # name, hand, and the pose (4, 4) when it was grabbed
         self._ticks: deque[float] = deque([self._report.seconds], maxlen=_RECENT)
         self._broken_since: float | None = None
         self._searched = -np.inf
@@ -93,7 +96,7 @@ class LiveStrip:
         self._ended = threading.Event()
         if viewer is not None:
             viewer.show(robot, scene, self._report)
-            viewer.listen(self._hear, goal=robot.space.planar)
+            viewer.listen(self._hear, goal=robot.space.planar, hand=self._hands is not None)
         self._thread: threading.Thread | None = None
         if thread:
             self._thread = threading.Thread(target=self._run, name="elastic-strips live", daemon=True)
@@ -155,7 +158,31 @@ class LiveStrip:
             raise ConfigurationError(f"{self._robot.name!r} stands on a fixed base, so its goal does not move")
         where = [check_number(n, v, unit=u) for n, v, u in (("x", x, "m"), ("y", y, "m"), ("yaw", yaw, "rad"))]
         with self._lock:
-            self._goal = np.array(where)
+            goal = self._report.strip.coordinates[-1] if self._goal is None else self._goal
+            self._goal = np.array([*where, *goal[3:]])
+
+    def move_hand(self, at: ArrayLike) -> None:
+        """Let the goal's hand go to another place by the robot's joints, as far as they reach; its base stays.
+
+        Args:
+            at: (3,) place of the last control point [m], or pose (4, 4) of its link there, in the world.
+
+        Raises:
+            ConfigurationError: the robot has no joint that moves its last control point.
+            InputError: no place.
+        """
+        if self._hands is None:
+            raise ConfigurationError(f"{self._robot.name!r} has no joint that moves its hand")
+        pose = np.eye(4)
+        if np.shape(at) == (4, 4):
+            there = check_array("at", at, (4, 4))
+            pose[:3, :3], pose[:3, 3] = rotation_of(there[:3, :3]), there[:3, 3]
+        else:
+            pose[:3, 3] = check_array("at", at, (3,))
+            with self._lock:
+                pose[:3, :3] = self._hands[1].pose(self._report.strip)[:3, :3]
+        with self._lock:
+            self._hand_goal = pose
 
     def close(self) -> None:
         """End the ticks; the viewer stays as it is."""
@@ -187,22 +214,28 @@ class LiveStrip:
             self._held = None
             return
         if drag.kind == "grab":
-            pose = self._pose(drag.name)
-            self._held = None if pose is None else (drag.name, pose)
+            pose = self._pose(drag.name, drag.hand)
+            self._held = None if pose is None else (drag.name, drag.hand, pose)
             if self._viewer is not None and pose is not None and drag.name is not None:
                 self._viewer.single(drag.name)
-        elif self._held is not None and self._held[0] == drag.name:
-            pose = drag.applied(self._held[1])
-            with self._lock:
-                if drag.name is not None:
+        elif self._held is not None and self._held[:2] == (drag.name, drag.hand):
+            pose = drag.applied(self._held[2])
+            if drag.name is not None:
+                with self._lock:
                     self._targets[drag.name] = pose
-                else:
-                    self._goal = np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])])
+            elif drag.hand:
+                with self._lock:
+                    self._hand_goal = pose
+            else:
+                self.move_goal(float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0])))
 
-    def _pose(self, name: str | None) -> Array | None:
-        """Where something is that can be grabbed: the pose (4, 4) of an obstacle, or of the base at the goal."""
+    def _pose(self, name: str | None, hand: bool) -> Array | None:
+        """Where something is that can be grabbed: the pose (4, 4) of an obstacle, or of hand or base at the goal."""
         if name is not None:
             return np.array(self._scene.obstacle(name).pose) if name in self._scene else None
+        if hand:
+            with self._lock:
+                return None if self._hands is None else self._hands[1].pose(self._report.strip)
         if not self._robot.space.planar:
             return None
         x, y, yaw = self._report.strip.coordinates[-1, :3]
@@ -274,19 +307,26 @@ class LiveStrip:
         """The strip with its last node one step nearer to where the goal is wanted, the others the less the nearer to
         the start."""
         with self._lock:
-            goal = self._goal
+            goal, hand, self._hand_goal = self._goal, self._hand_goal, None
+        coordinates = np.array(strip.coordinates)
+        if hand is not None and self._hands is not None:
+            goal = self._hands[0].reached(coordinates[-1] if goal is None else goal, hand)
+            with self._lock:
+                self._goal = goal
         if goal is None:
             return strip
-        coordinates = np.array(strip.coordinates)
-        off = goal - coordinates[-1, :3]
-        off[2] = (off[2] + np.pi) % (2.0 * np.pi) - np.pi
-        far = max(float(np.hypot(off[0], off[1])) / (self._speed * self._period), abs(off[2]) / (_TURN * self._period))
+        space = self._robot.space
+        off = goal - coordinates[-1]
+        angles = np.r_[[False, False, True][: space.base_nv], space.circular].astype(bool)
+        off[angles] = (off[angles] + np.pi) % (2.0 * np.pi) - np.pi
+        way = float(np.hypot(*off[:2])) if space.planar else 0.0
+        turns = np.abs(off[2:] if space.planar else off)
+        far = max(way / (self._speed * self._period), float(turns.max(initial=0.0)) / (_TURN * self._period))
         if far <= 1.0:
             with self._lock:
                 self._goal = None if self._goal is goal else self._goal
         share = np.linspace(0.0, 1.0, len(coordinates))[:, None]
-        coordinates[:, :3] += share * off / max(far, 1.0)
-        return Strip.from_coordinates(self._robot, coordinates)
+        return Strip.from_coordinates(self._robot, coordinates + share * off / max(far, 1.0))
 
     def _look_for_path(self, now: float) -> None:
         """Plan anew where the strip stays broken."""
@@ -318,6 +358,42 @@ class LiveStrip:
             return None
         self._replans += 1
         return strip
+
+
+class _Hand:
+    """Workspace: where the goal's hand is, and what joints bring it to a pose; used by one thread."""
+
+    def __init__(self, robot: RobotModel, frame: str) -> None:
+        self._solver = PoseSolver(robot, frame)
+        self._free = np.ones(robot.nv)
+        self._free[: robot.space.base_nv] = 0.0
+
+    def pose(self, strip: Strip) -> Array:
+        """Of the hand at the strip's last node (4, 4)."""
+        at, rotation = self._solver.place(strip.coordinates[-1:])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation[0], at[0]
+        return pose
+
+    def reached(self, row: Array, pose: Array) -> Array:
+        """Coordinates (nv,) that come as near to a pose (4, 4) as the joints do from those of ``row``."""
+        rows, _ = self._solver.solve(row[None], pose[:3, 3], pose[:3, :3], np.zeros(3), self._free)
+        return rows[0]
+
+
+def _hand_solvers(robot: RobotModel) -> tuple[_Hand, _Hand] | None:
+    """Two for the frame of the last control point; None where no joint but the base's moves that."""
+    points, model = robot.control_point_set, robot.model
+    joint, at = int(points.joint[-1]), points.local[-1]
+    off = {
+        frame.name: float(np.linalg.norm(frame.placement.translation - at))
+        for frame in model.frames
+        if frame.parentJoint == joint
+    }
+    if not off or not robot.tree.support[joint][robot.space.base_nv :].any():
+        return None
+    frame = min(off, key=lambda name: off[name])
+    return _Hand(robot, frame), _Hand(robot, frame)
 
 
 def _towards(pose: Array, target: Array, step: float, turn: float) -> Array:

@@ -167,16 +167,18 @@ class Viewer:
         else:
             self._post(job)
 
-    def listen(self, listener: Callable[[Drag], None] | None, *, goal: bool = False) -> None:
+    def listen(self, listener: Callable[[Drag], None] | None, *, goal: bool = False, hand: bool = False) -> None:
         """Let obstacles be grabbed in the page, and tell ``listener`` what is dragged; None ends that.
 
         Args:
             listener: called with each message, in a thread of the viewer's own; it must not block.
             goal: Whether the ring at the goal can be grabbed as well.
+            hand: Whether there is a ball at the hand of the goal, which can be grabbed.
         """
-        self._listener = listener
+        self._listener, on = listener, listener is not None
+        self._drawing.hand = hand and on
         with self._condition:
-            self._extra.append(commands.draggable(obstacles=listener is not None, goal=goal and listener is not None))
+            self._extra.append(commands.draggable(obstacles=on, goal=goal and on, hand=hand and on))
             self._condition.notify_all()
 
     def single(self, name: str) -> None:

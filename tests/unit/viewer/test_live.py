@@ -95,6 +95,33 @@ def test_a_search_that_fails_does_not_end_it(robot, monkeypatch):
         assert live.alive
 
 
+@pytest.mark.parametrize("name", ["bridge-arm", "panda", "silvermate"])
+def test_the_goals_hand_moves_by_the_joints_alone(name):
+    robot = load_robot(name)
+    goal = robot.home(x=1.0) if robot.space.planar else robot.home() + 0.6 * np.eye(robot.nq)[0]
+    strip = plan(robot, Scene(), robot.home(), goal)
+    with LiveStrip(robot, Scene(), strip, thread=False) as live:
+        hand = live._hands[1].pose(live.report.strip)
+        base = live.report.strip.coordinates[-1, : robot.space.base_nv].copy()
+        wanted = hand.copy()
+        wanted[:3, 3] += (-0.03, 0.02, -0.04)
+        live.move_hand(wanted)
+        for _ in range(400):
+            live.tick()
+            if live._goal is None and live._hand_goal is None and live.report.certified:
+                break
+        moved = live._hands[1].pose(live.report.strip)
+        assert np.linalg.norm(moved[:3, 3] - wanted[:3, 3]) < 0.5 * np.linalg.norm(hand[:3, 3] - wanted[:3, 3])
+        np.testing.assert_allclose(live.report.strip.coordinates[-1, : robot.space.base_nv], base, atol=1e-9)
+        assert live.report.certified
+        live.move_hand(hand[:3, 3] + 100.0)  # as far as it reaches, and no farther
+        for _ in range(50):
+            live.tick()
+        coordinates = live.report.strip.coordinates
+        assert (coordinates >= robot.space.lower - 1e-9).all()
+        assert (coordinates <= robot.space.upper + 1e-9).all()
+
+
 @pytest.mark.parametrize(("what", "x"), [("start", -1.0), ("goal", 4.0)])
 def test_an_end_in_an_obstacle_is_said_and_the_strip_waits(robot, scene, strip, what, x):
     with LiveStrip(robot, scene, strip, thread=False) as live:

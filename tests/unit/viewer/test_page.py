@@ -277,11 +277,27 @@ def test_the_goal_is_held_by_the_inside_of_its_ring(opened, live):
     page = opened()
     page.wait_for_function("allowed.goal && viewer.scene_tree.children.markers !== undefined")
     before = live.report.strip.coordinates[-1].copy()
-    assert "drag an obstacle or the goal" in page.inner_text("#es-hint")
+    assert "the goal's ring" in page.inner_text("#es-hint")
     drag(page, page.evaluate(GOAL.replace("0, 0.47, 0", "-0.3, 0.2, 0")), (-60, 0))
     page.mouse.up()
     wait(lambda: abs(live.report.strip.coordinates[-1, :2] - before[:2]).max() > 0.1 and live.report.certified)
     assert not page.is_visible("#es-hint")  # it is known now
+
+
+def test_the_goals_hand_is_dragged(opened, live):
+    page = opened()
+    page.wait_for_function("allowed.hand && viewer.scene_tree.children.markers.children.hand !== undefined")
+    before = live.report.strip.coordinates[-1].copy()
+    at = page.evaluate("""() => {
+      viewer.render();
+      const ball = viewer.scene_tree.find(["markers", "hand"]).object;
+      const at = ball.getWorldPosition(new T.Vector3()).project(viewer.camera);
+      return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight];
+    }""")
+    drag(page, at, (-25, 10))
+    page.mouse.up()
+    wait(lambda: abs(live.report.strip.coordinates[-1, 3:] - before[3:]).max() > 0.05 and live.report.certified)
+    np.testing.assert_allclose(live.report.strip.coordinates[-1, :3], before[:3], atol=1e-9)  # the base stays
 
 
 def test_the_whole_strip_comes_back_into_the_picture(opened, live):

@@ -1,27 +1,31 @@
 // What can be dragged: obstacles and the ring at the goal. Over the floor; with Shift, or the arrow, up and down; with
 // Alt, or the ring, about the vertical. The picture follows what comes back from the program.
-let allowed = { obstacles: false, goal: false }, held = null, chosen = null;
+let allowed = { obstacles: false, goal: false, hand: false }, held = null, chosen = null;
 extra.draggable = (cmd) => {
   if (cmd.obstacles) delete document.body.dataset.ended;
   else if (allowed.obstacles) ended();  // nobody keeps the strip any more
   allowed = cmd;
   choose(null);
   byId("es-hint").style.display = cmd.obstacles && !document.body.dataset.grabbed ? "block" : "none";
-  byId("es-hint").textContent = `drag an obstacle${cmd.goal ? " or the goal" : ""} \u00b7 Shift: up and down \u00b7 Alt: turn`;
+  byId("es-hint").textContent = `drag an obstacle${cmd.goal ? ", the goal's ring" : ""}${cmd.hand ? " or its hand" : ""} \u00b7 Shift: up and down \u00b7 Alt: turn`;
 };
 const say_back = (message) => {
   if (viewer.connection && viewer.connection.readyState === 1) viewer.connection.send(JSON.stringify(message));
 };
-const is_goal = (object) => { for (let o = object; o; o = o.parent) if (o.userData.name === "goal") return true; return false; };
+const is_goal = (object, name = "goal") => {
+  for (let o = object; o; o = o.parent) if (o.userData.name === name) return true;
+  return false;
+};
+const is_hand = (object) => is_goal(object, "hand at the goal");
 can_drag = (hit) => (hit.branch === "obstacles" && allowed.obstacles && hit.name !== undefined) ||
-  (hit.branch === "markers" && allowed.goal && is_goal(hit.object));
+  (hit.branch === "markers" && ((allowed.goal && is_goal(hit.object)) || (allowed.hand && is_hand(hit.object))));
 
 // The goal is held by its ring's inside, too, where nothing stands in front of it.
 const under = look_under;
 look_under = (event) => {
   const hit = under(event);
   const goal = allowed.goal && ((viewer.scene_tree.children.markers || { children: { } }).children.goal || { }).object;
-  if ((hit && hit.branch !== "markers") || !goal || !shown(goal)) return hit;
+  if ((hit && (hit.branch !== "markers" || is_hand(hit.object))) || !goal || !shown(goal)) return hit;
   const floor = ray.ray.intersectPlane(new T.Plane(new T.Vector3(0, 1, 0), 0), new T.Vector3());
   if (!floor || floor.distanceTo(goal.getWorldPosition(new T.Vector3())) > 0.55) return hit;
   return { branch: "markers", point: floor, object: goal, name: "goal" };
@@ -90,7 +94,7 @@ function drag_to(event) {
 }
 function send() {
   due = null;
-  if (held) say_back({ type: "drag", name: held.name, shift: held.shift, turn: held.turn });
+  if (held) say_back({ type: "drag", name: held.name, hand: held.hand, shift: held.shift, turn: held.turn });
 }
 pane.addEventListener("pointerdown", (event) => {
   if (event.button !== 0 || !(allowed.obstacles || allowed.goal)) return;
@@ -98,16 +102,16 @@ pane.addEventListener("pointerdown", (event) => {
   if (!mode && !(hit && can_drag(hit))) { choose(null); return; }
   event.stopPropagation();  // the camera stays
   viewer.controls.enabled = false;
-  const goal = !mode && hit.branch === "markers";
+  const goal = !mode && hit.branch === "markers", hand = goal && is_hand(hit.object);
   const point = mode ? viewer.scene.localToWorld(gizmo.position.clone()) : hit.point.clone();
-  held = { name: mode ? chosen : goal ? null : hit.name, point, x: event.clientX, shift: [0, 0, 0], turn: 0, from: null,
-           mode: mode || (event.altKey ? "turn" : event.shiftKey && !goal ? "up" : "flat") };
+  held = { name: mode ? chosen : goal ? null : hit.name, hand, point, x: event.clientX, shift: [0, 0, 0], turn: 0, from: null,
+           mode: mode || (event.altKey ? "turn" : event.shiftKey && (hand || !goal) ? "up" : "flat") };
   held.from = on_plane(event);
   tip.style.display = "none";
   choose(goal ? null : held.name);
   pane.setPointerCapture(event.pointerId);
   pane.style.cursor = "grabbing";
-  say_back({ type: "grab", name: held.name });
+  say_back({ type: "grab", name: held.name, hand });
   document.body.dataset.grabbed = "yes";
   byId("es-hint").style.display = "none";
 }, true);
