@@ -7,7 +7,7 @@ extra.draggable = (cmd) => {
   allowed = cmd;
   choose(null);
   byId("es-hint").style.display = cmd.obstacles && !document.body.dataset.grabbed ? "block" : "none";
-  byId("es-hint").textContent = `drag an obstacle${cmd.goal ? ", the goal's ring" : ""}${cmd.hand ? " or its hand" : ""} \u00b7 Shift: up and down \u00b7 Alt: turn`;
+  byId("es-hint").textContent = `drag an obstacle${cmd.goal ? ", the goal's ring" : ""}${cmd.hand ? " or the goal's hand" : ""} \u00b7 Shift: up and down \u00b7 Alt: turn`;
 };
 const say_back = (message) => {
   if (viewer.connection && viewer.connection.readyState === 1) viewer.connection.send(JSON.stringify(message));
@@ -20,12 +20,14 @@ const is_hand = (object) => is_goal(object, "hand at the goal");
 can_drag = (hit) => (hit.branch === "obstacles" && allowed.obstacles && hit.name !== undefined) ||
   (hit.branch === "markers" && ((allowed.goal && is_goal(hit.object)) || (allowed.hand && is_hand(hit.object))));
 
-// The goal is held by its ring's inside, too, where nothing stands in front of it.
+// The goal's hand is held through what stands before it, and its base by the ring's inside, too, but not through anything.
 const under = look_under;
 look_under = (event) => {
-  const hit = under(event);
-  const goal = allowed.goal && ((viewer.scene_tree.children.markers || { children: { } }).children.goal || { }).object;
-  if ((hit && (hit.branch !== "markers" || is_hand(hit.object))) || !goal || !shown(goal)) return hit;
+  const hit = under(event), marks = (viewer.scene_tree.children.markers || { children: { } }).children;
+  const [ball] = allowed.hand && marks.hand && shown(marks.hand.object) ? ray.intersectObject(marks.hand.object, true) : [];
+  if (ball) return { branch: "markers", distance: ball.distance, point: ball.point, object: ball.object, name: called(ball.object) };
+  const goal = allowed.goal && (marks.goal || { }).object;
+  if ((hit && hit.branch !== "markers") || !goal || !shown(goal)) return hit;
   const floor = ray.ray.intersectPlane(new T.Plane(new T.Vector3(0, 1, 0), 0), new T.Vector3());
   if (!floor || floor.distanceTo(goal.getWorldPosition(new T.Vector3())) > 0.55) return hit;
   return { branch: "markers", point: floor, object: goal, name: "goal" };
