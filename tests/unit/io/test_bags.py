@@ -75,8 +75,9 @@ class Made:
         names, offsets, kind = given["fields"]
         at = zip(names, offsets, strict=True)
         fields = [self.make("sensor_msgs/msg/PointField", name, offset, kind, 1) for name, offset in at]
-        self.add(t, topic, "sensor_msgs/msg/PointCloud2", self.header(t, frame), given["height"], given["width"], fields,
-                 given["big"], given["step"], given["row"], np.frombuffer(given["data"], np.uint8), True)  # fmt: skip
+        head = (self.header(t, frame), given["height"], given["width"], fields, given["big"])
+        data = np.frombuffer(given["data"], np.uint8)
+        self.add(t, topic, "sensor_msgs/msg/PointCloud2", *head, given["step"], given["row"], data, True)
 
     def joints(self, t: float, topic: str, **positions: float) -> None:
         values = np.array(list(positions.values()))
