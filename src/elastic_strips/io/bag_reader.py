@@ -10,10 +10,10 @@ import importlib
 import math
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -79,6 +79,53 @@ class BagJoints:
     time: float
     positions: Mapping[str, float]
     velocities: Mapping[str, float]
+
+
+class CloudMessage(Protocol):
+    """What is used of a ``sensor_msgs/PointCloud2``, whoever read it."""
+
+    height: int
+    width: int
+    fields: Sequence[Any]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: Any
+
+
+def cloud_of(message: CloudMessage) -> PointCloud:
+    """The points of a message in its sensor's frame; there may be none. Those that are not finite are left out.
+
+    Raises:
+        InputError: it has no x, y and z, or more points than are read.
+        ValueError: its data do not fit its fields.
+    """
+    fields = {f.name: f for f in message.fields}
+    missing = [axis for axis in "xyz" if axis not in fields or fields[axis].datatype not in _FIELDS]
+    count, step, rows = message.width * message.height, message.point_step, message.height
+    if not count:  # some have no fields then
+        return PointCloud(np.empty((0, 3)), 0)
+    if missing:
+        raise InputError(f"a cloud has no {', '.join(missing)}; it has {', '.join(fields) or 'nothing'}")
+    if count > _MAX_POINTS:
+        raise InputError(f"a cloud has {count} points; at most {_MAX_POINTS} are read")
+    order = ">" if message.is_bigendian else "<"
+    kinds = [order + _FIELDS[fields[axis].datatype] for axis in "xyz"]
+    offsets = [int(fields[axis].offset) for axis in "xyz"]
+    if max(at + np.dtype(kind).itemsize for at, kind in zip(offsets, kinds, strict=True)) > step:
+        raise ValueError(f"its points have {step} bytes, too few for x, y, z at {', '.join(map(str, offsets))}")
+    row = message.width * step
+    stride = max(message.row_step, row)  # many drivers leave row_step at 0; the last row may end with its points
+    data = np.asarray(message.data, dtype=np.uint8)
+    if len(data) < stride * (rows - 1) + row:
+        raise ValueError(f"its data have {len(data)} bytes; {rows} rows of {row} need more")
+    if stride > row:  # rows with something behind them
+        data = np.concatenate([data[k * stride : k * stride + row] for k in range(rows)])
+    dtype = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": int(step)})
+    table = np.frombuffer(data.tobytes(), dtype, count)
+    points = np.column_stack([table[axis].astype(float) for axis in "xyz"])
+    finite = np.isfinite(points).all(axis=1)
+    return PointCloud(points[finite], int((~finite).sum()))
 
 
 class BagReader:
@@ -165,13 +212,13 @@ class BagReader:
         """
         for message, stamp, frames in self._stamped(_CLOUD, topic):
             try:
-                points, lost = self._points(message)
-            except BagError:
-                raise
+                cloud = cloud_of(message)
+            except InputError as error:
+                raise BagError(f"{self.path}: {error}") from None
             except ValueError as error:
                 self.dropped[f"clouds that are none ({error})"] += 1
                 continue
-            name = message.header.frame_id
+            points, name = cloud.points, message.header.frame_id
             if frame is not None:
                 T = frames.between(frame, name, stamp)
                 if T is None:
@@ -182,7 +229,7 @@ class BagReader:
                 self.dropped["clouds without points"] += 1
                 continue
             points.flags.writeable = False
-            yield BagCloud(stamp, frame or name, PointCloud(points, lost))
+            yield BagCloud(stamp, frame or name, PointCloud(points, cloud.dropped))
 
     def joint_states(self, topic: str | None = None) -> Iterator[BagJoints]:
         """The joint states; efforts are left out.
@@ -294,35 +341,6 @@ class BagReader:
             raise missing_extra(f"the bag {self.path.name}", "rosbags", "ros") from None
         store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)  # for bags that hold no definitions
         return highlevel.AnyReader([self.path], default_typestore=store)
-
-    def _points(self, message: Any) -> tuple[Array, int]:
-        """x, y, z (n, 3) of a cloud, and how many points were left out; ValueError where its data do not fit."""
-        fields = {f.name: f for f in message.fields}
-        missing = [axis for axis in "xyz" if axis not in fields or fields[axis].datatype not in _FIELDS]
-        if not message.width * message.height:  # some have no fields then
-            return np.empty((0, 3)), 0
-        if missing:
-            raise BagError(f"{self.path}: a cloud has no {', '.join(missing)}; it has {', '.join(fields) or 'nothing'}")
-        order = ">" if message.is_bigendian else "<"
-        count, step, rows = message.width * message.height, message.point_step, message.height
-        if count > _MAX_POINTS:
-            raise BagError(f"{self.path}: a cloud has {count} points; at most {_MAX_POINTS} are read")
-        row = message.width * step
-        stride = max(message.row_step, row)  # many drivers leave row_step at 0; the last row may end with its points
-        data = np.asarray(message.data, dtype=np.uint8)
-        if count and len(data) < stride * (rows - 1) + row:
-            raise ValueError(f"its data have {len(data)} bytes; {rows} rows of {row} need more")
-        if stride > row:  # rows with something behind them
-            data = np.concatenate([data[k * stride : k * stride + row] for k in range(rows)])
-        kinds = [order + _FIELDS[fields[axis].datatype] for axis in "xyz"]
-        offsets = [int(fields[axis].offset) for axis in "xyz"]
-        if max(at + np.dtype(kind).itemsize for at, kind in zip(offsets, kinds, strict=True)) > step:
-            raise ValueError(f"its points have {step} bytes, too few for x, y, z at {', '.join(map(str, offsets))}")
-        dtype = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": int(step)})
-        table = np.frombuffer(data.tobytes(), dtype, count)
-        points = np.column_stack([table[axis].astype(float) for axis in "xyz"])
-        finite = np.isfinite(points).all(axis=1)
-        return points[finite], int((~finite).sum())
 
 
 class _Channel(NamedTuple):
