@@ -123,7 +123,8 @@ def cloud_of(message: CloudMessage) -> PointCloud:
         data = np.concatenate([data[k * stride : k * stride + row] for k in range(rows)])
     dtype = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": int(step)})
     table = np.frombuffer(data.tobytes(), dtype, count)
-    points = np.column_stack([table[axis].astype(float) for axis in "xyz"])
+    with np.errstate(invalid="ignore"):  # there are bytes that signal as they are cast
+        points = np.column_stack([table[axis].astype(float) for axis in "xyz"])
     finite = np.isfinite(points).all(axis=1)
     return PointCloud(points[finite], int((~finite).sum()))
 

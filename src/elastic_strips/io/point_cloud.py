@@ -86,7 +86,8 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
         raise SceneError(f"{file}: the point cloud is empty")
     reader = {".ply": _ply, ".pcd": _pcd}.get(suffix, _xyz)
     try:
-        raw = reader(data)
+        with np.errstate(invalid="ignore"):  # there are bytes that signal as they are cast
+            raw = reader(data)
     except ValueError as error:
         raise SceneError(f"{file}{str(error)[:500]}") from None
     if suffix == ".pcd" and (viewpoint := _viewpoint(data)):

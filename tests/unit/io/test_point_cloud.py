@@ -114,6 +114,14 @@ def test_pcd_files_of_old_versions_and_of_windows(tmp_path, caplog):
     assert not caplog.text
 
 
+def test_a_signalling_nan_is_a_point_that_is_none(tmp_path, recwarn):
+    data = pcd(POINTS, "binary")
+    body = len(data) - 20 * len(POINTS)
+    path = write(tmp_path, "c.pcd", data[:body] + b"\x01\x00\x80\x7f" + data[body + 4 :])
+    assert read_point_cloud(path).dropped == 1
+    assert not recwarn.list
+
+
 def test_a_viewpoint_moves_nothing_and_is_said(tmp_path, caplog):
     for viewpoint, said in [("0 0 0 1 0 0 0", False), ("0 0 0.0 1.0 0 -0 0", False), ("1 0 0 1 0 0 0", True)]:
         caplog.clear()
