@@ -274,6 +274,15 @@ def test_types_without_a_definition_are_those_of_ros(tmp_path, monkeypatch):
         assert state.positions == {"arm": 0.5}
 
 
+def test_schemas_of_others_are_named(tmp_path, monkeypatch):
+    from rosbags.rosbag2 import storage_mcap
+
+    write = storage_mcap.write_schema
+    monkeypatch.setattr(storage_mcap, "write_schema", lambda b, s: write(b, s._replace(encoding="protobuf")))
+    with pytest.raises(BagError, match=r"b\.mcap: the bag cannot be read: rosbags does not know 'protobuf'"):
+        filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", [1.0, 2.0]))
+
+
 def test_joint_states_and_poses(tmp_path):
     bag = BagReader(drive(tmp_path / "b.bag", ".bag"))
     states = list(bag.joint_states())
