@@ -1,6 +1,7 @@
-"""A ROS 2 node around a Controller: laser scan, odometry and joint states in, velocities of base and arm out.
+"""A ROS 2 node around a Controller: scans, clouds, odometry and joint states in, velocities of base and arm out.
 
-It needs rclpy (a sourced ROS 2). Topics and the laser's mount are the constants below; remap or change them.
+It needs rclpy (a sourced ROS 2). Topics, and where the laser and the camera are mounted, are below; remap or change
+them. What a cloud shows is thought to stand where it was seen last, and to be no part of the robot.
 Run it: python scripts/examples/18_ros_node.py --ros-args -p x:=3.0 -p y:=0.0 -p yaw:=0.0
 """
 
@@ -13,17 +14,21 @@ import rclpy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import JointState, LaserScan
+from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from std_msgs.msg import Float64MultiArray
 
 import elastic_strips as es
 from elastic_strips.control import Command, Controller, Measurement
+from elastic_strips.io import cloud_scene
+from elastic_strips.io.bag_reader import cloud_of
 from elastic_strips.io.laser_log import scan_of
 from elastic_strips.perception import SceneEstimator
 
 PERIOD = 0.01  # [s] of the control loop, DriveParams.control_dt
 T_BASE_LASER = np.eye(4)  # where the laser is mounted; on a robot, tf2 knows
 T_BASE_LASER[:3, 3] = 0.271, 0.0, 0.25
+T_BASE_CAMERA = np.eye(4)  # of the frame that the clouds are in
+LOW, HIGH, VOXEL = 0.1, 1.6, 0.05  # heights between which a cloud's points count, and edge of its cells [m]
 
 
 def seconds(stamp) -> float:
@@ -38,6 +43,7 @@ class StripNode(Node):
         self.robot = es.load_robot("silvermate")
         self.goal = [self.declare_parameter(*goal).value for goal in (("x", 3.0), ("y", 0.0), ("yaw", 0.0))]
         self.estimator, self.scan_time = SceneEstimator(), -math.inf
+        self.seen: es.Scene | None = None  # of the newest cloud
         self.controller: Controller | None = None
         self.pose = self.joints = None  # x, y [m], yaw [rad]; [rad]
         self.told = None  # the pose up to which the controller has been told what was travelled
@@ -47,6 +53,7 @@ class StripNode(Node):
         self.create_subscription(Odometry, "odom", self.on_odometry, 10)
         self.create_subscription(JointState, "joint_states", self.on_joints, 10)
         self.create_subscription(LaserScan, "scan", self.on_scan, 5)
+        self.create_subscription(PointCloud2, "points", self.on_cloud, 5)
         self.create_timer(PERIOD, self.on_timer)
 
     def now(self) -> float:
@@ -68,10 +75,22 @@ class StripNode(Node):
         head = {"stamp": seconds(message.header.stamp) - 1e-9 * self.start, **{k: getattr(message, k) for k in keys}}
         self.estimator.update(scan_of(message.header.frame_id, head, message.ranges, T_BASE_LASER), self.pose)
 
+    def on_cloud(self, message: PointCloud2) -> None:
+        if self.pose is None:
+            return
+        x, y, yaw = self.pose
+        local = cloud_of(message).points @ T_BASE_CAMERA[:3, :3].T + T_BASE_CAMERA[:3, 3]
+        c, s = math.cos(yaw), math.sin(yaw)
+        points = local @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + (x, y, 0.0)
+        points = points[(points[:, 2] >= LOW) & (points[:, 2] <= HIGH)]
+        self.seen = cloud_scene(points, VOXEL) if len(points) else None
+
     def on_timer(self) -> None:
         if self.pose is None or self.joints is None or not self.estimator.times:
             return  # not everything is there yet
         scene = self.estimator.scene()
+        for obstacle in self.seen or ():
+            scene = scene.with_obstacle(obstacle)
         if self.controller is None:  # the robot stands; the first plan is made here
             start = self.robot.space.from_coordinates(np.concatenate([self.pose, self.joints]))
             self.controller = Controller(self.robot, start, self.robot.home(*self.goal), scene)

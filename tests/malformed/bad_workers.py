@@ -7,12 +7,12 @@ import time
 from multiprocessing.connection import Connection
 
 
-def sleeps(pipe: Connection, _: int) -> None:
+def sleeps(pipe: Connection, _: int, __: str | None) -> None:
     pipe.send({"ready": True})
     time.sleep(600.0)
 
 
-def ends(pipe: Connection, _: int) -> None:
+def ends(pipe: Connection, _: int, __: str | None) -> None:
     pipe.send({"ready": True})
     pipe.recv()
     os._exit(3)

@@ -1,7 +1,8 @@
 """Mutated inputs over all readers: each one is accepted, or refused by a typed error; nothing else, and in bounds.
 
 ``python tests/malformed/mutate.py --count 10000 --seed 1`` prints counts by reader and outcome, and what went wrong.
-``--only K`` repeats one of them in this process, with its traceback. Input K of a seed is always the same.
+``--only K`` repeats one of them in this process, with its traceback. Input K of a seed is always the same; where
+``--kind`` names one reader, it is input K of that reader.
 """
 
 from __future__ import annotations
@@ -110,13 +111,18 @@ def _peak() -> int:
     return _status("VmHWM:")
 
 
-def _work(pipe: Connection, seed: int) -> None:
+def _of(kind: str | None) -> tuple[Seed, ...]:
+    """The seeds of a reader, or all."""
+    return tuple(one for one in seeds() if kind in (None, one.kind))
+
+
+def _work(pipe: Connection, seed: int, kind: str | None) -> None:
     """A worker: a memory limit, no output, one input after another."""
     logging.disable(logging.CRITICAL)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
-    found = seeds()
+    found = _of(kind)
     for one in found:  # the sound ones: they must be accepted, and load whatever is loaded late
         folder = Path(tempfile.mkdtemp())
         for name, content in {**one.beside, one.file: one.content}.items():
@@ -144,10 +150,10 @@ def _work(pipe: Connection, seed: int) -> None:
 class _Worker:
     """A process, and what it is busy with."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, kind: str | None) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_work, args=(theirs, seed), daemon=True)
+        self.process = context.Process(target=_work, args=(theirs, seed, kind), daemon=True)
         self.process.start()
         theirs.close()
         self.index: int | None = None
@@ -160,11 +166,13 @@ class _Worker:
         self.pipe.close()
 
 
-def run(count: int, seed: int, workers: int = 1, seconds: float = SECONDS) -> Iterator[Outcome]:
-    """Outcomes of so many inputs, as they come."""
+def run(
+    count: int, seed: int, workers: int = 1, seconds: float = SECONDS, kind: str | None = None
+) -> Iterator[Outcome]:  # fmt: skip
+    """Outcomes of so many inputs, of one reader or of all, as they come."""
     todo: Iterator[int] = iter(range(count))
-    team = [_Worker(seed) for _ in range(workers)]
-    kinds = _kinds(seed)
+    team = [_Worker(seed, kind) for _ in range(workers)]
+    kinds = _kinds(seed, kind)
     try:
         while team:
             wait([w.pipe for w in team], timeout=1.0)
@@ -195,7 +203,7 @@ def run(count: int, seed: int, workers: int = 1, seconds: float = SECONDS) -> It
                     spare = next(todo, None)
                     if spare is not None:
                         todo = chain([spare], todo)
-                        team.append(_Worker(seed))
+                        team.append(_Worker(seed, kind))
                     continue
                 if worker.ready:
                     yield Outcome(**answer)
@@ -212,8 +220,8 @@ def run(count: int, seed: int, workers: int = 1, seconds: float = SECONDS) -> It
             worker.end()
 
 
-def _kinds(seed: int) -> Any:
-    found = seeds()
+def _kinds(seed: int, kind: str | None) -> Any:
+    found = _of(kind)
     weights = np.array([s.weight for s in found])
     weights /= weights.sum()
     return lambda index: found[int(np.random.default_rng([seed, index]).choice(len(found), p=weights))].kind
@@ -248,12 +256,13 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=max((os.cpu_count() or 1) - 1, 1))
+    parser.add_argument("--kind", choices=sorted({one.kind for one in seeds()}), help="the inputs of one reader")
     parser.add_argument("--only", type=int, help="repeat one input in this process; --keep FOLDER keeps its files")
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--json", type=Path, help="write all outcomes")
     given = parser.parse_args()
     if given.only is not None:
-        found = seeds()
+        found = _of(given.kind)
         folder = given.keep or Path(tempfile.mkdtemp())
         folder.mkdir(exist_ok=True)
         rng = np.random.default_rng([given.seed, given.only])
@@ -265,7 +274,7 @@ def main() -> int:
         print("accepted")
         return 0
     begin, outcomes = time.monotonic(), []
-    for one in run(given.count, given.seed, given.workers):
+    for one in run(given.count, given.seed, given.workers, kind=given.kind):
         outcomes.append(one)
         if one.outcome in BAD:
             print(f"{one.index}: {one.kind}: {one.outcome}: {one.said}", flush=True)

@@ -184,10 +184,41 @@ _XACRO = SOUND.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/x
 )  # fmt: skip
 
 
-def _octree(*, binary: bool) -> bytes:
+_MOVEIT_MANY = "(noname)+\n" + "".join(
+    f"* Box_{k}\n{k} 0 0.5\n0 0 0 1\n1\nbox\n0.2 0.45 0.2\n0 0 0\n0 0 0.7071 0.7071\n0 0 0 0\n0\n" for k in range(8)
+) + ".\n"  # fmt: skip
+_XACRO_INCLUDES = """<robot name="made" xmlns:xacro="http://ros.org/wiki/xacro">
+<xacro:include filename="part.xacro"/><xacro:property name="n" value="3"/>
+<xacro:macro name="chain" params="k:=1 *at"><link name="l${k}"><collision><geometry><sphere radius="${0.1 / k}"/></geometry>
+</collision></link><joint name="j${k}" type="revolute"><parent link="l${k - 1}"/><child link="l${k}"/><xacro:insert_block name="at"/>
+<axis xyz="0 ${k % 2} ${1 - k % 2}"/><limit lower="-1" upper="${pi / 2}" velocity="1" effort="9"/></joint>
+<xacro:if value="${k &lt; n}"><xacro:chain k="${k + 1}"><origin xyz="0 0 0.3"/></xacro:chain></xacro:if></xacro:macro>
+<xacro:foot/><xacro:chain><origin xyz="0 0 0.1" rpy="0 ${radians(30)} 0"/></xacro:chain></robot>
+"""
+_XACRO_PART = """<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="foot"><link name="l0"><collision><geometry>
+<box size="0.4 0.4 0.2"/></geometry></collision></link></xacro:macro></robot>
+"""
+_PATHS = {
+    "p.json": json.dumps({"joint_names": ["slide", "x", "y", "yaw"], "points": [
+        {"positions": [0.05 * k, 0.2 * k, 1.0, 0.1], "time_from_start": {"sec": k, "nanosec": 5}} for k in range(4)]}),
+    "p.csv": "time,x,y,yaw,slide\n" + "".join(f"{k}.0,0.{k},1.0,0.1,0.05\n" for k in range(4)),
+    "p.txt": "Geometric path with 2 states\nCompound state [\nSE2 state [0 1 0.5]\nRealVector state [0.1 0.1]\n]\n"
+             "Compound state [\nSE2 state [1 1 0.5]\nRealVector state [0.1 0.2]\n]\n",
+    "p.yaml": "joint_names: [slide]\npoints:\n" + "".join(f"- positions: [0.0{k}]\n  time_from_start: {k}.5\n" for k in range(4)),
+}  # fmt: skip
+
+
+def _npz() -> bytes:
+    stream = BytesIO()
+    rows = np.array([[0.0, 1.0, 0.5, 0.1], [1.0, 1.0, 0.5, 0.2]])
+    np.savez(stream, time=np.array([0.0, 1.0]), joint_names=np.array(["x", "y", "yaw", "slide"]), positions=rows)
+    return stream.getvalue()
+
+
+def _octree(*, binary: bool, colour: bytes = b"") -> bytes:
     """Two cells at the middle of the map, which is 16 levels down."""
     first, second = [7] + [0] * 14, [0] + [7] * 14  # children on the way to the two, from the root
-    nodes = b"" if binary else np.float32(0.5).tobytes() + b"\x81"
+    nodes = b"" if binary else np.float32(0.5).tobytes() + colour + b"\x81"
     if binary:
         nodes = (0b11 | 0b11 << 14).to_bytes(2, "little")
     for way in (second, first):
@@ -195,10 +226,13 @@ def _octree(*, binary: bool) -> bytes:
             if binary:
                 nodes += ((0b11 if after is not None else 0b10) << 2 * child).to_bytes(2, "little")
             else:
-                nodes += np.float32(0.5).tobytes() + bytes([1 << child])
-        nodes += b"" if binary else np.float32(0.9).tobytes() + b"\0"
+                nodes += np.float32(0.5).tobytes() + colour + bytes([1 << child])
+        nodes += b"" if binary else np.float32(0.9).tobytes() + colour + b"\0"
     kind = "OcTree binary file" if binary else "OcTree file"
-    return f"# Octomap {kind}\nid OcTree\nsize {1 + 2 * 15}\nres 0.1\ndata\n".encode() + nodes
+    return (
+        f"# Octomap {kind}\nid {'ColorOcTree' if colour else 'OcTree'}\nsize {1 + 2 * 15}\nres 0.1\ndata\n".encode()
+        + nodes
+    )
 
 
 def _packed_pcd() -> bytes:
@@ -223,6 +257,17 @@ def _bag(suffix: str) -> bytes:
 
     with tempfile.TemporaryDirectory() as folder:
         return drive(Path(folder) / ("b.bag" if suffix == ".bag" else "b"), suffix, steps=12, cloud=0.6).read_bytes()
+
+
+_ROBOTS: list[es.RobotModel] = []
+
+
+def _path(path: Path) -> None:
+    if not _ROBOTS:
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "small.urdf").write_text(SOUND)
+            _ROBOTS.append(es.load_robot(Path(folder) / "small.urdf", base="omni"))
+    io.load_path(path, _ROBOTS[0])
 
 
 def _read_bag(path: Path) -> None:
@@ -327,6 +372,9 @@ def seeds() -> tuple[Seed, ...]:
     def cloud_file(path: Path) -> None:
         io.read_scene(path.parent / f"{path.suffix[1:]}.yaml")
 
+    def fixed(path: Path) -> None:
+        es.load_robot(path, base="fixed")
+
     def robot_mesh(path: Path) -> None:
         _robot(path.parent / "small.urdf")
 
@@ -350,9 +398,16 @@ def seeds() -> tuple[Seed, ...]:
         seed("point cloud", "c.pcd", _packed_pcd(), _cloud, 1.5),
         seed("MoveIt scene", "s.scene", _MOVEIT, _scene, 3.0),
         seed("MoveIt scene", "s.scene", _MOVEIT_OLD, _scene),
+        seed("MoveIt scene", "s.scene", _MOVEIT_MANY, _scene),
         seed("OctoMap", "m.bt", _octree(binary=True), _scene, 1.5),
         seed("OctoMap", "m.ot", _octree(binary=False), _scene, 1.5),
+        seed("OctoMap", "c.ot", _octree(binary=False, colour=b"rgb"), _scene),
         seed("xacro", "r.urdf.xacro", _XACRO, _robot, 3.0),
+        seed("xacro", "r.urdf.xacro", _XACRO_INCLUDES, fixed, 1.0, part__xacro=_XACRO_PART),
+        seed("xacro", "part.xacro", _XACRO_PART, lambda p: fixed(p.parent / "r.urdf.xacro"), 1.0,
+             r__urdf__xacro=_XACRO_INCLUDES),
+        *(seed("path", name, text, _path, 0.5) for name, text in _PATHS.items()),
+        seed("path", "p.npz", _npz(), _path),
         seed("bag", "b.mcap", _bag(".mcap"), _read_bag, 2.0),
         seed("bag", "b.db3", _bag(".db3"), _read_bag, 1.0),
         seed("bag", "b.bag", _bag(".bag"), _read_bag, 2.0),

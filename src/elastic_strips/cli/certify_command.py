@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("path", metavar="PATH", type=options.FILE)
-@click.option("--robot", required=True, metavar="NAME|FILE.urdf", type=options.ROBOT, help="Whose path it is.")
+@click.option("--robot", required=True, metavar=options.ROBOT_FILES, type=options.ROBOT, help="Whose path it is.")
 @click.option(
-    "--scene", "scene_file", required=True, metavar="FILE.yaml", type=options.FILE,
-    help="The obstacles, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}].",
+    "--scene", "scene_file", required=True, metavar="FILE", type=options.FILE,
+    help="The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene; "
+    "OctoMap's .bt or .ot.",
 )  # fmt: skip
 @options.base_option()
 @click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, of a robot from a file.")

@@ -142,6 +142,7 @@ def _fault_kinds() -> dict[str, str]:
 SCENARIO = KnownName(lambda: SCENARIOS)
 SEEDED = KnownName(lambda: {name: text for name, text in SCENARIOS.items() if "(seeded" in text}, files=False)
 ROBOT = KnownName(_robot_names)
+ROBOT_FILES = "NAME|FILE.urdf|FILE.xacro"
 FILE = KnownName(dict)
 FAULT = KnownName(lambda: {f"{kind}@": what for kind, what in _fault_kinds().items()}, files=False)
 FAULT_KIND = KnownName(_fault_kinds, files=False)
@@ -151,7 +152,7 @@ BASE = click.Choice(["diff_drive", "omni", "fixed"])
 
 def robot_option(default: str | None = None, help: str = "The robot.") -> Callable[[_F], _F]:
     """``--robot``."""
-    return click.option("--robot", type=ROBOT, default=default, show_default=True, metavar="NAME|FILE.urdf", help=help)
+    return click.option("--robot", type=ROBOT, default=default, show_default=True, metavar=ROBOT_FILES, help=help)
 
 
 def base_option(help: str = "How the base moves; the robot's own by default.") -> Callable[[_F], _F]:

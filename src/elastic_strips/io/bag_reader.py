@@ -10,10 +10,10 @@ import importlib
 import math
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -79,6 +79,54 @@ class BagJoints:
     time: float
     positions: Mapping[str, float]
     velocities: Mapping[str, float]
+
+
+class CloudMessage(Protocol):
+    """What is used of a ``sensor_msgs/PointCloud2``, whoever read it."""
+
+    height: int
+    width: int
+    fields: Sequence[Any]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: Any
+
+
+def cloud_of(message: CloudMessage) -> PointCloud:
+    """The points of a message in its sensor's frame; there may be none. Those that are not finite are left out.
+
+    Raises:
+        InputError: it has no x, y and z, or more points than are read.
+        ValueError: its data do not fit its fields.
+    """
+    fields = {f.name: f for f in message.fields}
+    missing = [axis for axis in "xyz" if axis not in fields or fields[axis].datatype not in _FIELDS]
+    count, step, rows = message.width * message.height, message.point_step, message.height
+    if not count:  # some have no fields then
+        return PointCloud(np.empty((0, 3)), 0)
+    if missing:
+        raise InputError(f"a cloud has no {', '.join(missing)}; it has {', '.join(fields) or 'nothing'}")
+    if count > _MAX_POINTS:
+        raise InputError(f"a cloud has {count} points; at most {_MAX_POINTS} are read")
+    order = ">" if message.is_bigendian else "<"
+    kinds = [order + _FIELDS[fields[axis].datatype] for axis in "xyz"]
+    offsets = [int(fields[axis].offset) for axis in "xyz"]
+    if max(at + np.dtype(kind).itemsize for at, kind in zip(offsets, kinds, strict=True)) > step:
+        raise ValueError(f"its points have {step} bytes, too few for x, y, z at {', '.join(map(str, offsets))}")
+    row = message.width * step
+    stride = max(message.row_step, row)  # many drivers leave row_step at 0; the last row may end with its points
+    data = np.asarray(message.data, dtype=np.uint8)
+    if len(data) < stride * (rows - 1) + row:
+        raise ValueError(f"its data have {len(data)} bytes; {rows} rows of {row} need more")
+    if stride > row:  # rows with something behind them
+        data = np.concatenate([data[k * stride : k * stride + row] for k in range(rows)])
+    dtype = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": int(step)})
+    table = np.frombuffer(data.tobytes(), dtype, count)
+    with np.errstate(invalid="ignore"):  # there are bytes that signal as they are cast
+        points = np.column_stack([table[axis].astype(float) for axis in "xyz"])
+    finite = np.isfinite(points).all(axis=1)
+    return PointCloud(points[finite], int((~finite).sum()))
 
 
 class BagReader:
@@ -158,14 +206,20 @@ class BagReader:
         Args:
             topic: of the clouds.
             frame: into which the points are brought; the sensor's where None. Clouds are left out, and counted in
-                ``dropped``, where the transforms do not say how.
+                ``dropped``, where the transforms do not say how, and where their data do not fit their fields.
 
         Raises:
             BagError: no such topic, several of them, a cloud without x, y and z, or a damaged bag.
         """
         for message, stamp, frames in self._stamped(_CLOUD, topic):
-            points, lost = self._points(message)
-            name = message.header.frame_id
+            try:
+                cloud = cloud_of(message)
+            except InputError as error:
+                raise BagError(f"{self.path}: {error}") from None
+            except ValueError as error:
+                self.dropped[f"clouds that are none ({error})"] += 1
+                continue
+            points, name = cloud.points, message.header.frame_id
             if frame is not None:
                 T = frames.between(frame, name, stamp)
                 if T is None:
@@ -176,20 +230,31 @@ class BagReader:
                 self.dropped["clouds without points"] += 1
                 continue
             points.flags.writeable = False
-            yield BagCloud(stamp, frame or name, PointCloud(points, lost))
+            yield BagCloud(stamp, frame or name, PointCloud(points, cloud.dropped))
 
     def joint_states(self, topic: str | None = None) -> Iterator[BagJoints]:
         """The joint states; efforts are left out.
+
+        So are, counted in ``dropped``, values that are not finite, and the positions or velocities of a message that
+        has another number of them than of names.
 
         Raises:
             BagError: no such topic, several of them, or a damaged bag.
         """
         topic = self._topic(_JOINTS, topic)
         for _, _, message in self._read(lambda t: t.topic == topic):
-            rows = (
-                dict(zip(message.name, map(float, row), strict=False)) for row in (message.position, message.velocity)
-            )
+            rows = (self._named(message.name, message, what) for what in ("position", "velocity"))
             yield BagJoints(_seconds(message.header.stamp), *rows)
+
+    def _named(self, names: list[str], message: Any, what: str) -> dict[str, float]:
+        """The values of a JointState by name; there may be none at all."""
+        values = [float(value) for value in getattr(message, what)]
+        if values and len(values) != len(names):
+            self.dropped[f"{what} of joint states with another number of names"] += 1
+            return {}
+        if lost := sum(not math.isfinite(value) for value in values):
+            self.dropped[f"{what} of a joint that is not finite"] += lost
+        return {name: value for name, value in zip(names, values, strict=False) if math.isfinite(value)}
 
     def poses(self) -> Iterator[tuple[float, Array]]:
         """Time [s] and pose (3,) of the base (x, y [m], yaw [rad]), whenever one of its transforms comes.
@@ -253,12 +318,20 @@ class BagReader:
             with self._opened() as reader:
                 self.topics = {name: BagTopic(str(t.msgtype), t.msgcount) for name, t in reader.topics.items()}
                 chosen = [c for c in reader.connections if wanted(_Channel(c.topic, c.msgtype))]
+                known = reader.typestore.fielddefs
+                if reader.is2 and any(
+                    c.msgtype not in known for c in chosen
+                ):  # others have definitions, these have none
+                    usual = reader.default_typestore.fielddefs if reader.default_typestore is not None else {}
+                    reader.typestore.register({kind: rules for kind, rules in usual.items() if kind not in known})
                 for connection, at, data in reader.messages(connections=chosen) if chosen else ():
                     yield connection.msgtype, 1e-9 * at, reader.deserialize(data, connection.msgtype)
         except ElasticStripsError:
             raise
         except Exception as error:  # of rosbags, SQLite, zstd and lz4, of YAML: all of them about what the file holds
             said = " ".join(str(error).split())[:300] or type(error).__name__
+            if isinstance(error, KeyError):
+                said = f"rosbags does not know {said}"
             raise BagError(f"{self.path}: the bag cannot be read: {said}") from None
 
     def _opened(self) -> AnyReader:
@@ -269,29 +342,6 @@ class BagReader:
             raise missing_extra(f"the bag {self.path.name}", "rosbags", "ros") from None
         store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)  # for bags that hold no definitions
         return highlevel.AnyReader([self.path], default_typestore=store)
-
-    def _points(self, message: Any) -> tuple[Array, int]:
-        """x, y, z (n, 3) of a cloud, and how many points were left out."""
-        fields = {f.name: f for f in message.fields}
-        missing = [axis for axis in "xyz" if axis not in fields or fields[axis].datatype not in _FIELDS]
-        if missing:
-            raise BagError(f"{self.path}: a cloud has no {', '.join(missing)}; it has {', '.join(fields) or 'nothing'}")
-        order = ">" if message.is_bigendian else "<"
-        count, step, rows = message.width * message.height, message.point_step, message.height
-        if count > _MAX_POINTS:
-            raise BagError(f"{self.path}: a cloud has {count} points; at most {_MAX_POINTS} are read")
-        data = np.asarray(message.data, dtype=np.uint8)
-        if len(data) < rows * message.row_step or message.row_step < message.width * step:
-            raise BagError(f"{self.path}: a cloud has {len(data)} bytes, too few for {rows} rows of {message.row_step}")
-        if count and message.row_step > message.width * step:  # rows with something behind them
-            data = data[: rows * message.row_step].reshape(rows, message.row_step)[:, : message.width * step].ravel()
-        kinds = [order + _FIELDS[fields[axis].datatype] for axis in "xyz"]
-        offsets = [int(fields[axis].offset) for axis in "xyz"]
-        dtype = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": int(step)})
-        table = np.frombuffer(data.tobytes(), dtype, count)
-        points = np.column_stack([table[axis].astype(float) for axis in "xyz"])
-        finite = np.isfinite(points).all(axis=1)
-        return points[finite], int((~finite).sum())
 
 
 class _Channel(NamedTuple):
@@ -319,18 +369,22 @@ class _Frames:
             if not np.isfinite(row).all() or norm < _FLAT or child == parent:
                 continue
             row[3:] /= norm
+            if self.parents.get(child, parent) != parent:  # what was under another one does not count any more
+                self.moving.pop(child, None)
             self.parents[child] = parent
             if static:
                 self.still[child] = _matrix(row)
                 continue
             stamp, rows = _seconds(each.header.stamp), self.moving.setdefault(child, deque())
-            if rows and stamp <= rows[-1][0]:  # late, twice, or the clock was set back
-                if stamp < rows[-1][0] - _KEPT:
-                    rows.clear()
-                else:
-                    continue
-            rows.append((stamp, row))
-            while rows[0][0] < stamp - _KEPT:
+            if rows and stamp < rows[-1][0] - _KEPT:  # the clock was set back
+                rows.clear()
+            at = len(rows)
+            while at and rows[at - 1][0] > stamp:  # it is late
+                at -= 1
+            if at and rows[at - 1][0] == stamp:  # again
+                continue
+            rows.insert(at, (stamp, row))
+            while rows[0][0] < rows[-1][0] - _KEPT:
                 rows.popleft()
 
     def chain(self, frame: str) -> list[str]:

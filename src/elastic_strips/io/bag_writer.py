@@ -37,6 +37,7 @@ from .record_file import record_robot
 from .trajectory_file import heading, nanoseconds, stamp, trajectory_document
 
 if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
     from rosbags.rosbag2 import Writer
     from rosbags.typesys.store import Typestore
 
@@ -220,7 +221,7 @@ class _Bag:
         self._store: Typestore = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         self.writer: Writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
         self.writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
-        self._connections: dict[str, object] = {}
+        self._connections: dict[str, Connection] = {}
         self._makers: dict[str, Callable[[Mapping[str, object]], object]] = {}
 
     def add(self, t: float, topic: str, kind: str, values: Mapping[str, object]) -> None:
@@ -228,7 +229,7 @@ class _Bag:
         if topic not in self._connections:
             self._connections[topic] = self.writer.add_connection(topic, kind, typestore=self._store)
         data = self._store.serialize_cdr(self._maker(kind)(values), kind)
-        self.writer.write(self._connections[topic], nanoseconds(t), data)  # type: ignore[arg-type]
+        self.writer.write(self._connections[topic], nanoseconds(t), data)
 
     def _maker(self, kind: str) -> Callable[[Mapping[str, object]], object]:
         """What makes a message of plain data."""

@@ -16,7 +16,7 @@ from elastic_strips.errors import ScenarioError, missing_extra
 from elastic_strips.files import read_input
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
-from elastic_strips.validation import check_choice, check_number
+from elastic_strips.validation import check_choice, check_number, shown
 
 from .nodes import Node, load_yaml
 
@@ -34,12 +34,13 @@ def load_nav2_map(
     """A map in Nav2's format as a scene with one obstacle, ``map``: a box from the floor up for every occupied cell.
 
     A pixel of brightness b (of 255) has the occupancy p = (255 − b) / 255, or b / 255 where ``negate`` is set. A cell
-    is occupied where p > ``occupied_thresh``, free where p < ``free_thresh``. Between, mode ``trinary`` says that it is
-    unknown, and ``scale`` has it from 0 to 100 in proportion; there, a pixel that is not opaque is unknown. In mode
-    ``raw`` it is b itself up to 100, and unknown above. As Nav2 does, ``trinary`` takes opacity for one more colour.
+    is occupied where p ≥ ``occupied_thresh``, else free where p ≤ ``free_thresh``. Between, mode ``trinary`` says that
+    it is unknown, and ``scale`` has it from 0 to 100 in proportion. A pixel that is not opaque is unknown. In mode
+    ``raw`` it is b itself up to 100, and unknown above. Nav2 before 2025 took opacity for one more colour in mode
+    ``trinary``; what it had for occupied then is so, too.
 
     Neighbouring boxes are merged. A map without an occupied cell gives a scene without obstacles. A warning in the log
-    says how many cells are left out that are unknown, or between free and occupied.
+    says how many cells are left out that are unknown, or between free and occupied, and which keys are not known.
 
     Args:
         path: The map's YAML file; it names the image, a PGM, PNG or BMP file. All but PGM need the extra ``ros``.
@@ -56,16 +57,18 @@ def load_nav2_map(
     check_number("lethal", lethal, above=0.0, high=_FULL, error=ScenarioError)
     root = load_yaml(path, error=ScenarioError)
     needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
-    entries = root.mapping(_KEYS, needed=needed, what="a map")
+    entries = root.mapping(needed=needed, what="a map")
+    if others := sorted(entries.keys() - set(_KEYS)):  # Nav2 does not look at them
+        _log.warning("%s: left out: the keys %s", root.source.path, ", ".join(shown(key) for key in others[:12]))
     mode = entries["mode"].text(valid=_MODES) if "mode" in entries else "trinary"
-    negate = "negate" in entries and entries["negate"].integer(low=0, high=1) == 1
+    negate = "negate" in entries and _flag(entries["negate"])
     resolution = entries["resolution"].number(low=1e-4, high=100.0)
     x, y, yaw = entries["origin"].vector(3).tolist()
     high, low = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
     if low > high:
         entries["free_thresh"].fail(f"is {low:g}; it must not exceed 'occupied_thresh', {high:g}")
-    image, opaque = _read_image(entries["image"], mode)
-    occupancy = _occupancy(image, opaque, mode, negate, low, high)
+    image, opacity = _read_image(entries["image"])
+    occupancy = _occupancy(image, opacity, mode, negate, low, high)
     filled = occupancy >= lethal
     partly, nothing = np.count_nonzero((occupancy > 0.0) & ~filled), np.isnan(occupancy)
     if unknown == "occupied":
@@ -85,18 +88,29 @@ def load_nav2_map(
     return root.checked(lambda: Scene([Voxels(centers, size, at=(x, y, 0.5 * height), quat=quat, name="map")]))
 
 
-def _occupancy(image: Array, opaque: Array | None, mode: str, negate: bool, low: float, high: float) -> Array:
+def _flag(node: Node) -> bool:
+    """0 or 1, or a word for it."""
+    return node.boolean() if isinstance(node.value, bool) else node.integer(low=0, high=1) == 1
+
+
+def _occupancy(image: Array, opacity: Array | None, mode: str, negate: bool, low: float, high: float) -> Array:
     """Occupancy (rows, columns) from 0 to 100, and NaN where it is unknown."""
     if mode == "raw":
         value = np.rint(255.0 * image)
         return np.where(value <= _FULL, value, np.nan)
     p = image if negate else 1.0 - image
     between = np.full(p.shape, np.nan) if mode == "trinary" else np.rint(_FULL * (p - low) / max(high - low, 1e-9))
-    value = np.where(p > high, _FULL, np.where(p < low, 0.0, between))
-    return value if opaque is None or mode == "trinary" else np.where(opaque < 1.0, np.nan, value)
+    value = np.where(p >= high, _FULL, np.where(p <= low, 0.0, between))
+    if opacity is None:
+        return value
+    value = np.where(opacity < 1.0, np.nan, value)
+    if mode == "trinary":  # the mean of four colours, as it was
+        mean = 0.75 * image + 0.25 * opacity
+        value = np.where((mean if negate else 1.0 - mean) > high, _FULL, value)
+    return value
 
 
-def _read_image(node: Node, mode: str) -> tuple[Array, Array | None]:
+def _read_image(node: Node) -> tuple[Array, Array | None]:
     """Brightness and opacity (rows, columns) in [0, 1] of the image that a node names, relative to its own file."""
     file: Path = node.source.path.parent / node.text()
     data = node.checked(read_input, file, "map's image", MAX_BYTES, ScenarioError)
@@ -120,8 +134,7 @@ def _read_image(node: Node, mode: str) -> tuple[Array, Array | None]:
         raise
     except Exception as error:  # Pillow's readers raise many kinds, all of them about damage
         node.fail(f"{file}: the image is damaged: {' '.join(str(error).split())[:200]}")
-    colours = pixels if mode == "trinary" else pixels[:, :, :3]
-    return colours.mean(axis=2, dtype=np.float64), pixels[:, :, 3].astype(np.float64) if clear else None
+    return pixels[:, :, :3].mean(axis=2, dtype=np.float64), pixels[:, :, 3].astype(np.float64) if clear else None
 
 
 def _read_pgm(node: Node, file: Path, data: bytes) -> Array:

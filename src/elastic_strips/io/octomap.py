@@ -1,8 +1,9 @@
 """IO room, OctoMap: octrees of OctoMap (``.bt`` and ``.ot``) as scenes of voxels.
 
 Both formats are a text header, whose last line is ``data``, and the nodes depth first. ``.bt``: of each inner node two
-bytes, two bits for each child: 0 unknown, 1 free, 2 occupied, 3 an inner node that follows. ``.ot``: of each node its
-log-odds as a float (a ColorOcTree's then has three bytes of colour) and one byte, a bit for each child that follows.
+bytes, two bits for each child: 0 unknown, 1 free, 2 occupied, 3 an inner node that follows; so of any kind of tree.
+``.ot``: of each node its log-odds as a float (a ColorOcTree's then has three bytes of colour) and one byte, a bit for
+each child that follows.
 A child's number has one bit for x, y and z each; the tree has 16 levels, and its root's middle is the origin.
 """
 
@@ -29,7 +30,7 @@ _MAX_NODES = 20_000_000
 _LEVELS = 16
 _DEEPEST = 1 << 3 * _LEVELS  # codes from here on belong to the last level, which has no children
 _HEADS = {b"# Octomap OcTree binary file": True, b"# Octomap OcTree file": False}
-_COLOURS = {"OcTree": 0, "ColorOcTree": 3}  # kinds of .ot files that are read, and their bytes of colour
+_COLOURS = {"OcTree": 0, "OcTreeStamped": 0, "ColorOcTree": 3}  # kinds of .ot files, and their bytes of colour
 _Codes = npt.NDArray[np.int64]
 """Of nodes: a leading 1, then three bits for each level, from the root on."""
 
@@ -104,7 +105,8 @@ def _header(file: Path, data: bytes) -> tuple[bool, str, int, float, int]:
         at = end + 1
         if words == ["data"]:
             kind, size, res = (entries.get(key, "") for key in ("id", "size", "res"))
-            if kind not in _COLOURS or (_HEADS[first] and kind != "OcTree"):
+            kind = "OcTree" if _HEADS[first] or kind == "1" else kind  # 1: as OctoMap once called it
+            if kind not in _COLOURS:
                 _fail(file, f"trees of the kind {kind[:40]!r} are not read; valid: {', '.join(_COLOURS)}")
             if not (size.isascii() and size.isdecimal()) or not int(size[:12]) <= _MAX_NODES or len(size) > 12:
                 _fail(file, f"the header's size is {size[:40]!r}; a whole number up to {_MAX_NODES} is needed")

@@ -18,6 +18,7 @@ import os
 import re
 import zipfile
 import zlib
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -144,11 +145,11 @@ def _trajectory(root: Node, robot: RobotModel, source: Source) -> PathFile:
 
 def _find(node: Node, *keys: str, beyond: Node | None = None) -> Node | None:
     """The first mapping that has all keys; that of moving bases, whose points have transforms, where ``beyond``."""
-    todo = [node]
+    todo = deque([node])
     while todo:
-        at = todo.pop(0)
+        at = todo.popleft()
         if isinstance(at.value, list):
-            todo += at.items()
+            todo += (entry for entry in at.items() if isinstance(entry.value, (list, dict)))
         elif isinstance(at.value, dict):
             points = at.value.get("points")
             poses = isinstance(points, list) and points and isinstance(points[0], dict) and "transforms" in points[0]
@@ -274,6 +275,8 @@ def _placed(
         source.fail(f"has {len(rows)} configurations; a path has 2 … {_MAX_ROWS}")
     if not np.isfinite(rows).all():
         source.fail(f"configuration {int(np.argmin(np.isfinite(rows).all(axis=1)))} has a value that is not finite")
+    if names is not None and rows.shape[1] != len(names):
+        source.fail(f"has {rows.shape[1]} columns for {len(names)} names")
     b = robot.space.base_nv
     if names is None:
         if rows.shape[1] == robot.nq != robot.nv:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import os
+import re
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,6 +25,7 @@ from elastic_strips.validation import check_number
 
 from .npy_source import NpyError, read_npy
 
+_log = logging.getLogger(__name__)
 MAX_BYTES = 200_000_000
 _MAX_POINTS = 5_000_000
 _MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
@@ -37,6 +41,8 @@ _PLY_TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_ORIGIN = ["", "", "", "1", "", "", ""]  # a pose without its zeros
+_NOT_FINITE = re.compile(rb"[-+]?(1\.#(IND|QNAN|SNAN|INF)\d*|nan\((ind|snan)\))", re.IGNORECASE)  # as Windows prints it
 _PCD_TYPES = {(k, s): f"{t}{s}" for k, t in (("I", "i"), ("U", "u")) for s in (1, 2, 4, 8)} | {
     ("F", 4): "f4",
     ("F", 8): "f8",
@@ -59,8 +65,9 @@ class PointCloud(Summary):
 def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> PointCloud:
     """Read the points of a PLY (ASCII or binary), PCD (ASCII, binary or compressed) or XYZ file (.xyz, .txt).
 
-    Of every point x, y and z are read, and the rest (colours, normals) is ignored. XYZ files hold at least three
-    numbers a line, between blanks, commas or semicolons; lines that begin with ``#`` or ``//`` are comments.
+    Of every point x, y and z are read, and the rest (colours, normals) is ignored; so is a PCD file's VIEWPOINT, with a
+    warning in the log where it moves anything. XYZ files hold at least three numbers a line, between blanks, commas or
+    semicolons; lines that begin with ``#`` or ``//`` are comments.
 
     Args:
         path: of the file.
@@ -79,9 +86,12 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
         raise SceneError(f"{file}: the point cloud is empty")
     reader = {".ply": _ply, ".pcd": _pcd}.get(suffix, _xyz)
     try:
-        raw = reader(data)
+        with np.errstate(invalid="ignore"):  # there are bytes that signal as they are cast
+            raw = reader(data)
     except ValueError as error:
         raise SceneError(f"{file}{str(error)[:500]}") from None
+    if suffix == ".pcd" and (viewpoint := _viewpoint(data)):
+        _log.warning("%s: left out: VIEWPOINT %s; the points are taken as they stand", file, viewpoint)
     points = np.ascontiguousarray(raw, dtype=np.float64) * scale
     finite = np.isfinite(points).all(axis=1)
     points = points[finite]
@@ -200,26 +210,27 @@ def _ply(data: bytes) -> Array:
 def _pcd(data: bytes) -> Array:
     words, body, lines = _header(data, b"DATA", "PCD")
     head: dict[str, tuple[int, list[str]]] = {w[0]: (k, w[1:]) for k, w in enumerate(words, 1) if w[0][0] != "#"}
-    for key in ("FIELDS", "SIZE", "TYPE", "DATA"):
-        if key not in head:
+    fields_line, names = head.get("FIELDS", head.get("COLUMNS", (0, [])))  # COLUMNS, no SIZE, no TYPE: before 0.6
+    for key, found in (("FIELDS", bool(fields_line)), ("DATA", "DATA" in head)):
+        if not found:
             raise ValueError(f": the PCD header has no line {key!r}")
-    names, kind = head["FIELDS"][1], head["DATA"][1]
-    counts = head.get("COUNT", (0, ["1"] * len(names)))[1]
-    sizes, types = head["SIZE"][1], head["TYPE"][1]
+    kind = head["DATA"][1]
+    (size_line, sizes), (type_line, types), (_, counts) = (
+        head.get(key, (fields_line, [usual] * len(names)))
+        for key, usual in (("SIZE", "4"), ("TYPE", "F"), ("COUNT", "1"))
+    )
     number = head.get("POINTS", (0, []))[1] or None
     if number is None and "WIDTH" in head and "HEIGHT" in head:
         number = [str(int(_whole(head["WIDTH"])) * int(_whole(head["HEIGHT"])))]
     if number is None or len(number) != 1 or not number[0].isdecimal():
         raise ValueError(": the PCD header does not say how many POINTS there are")
     if not len(names) == len(counts) == len(sizes) == len(types):
-        raise ValueError(
-            f":{head['SIZE'][0]}: FIELDS, SIZE, TYPE and COUNT of a PCD file must have equally many entries"
-        )
+        raise ValueError(f":{size_line}: FIELDS, SIZE, TYPE and COUNT of a PCD file must have equally many entries")
     fields: list[tuple[str, str]] = []
     for name, size, letter, count in zip(names, sizes, types, counts, strict=True):
         code = _PCD_TYPES.get((letter, int(size) if size.isdecimal() else 0))
         if code is None or not count.isdecimal() or not 1 <= int(count) <= 10_000:
-            raise ValueError(f":{head['TYPE'][0]}: field {name!r} of type {letter!r}, size {size!r} is not understood")
+            raise ValueError(f":{type_line}: field {name!r} of type {letter!r}, size {size!r} is not understood")
         fields += [(name if i == 0 else f"{name}[{i}]", code) for i in range(int(count))]
     if kind not in (["ascii"], ["binary"], ["binary_compressed"]):
         valid = "ascii, binary, binary_compressed"
@@ -229,6 +240,13 @@ def _pcd(data: bytes) -> Array:
     if kind == ["binary_compressed"]:
         return _columns(data, body, fields, int(number[0]))
     return _table(data, body, fields, int(number[0]), "" if kind == ["ascii"] else "<", lines, 0)
+
+
+def _viewpoint(data: bytes) -> str:
+    """Position and quaternion (w first) of a sensor that is not at the origin; else nothing."""
+    words, _, _ = _header(data, b"DATA", "PCD")
+    given = next((w[1:] for w in words if w[0] == "VIEWPOINT"), [])
+    return "" if [word.strip("+-0.") for word in given] in ([], _ORIGIN) else " ".join(given)[:100]
 
 
 def _columns(data: bytes, body: int, fields: list[tuple[str, str]], count: int) -> Array:
@@ -348,11 +366,12 @@ def _table(
     for number, row in enumerate(islice(_rows(data, body), skip, None), start=line + 1):
         if done == count:
             break
+        if not (words := row.split(None, len(fields))):
+            continue
         try:
-            words = row.split(None, len(fields))
             if len(words) < len(fields):
                 raise ValueError
-            values[done] = [float(words[i]) for i in places]
+            values[done] = [_float(words[i]) for i in places]
         except ValueError:
             text = row[:60].decode("utf-8", "replace")
             raise ValueError(f":{number}: must hold {len(fields)} numbers, not {text!r}") from None
@@ -360,6 +379,15 @@ def _table(
     if done < count:
         raise ValueError(f":{line + done}: the file ends after {done} of {count} points")
     return values
+
+
+def _float(word: bytes) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        if _NOT_FINITE.fullmatch(word):
+            return math.nan
+        raise
 
 
 def _places(fields: list[tuple[str, str]], count: int) -> list[int]:

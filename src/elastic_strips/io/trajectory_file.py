@@ -142,9 +142,10 @@ def _csv(target: Path, trajectory: Trajectory, scene: Scene | None, frame: str) 
 
 def _npz(target: Path, trajectory: Trajectory, scene: Scene | None, frame: str) -> Path:
     stream = io.BytesIO()
-    arrays = {"positions": trajectory.coordinates, "velocities": trajectory.v, "accelerations": trajectory.a}
-    names = np.array(row_names(trajectory.robot))
-    np.savez(stream, time=trajectory.time, joint_names=names, allow_pickle=False, **arrays)
+    np.savez(  # NumPy before 2.1 would save ``allow_pickle`` as an array
+        stream, time=trajectory.time, joint_names=np.array(row_names(trajectory.robot), dtype=str),
+        positions=trajectory.coordinates, velocities=trajectory.v, accelerations=trajectory.a,
+    )  # fmt: skip
     return atomic_write(target, stream.getvalue())
 
 

@@ -48,25 +48,36 @@ class Made:
         serialize = self.store.serialize_ros1 if self.kind == "ros1" else self.store.serialize_cdr
         self.writer.write(self.connections[topic], round(t * 1e9), serialize(self.make(kind, *args), kind))
 
-    def tf(self, t: float, topic: str, parent: str, child: str, x: float, y: float, z: float, yaw: float) -> None:
+    def tf(
+        self, t: float, topic: str, parent: str, child: str, x: float, y: float, z: float, yaw: float,
+        at: float | None = None,
+    ) -> None:  # fmt: skip
         vector = self.make("geometry_msgs/msg/Vector3", x, y, z)
         turn = self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
         transform = self.make("geometry_msgs/msg/Transform", vector, turn)
         stamped = self.make("geometry_msgs/msg/TransformStamped", self.header(t, parent), child, transform)
-        self.add(t, topic, TRANSFORMS, [stamped])
+        self.add(t if at is None else at, topic, TRANSFORMS, [stamped])
 
-    def scan(self, t: float, topic: str, ranges: list[float], frame: str = "laser") -> None:
-        head = (self.header(t, frame), -0.5, 0.5, 0.5, 0.0, 0.1, 0.1, 8.0)
-        self.add(t, topic, "sensor_msgs/msg/LaserScan", *head, np.array(ranges, np.float32), np.zeros(0, np.float32))
+    def scan(
+        self, t: float, topic: str, ranges: list[float], frame: str = "laser", *, at: float | None = None,
+        start: float = -0.5, step: float = 0.5, low: float = 0.1, high: float = 8.0,
+    ) -> None:  # fmt: skip
+        head = (self.header(t, frame), start, start + step * (len(ranges) - 1), step, 0.0, 0.1, low, high)
+        values = (np.array(ranges, np.float32), np.zeros(0, np.float32))
+        self.add(t if at is None else at, topic, "sensor_msgs/msg/LaserScan", *head, *values)
 
-    def cloud(self, t: float, topic: str, points: np.ndarray, frame: str = "laser") -> None:
-        fields = [self.make("sensor_msgs/msg/PointField", n, 4 * k + 4, 7, 1) for k, n in enumerate("xyz")]
+    def cloud(self, t: float, topic: str, points: np.ndarray, frame: str = "laser", **other: object) -> None:
+        """Points as floats from byte 4 on, 20 bytes each; ``other`` says what of the message is otherwise."""
         table = np.zeros((len(points), 5), "<f4")
         table[:, 1:4] = points
-        data = np.frombuffer(table.tobytes(), np.uint8)
-        size = (20, 20 * len(points))
-        self.add(t, topic, "sensor_msgs/msg/PointCloud2", self.header(t, frame), 1, len(points), fields, False, *size,
-                 data, True)  # fmt: skip
+        given = {"fields": ("xyz", (4, 8, 12), 7), "height": 1, "width": len(points), "big": False, "step": 20,
+                 "row": 20 * len(points), "data": table.tobytes(), **other}  # fmt: skip
+        names, offsets, kind = given["fields"]
+        at = zip(names, offsets, strict=True)
+        fields = [self.make("sensor_msgs/msg/PointField", name, offset, kind, 1) for name, offset in at]
+        head = (self.header(t, frame), given["height"], given["width"], fields, given["big"])
+        data = np.frombuffer(given["data"], np.uint8)
+        self.add(t, topic, "sensor_msgs/msg/PointCloud2", *head, given["step"], given["row"], data, True)
 
     def joints(self, t: float, topic: str, **positions: float) -> None:
         values = np.array(list(positions.values()))
@@ -120,6 +131,156 @@ def test_clouds_are_brought_into_a_frame(tmp_path):
     assert len(cloud_scene(placed.cloud)) == 1
     assert list(bag.clouds(frame="nowhere")) == []
     assert bag.dropped == {"clouds whose place in 'nowhere' is not known": 1}
+
+
+def filled(path: Path, kind: str, fill) -> BagReader:
+    made = Made(path, kind)
+    with made.writer:
+        fill(made)
+    return BagReader(path if kind == ".bag" else next(path.glob(f"*{kind}")))
+
+
+FOUR = np.arange(12.0).reshape(2, 2, 3)
+SMALL = ("xyz", (0, 4, 8), 7)
+TIGHT = {"fields": SMALL, "step": 12, "width": 2, "height": 2, "row": 24}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {**TIGHT, "data": FOUR.astype("<f4").tobytes()},
+        {**TIGHT, "data": FOUR.astype(">f4").tobytes(), "big": True},
+        {**TIGHT, "data": FOUR.astype("<f4").tobytes(), "row": 0},
+        {**TIGHT, "data": b"".join(row.astype("<f4").tobytes() + b"\xff" * 8 for row in FOUR), "row": 32},
+        {**TIGHT, "data": b"\xff\xff".join(row.astype("<f4").tobytes() for row in FOUR), "row": 26},
+        {**TIGHT, "data": FOUR.astype("<f8").tobytes(), "fields": ("xyz", (0, 8, 16), 8), "step": 24, "row": 48},
+        {**TIGHT, "data": FOUR.astype("<i2").tobytes(), "fields": ("zyx", (4, 2, 0), 3), "step": 6, "row": 0},
+    ],
+    ids=["organised", "big-endian", "no row step", "padded rows", "last row not padded", "doubles", "integers zyx"],
+)  # fmt: skip
+def test_clouds_are_read_as_they_are_laid_out(tmp_path, given):
+    bag = filled(tmp_path / "b", ".mcap", lambda made: made.cloud(1.0, "/points", FOUR.reshape(4, 3), **given))
+    (found,) = bag.clouds()
+    np.testing.assert_array_equal(found.cloud.points, FOUR.reshape(4, 3))
+    assert not bag.dropped
+
+
+def test_a_cloud_that_does_not_fit_its_fields_does_not_end_the_others(tmp_path):
+    wrong = [
+        ({"step": 12}, "its points have 12 bytes, too few for x, y, z at 4, 8, 12"),
+        ({"step": 0, "row": 0}, "its points have 0 bytes"),
+        ({"fields": ("xyz", (4, 8, 40), 7)}, "x, y, z at 4, 8, 40"),
+        ({"width": 4}, "its data have 60 bytes; 1 rows of 80 need more"),
+        ({"fields": ("", (), 7), "width": 0, "row": 0, "data": b""}, "clouds without points"),
+    ]
+
+    def fill(made):
+        for k, (given, _) in enumerate(wrong):
+            made.cloud(float(k), "/points", CLOUD, **given)
+        made.cloud(9.0, "/points", CLOUD)
+
+    bag = filled(tmp_path / "b", ".mcap", fill)
+    assert [found.time for found in bag.clouds()] == [9.0]
+    for count, said in zip(bag.dropped.values(), bag.dropped, strict=True):
+        assert count == 1, said
+    assert all(any(says in said for said in bag.dropped) for _, says in wrong)
+    bag = filled(tmp_path / "c", ".mcap", lambda made: made.cloud(1.0, "/points", CLOUD, fields=("xy", (4, 8), 7)))
+    with pytest.raises(BagError, match="a cloud has no z; it has x, y"):
+        list(bag.clouds())
+
+
+def test_joint_states_hold_what_fits_and_is_finite(tmp_path):
+    def fill(made):
+        for t, position, velocity in [(1.0, [1, 2], []), (2.0, [1], [3, 4]), (3.0, [1, math.nan], [math.inf, 4])]:
+            made.add(t, "/j", "sensor_msgs/msg/JointState", made.header(t, ""), ["b", "a"], np.array(position, float),
+                     np.array(velocity, float), np.zeros(0))  # fmt: skip
+
+    bag = filled(tmp_path / "b", ".mcap", fill)
+    states = [(state.positions, state.velocities) for state in bag.joint_states()]
+    assert states == [({"b": 1, "a": 2}, {}), ({}, {"b": 3, "a": 4}), ({"b": 1}, {"a": 4})]
+    assert bag.dropped == {
+        "position of joint states with another number of names": 1,
+        "position of a joint that is not finite": 1,
+        "velocity of a joint that is not finite": 1,
+    }
+
+
+def test_transforms_that_come_late_count(tmp_path):
+    """x = t²; between 0.1 and 0.3 s it would be 0.05 m at 0.2 s."""
+
+    def fill(made):
+        for k, t in enumerate([0.0, 0.1, 0.3, 0.2, 0.2, 0.4]):
+            made.tf(t, "/tf", "odom", "base_link", t * t, 0.0, 0.0, 0.0, at=0.1 * k)
+        made.scan(0.2, "/scan", [1.0, 2.0], frame="base_link", at=0.7)
+
+    ((_, pose),) = filled(tmp_path / "b", ".mcap", fill).scans()
+    assert pose[0] == pytest.approx(0.04, abs=1e-12)
+
+
+def test_a_frame_that_gets_another_parent_is_not_between_the_two(tmp_path):
+    def fill(made):
+        made.tf(0.0, "/tf", "odom", "base_link", 0.0, 0.0, 0.0, 0.0)
+        made.tf(0.2, "/tf", "map", "base_link", 5.0, 0.0, 0.0, 0.0)
+        made.scan(0.1, "/scan", [1.0, 2.0], frame="base_link", at=0.7)
+
+    ((_, pose),) = filled(tmp_path / "b", ".mcap", fill).scans()
+    assert pose[0] == 5.0
+
+
+@pytest.mark.parametrize(
+    ("head", "ranges"),
+    [
+        ({"step": 0.2}, [1.5, np.nan, np.inf, np.nan, np.inf, np.nan]),
+        ({"start": 0.5, "step": -0.2}, [np.nan, np.inf, np.nan, np.inf, np.nan, 1.5]),
+        ({"step": 0.2, "low": 0.0, "high": math.inf}, [1.5, np.nan, 9.0, np.nan, np.inf, 0.05]),
+        ({"start": 0.0, "step": 6.28319 / 5}, [1.5, np.nan, np.inf, np.nan, np.inf, np.nan]),
+    ],
+    ids=["counter-clockwise", "clockwise", "without bounds", "a turn of Gazebo"],
+)
+def test_ranges_mean_what_rep_117_says(tmp_path, head, ranges):
+    """Beyond range_max is nothing; nearer than range_min, and what is no number, no answer."""
+    given = [1.5, math.nan, 9.0, -math.inf, math.inf, 0.05]
+    bag = filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", given, **head))
+    ((scan, _),) = bag.scans()
+    np.testing.assert_allclose(scan.ranges, ranges, rtol=1e-6)
+    assert (np.diff(scan.angles) > 0.0).all()
+    assert scan.angles[0] == pytest.approx(-0.5 if head.get("start", -0.5) else 0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("head", [{"start": math.nan}, {"step": 0.0}, {"step": 1.3}, {"low": math.nan}, {"low": 8.0}])
+def test_a_scan_that_is_none_is_counted(tmp_path, head):
+    bag = filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", [1.0] * 6, **head))
+    assert not list(bag.scans())
+    assert any(said.startswith("scans that are none") for said in bag.dropped)
+
+
+def test_types_without_a_definition_are_those_of_ros(tmp_path, monkeypatch):
+    """In a bag where others have one; and in one where none has."""
+    from rosbags.rosbag2 import storage_mcap
+    from rosbags.typesys.store import Typestore
+
+    plain = Typestore.generate_msgdef
+    write = storage_mcap.write_schema
+    monkeypatch.setattr(Typestore, "generate_msgdef", lambda s, k, **o: ("", "") if "Joint" in k else plain(s, k, **o))
+    monkeypatch.setattr(storage_mcap, "write_schema", lambda b, s: write(b, s if s.data else s._replace(encoding="")))
+    for k, others in enumerate((True, False)):
+
+        def fill(made, others=others):
+            made.joints(1.0, "/joint_states", arm=0.5)
+            if others:
+                made.scan(1.0, "/scan", [1.0, 2.0])
+
+        (state,) = filled(tmp_path / f"b{k}", ".mcap", fill).joint_states()
+        assert state.positions == {"arm": 0.5}
+
+
+def test_schemas_of_others_are_named(tmp_path, monkeypatch):
+    from rosbags.rosbag2 import storage_mcap
+
+    write = storage_mcap.write_schema
+    monkeypatch.setattr(storage_mcap, "write_schema", lambda b, s: write(b, s._replace(encoding="protobuf")))
+    with pytest.raises(BagError, match=r"b\.mcap: the bag cannot be read: rosbags does not know 'protobuf'"):
+        filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", [1.0, 2.0]))
 
 
 def test_joint_states_and_poses(tmp_path):

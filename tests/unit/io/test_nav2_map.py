@@ -99,7 +99,7 @@ BAD_YAML = [
     (YAML.replace(", 0]", "]"), "origin: must be a list of 3 numbers"),
     (YAML.replace("negate: 0", "negate: 2"), r"negate: is 2, outside \[0, 1\]"),
     (YAML.replace("0.25", "0.9"), r"map\.yaml:7: free_thresh: is 0.9; it must not exceed 'occupied_thresh', 0.65"),
-    (YAML + "maker: me\n", "unknown key 'maker' of a map"),
+    (YAML.replace("negate: 0", "negate: maybe"), "negate: must be an integer"),
 ]
 
 
@@ -156,14 +156,36 @@ def test_a_png_has_the_cells_of_its_pgm(tmp_path, pixels):
 
 
 def test_opacity_counts_as_in_nav2(tmp_path):
-    """It is one more colour in mode trinary: black and opaque is p = 0.75. In mode scale all but opaque is unknown."""
+    """What is not opaque is unknown; in mode trinary it is occupied where it was for older versions, which took opacity
+    for one more colour: black is then p = 1 where it is clear, and 0.75 where it is opaque."""
     opacity = np.full_like(PIXELS, 255)
-    opacity[3, 2] = 254
+    opacity[3, 2], opacity[0, 0] = 254, 0
     path = write_png(tmp_path, np.dstack([PIXELS, PIXELS, PIXELS, opacity]))
     assert cells(load_nav2_map(path)) == {(0, 3), (2, 0)}
-    path = write_png(tmp_path, np.dstack([PIXELS, PIXELS, PIXELS, opacity]), YAML.replace("trinary", "scale"))
+    path = write_png(tmp_path, np.dstack([PIXELS, PIXELS, PIXELS, opacity]), YAML.replace("0.65", "0.8"))
     assert cells(load_nav2_map(path)) == {(0, 3)}
+    assert cells(load_nav2_map(path, unknown="occupied")) >= {(0, 3), (2, 0)}
+    solid = np.dstack([PIXELS, PIXELS, PIXELS, np.full_like(PIXELS, 255)])
+    assert cells(load_nav2_map(write_png(tmp_path, solid, YAML.replace("0.65", "0.8")))) == {(0, 3), (2, 0)}
+    path = write_png(tmp_path, np.dstack([PIXELS, PIXELS, PIXELS, opacity]), YAML.replace("trinary", "scale"))
+    assert cells(load_nav2_map(path)) == set()
     assert cells(load_nav2_map(path, unknown="occupied")) == {(0, 3), (2, 0)}
+
+
+def test_a_threshold_belongs_to_what_it_bounds(tmp_path):
+    """100 is p = 155 / 255 exactly; so it is occupied, or free."""
+    text = YAML.replace("0.65", repr(1.0 - 100 / 255))
+    assert cells(load_nav2_map(write(tmp_path, text=text))) == {(0, 3), (2, 0), (2, 1)}
+    text = YAML.replace("0.25", repr(1.0 - 100 / 255))
+    assert cells(load_nav2_map(write(tmp_path, text=text), unknown="occupied")) == {(0, 3), (2, 0)}
+
+
+def test_what_map_servers_take_is_taken(tmp_path, caplog):
+    """negate as a word, keys that nobody knows: the second are named in the log."""
+    text = YAML.replace("negate: 0", "negate: true") + "maker: me\n"
+    with caplog.at_level(logging.WARNING):
+        assert cells(load_nav2_map(write(tmp_path, 255 - PIXELS, text))) == {(0, 3), (2, 0)}
+    assert "left out: the keys 'maker'" in caplog.text
 
 
 def test_scale_and_raw_maps_have_occupancies_between(tmp_path, caplog):

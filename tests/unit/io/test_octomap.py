@@ -92,6 +92,18 @@ def test_cells_are_where_coal_has_them(tmp_path):
     assert covered(read_octomap(file)) == theirs
 
 
+@pytest.mark.parametrize(
+    ("binary", "kind"),
+    [(True, "ColorOcTree"), (True, "OcTreeStamped"), (True, "1"), (False, "OcTreeStamped"), (False, "1")],
+)
+def test_the_kinds_of_trees_that_octomap_writes(tmp_path, binary, kind):
+    """A ``.bt`` file holds the same of every kind; stamps are in no file; 1 is an OcTree of the first versions."""
+    leaves, keys = some_leaves(3)
+    file = tmp_path / "m"
+    file.write_bytes(octree_file(leaves, 0.1, binary=binary).replace(b"id OcTree", b"id " + kind.encode()))
+    assert covered(read_octomap(file)) == set(map(tuple, keys.tolist()))
+
+
 def test_a_large_leaf_is_an_obstacle_of_its_own_size(tmp_path, caplog):
     half = 2 ** (LEVELS - 1)
     leaves = {(LEVELS - 2, half // 4, half // 4, half // 4): 2.0, (LEVELS, half - 1, half, half): 2.0}
@@ -141,7 +153,7 @@ def test_what_is_damaged_is_refused(tmp_path):
         (sound[:-2], "the file ends after"),
         (sound.replace(b"size ", b"size 1"), "its header says"),
         (sound.replace(b"res 0.1", b"res nan"), "res is 'nan'"),
-        (sound.replace(b"id OcTree", b"id StampedTree"), "'StampedTree'"),
+        (octree_file(leaves, 0.1, binary=False).replace(b"id OcTree", b"id CountingOcTree"), "'CountingOcTree'"),
         (sound.replace(b"\ndata\n", b"\ndaten\n"), "no line 'data'"),
         (deep, "deeper than 16 levels"),
     ]:

@@ -101,6 +101,35 @@ def test_every_format_gives_the_points(tmp_path, name, data):
     np.testing.assert_allclose(read_point_cloud(tmp_path / name, scale=0.001).points, 0.001 * POINTS)
 
 
+OLD_PCD = b"# .PCD v.5\nCOLUMNS x y z\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n"
+
+
+def test_pcd_files_of_old_versions_and_of_windows(tmp_path, caplog):
+    """No SIZE, TYPE and COUNT (then floats), empty lines, and what Windows prints for a point that is none."""
+    for data in (OLD_PCD, OLD_PCD.replace(b"3\n4", b"3\n\n4"), OLD_PCD.replace(b"COLUMNS", b"FIELDS")):
+        np.testing.assert_array_equal(read_point_cloud(write(tmp_path, "c.pcd", data)).points, [[1, 2, 3], [4, 5, 6]])
+    for word in (b"-nan(ind)", b"-1.#IND", b"1.#QNAN0", b"1.#INF", b"nan"):
+        cloud = read_point_cloud(write(tmp_path, "c.pcd", OLD_PCD.replace(b"1 2 3", word + b" 2 3")))
+        assert (cloud.points.tolist(), cloud.dropped) == ([[4, 5, 6]], 1)
+    assert not caplog.text
+
+
+def test_a_signalling_nan_is_a_point_that_is_none(tmp_path, recwarn):
+    data = pcd(POINTS, "binary")
+    body = len(data) - 20 * len(POINTS)
+    path = write(tmp_path, "c.pcd", data[:body] + b"\x01\x00\x80\x7f" + data[body + 4 :])
+    assert read_point_cloud(path).dropped == 1
+    assert not recwarn.list
+
+
+def test_a_viewpoint_moves_nothing_and_is_said(tmp_path, caplog):
+    for viewpoint, said in [("0 0 0 1 0 0 0", False), ("0 0 0.0 1.0 0 -0 0", False), ("1 0 0 1 0 0 0", True)]:
+        caplog.clear()
+        data = pcd(POINTS).replace(b"0 0 0 1 0 0 0", viewpoint.encode())
+        np.testing.assert_array_equal(read_point_cloud(write(tmp_path, "c.pcd", data)).points, POINTS)
+        assert (f"left out: VIEWPOINT {viewpoint}" in caplog.text) == said
+
+
 def test_a_packed_cloud_of_many_points_comes_back(tmp_path):
     """Long copies, copies that overlap what they make, and long runs of new bytes: all that LZF has."""
     rng = np.random.default_rng(4)

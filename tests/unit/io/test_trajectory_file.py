@@ -35,6 +35,13 @@ def test_a_trajectory_comes_back(tmp_path, trajectory, suffix, loss):
     assert back.notes == (("velocities and accelerations are left out",) if suffix == ".csv" else ())
 
 
+def test_an_npz_file_holds_the_arrays_and_no_other(tmp_path, trajectory):
+    with np.load(write_trajectory(tmp_path / "t.npz", trajectory)) as found:
+        assert set(found.files) == {"time", "joint_names", "positions", "velocities", "accelerations"}
+        np.testing.assert_array_equal(found["velocities"], trajectory.v)
+        np.testing.assert_array_equal(found["accelerations"], trajectory.a)
+
+
 def test_all_that_is_known_is_in_the_columns(trajectory):
     columns, robot = trajectory_columns(trajectory), trajectory.robot
     assert len(columns) == 1 + 3 * robot.nv

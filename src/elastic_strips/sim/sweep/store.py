@@ -9,7 +9,7 @@ import io
 import json
 import logging
 import os
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import closing
 from time import monotonic
 from types import TracebackType
@@ -226,10 +226,8 @@ class SweepStore:
             metadata={"elastic_strips": __version__, "sweep": json.dumps(self.sweep.document()),
                       "digest": self.sweep.digest},
         )  # fmt: skip
-        made = {
-            name: [None if row[name] is None else kind(row[name]) for row in rows]  # type: ignore[call-overload]
-            for name, kind in self._columns.items()
-        }
+        makers: Mapping[str, Callable[[Any], object]] = self._columns
+        made = {name: [None if row[name] is None else make(row[name]) for row in rows] for name, make in makers.items()}
         stream = io.BytesIO()
         parquet.write_table(arrow.table(made, schema=schema), stream)
         return stream.getvalue()

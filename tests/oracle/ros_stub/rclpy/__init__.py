@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
+from array import array
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -18,11 +19,12 @@ from elastic_strips.sim.sensors import SensorConfig, SensorSuite
 STEP = 0.01
 LONGEST = 60.0
 CRATE = es.Box((0.4, 0.4, 1.0), at=(1.6, 0.35, 0.5), name="crate")
+SHELF = es.Box((0.3, 0.3, 0.3), at=(1.6, -0.75, 0.6), name="shelf")  # over the laser: only the camera sees it
 _time = [1_700_000_000_000_000_000]  # ns: as far from 0 as on a robot
 _messages: dict[str, dict[str, object]] = {
     "geometry_msgs": {"Twist": ("linear", "angular")},
     "nav_msgs": {"Odometry": ()},
-    "sensor_msgs": {"JointState": (), "LaserScan": ()},
+    "sensor_msgs": {"JointState": (), "LaserScan": (), "PointCloud2": ()},
     "std_msgs": {"Float64MultiArray": ()},
 }
 
@@ -81,9 +83,24 @@ def shutdown() -> None:
     """Nothing is to be done."""
 
 
+def _cloud(row: np.ndarray) -> dict[str, object]:
+    """The shelf's surface in the base's frame: PointCloud2, four floats a point, rows that end with 8 bytes more."""
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.15, 0.15, 9)] * 3), axis=-1).reshape(-1, 3)
+    c, s = math.cos(row[2]), math.sin(row[2])
+    world = grid[np.abs(grid).max(axis=1) > 0.149] + SHELF.pose[:3, 3] - (row[0], row[1], 0.0)
+    points = np.zeros((len(world), 4), "<f4")
+    points[:, :3] = world @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    points[0] = np.nan
+    width = len(points) // 2
+    data = b"".join(half.tobytes() + bytes(8) for half in (points[:width], points[width : 2 * width]))
+    fields = [SimpleNamespace(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate("xyz")]
+    return {"height": 2, "width": width, "fields": fields, "is_bigendian": False, "point_step": 16,
+            "row_step": 16 * width + 8, "data": array("B", data), "is_dense": False}  # fmt: skip
+
+
 def spin(node: Node) -> None:
-    """Play the world until the node ends; it must not take longer than a minute of it, and not touch the crate."""
-    robot, scene = es.load_robot("silvermate"), es.Scene([CRATE])
+    """Play the world until the node ends; it must not take longer than a minute of it, and touch nothing."""
+    robot, scene = es.load_robot("silvermate"), es.Scene([CRATE, SHELF])
     laser = SensorSuite(robot, es.World(scene), SensorConfig().only("laser"), seed=1)
     row = robot.space.to_coordinates(robot.home()).copy()
     start = _time[0]
@@ -110,6 +127,7 @@ def spin(node: Node) -> None:
             head = {"angle_min": float(scan.angles[0]), "angle_increment": step, "range_min": scan.range_min}
             tell("scan", scan.time, **head, range_max=scan.range_max, ranges=scan.ranges.tolist())
         if k % 20 == 0:
+            tell("points", k * STEP, **_cloud(row))
             assert es.strip_clearance(es.Strip.from_coordinates(robot, np.stack([row, row])), scene) > 0.0
         try:
             for timer in node.timers:
