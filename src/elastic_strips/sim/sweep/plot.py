@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.errors import missing_extra
+from elastic_strips.errors import missing_extra, nearest_name
 from elastic_strips.files import atomic_write, check_writable
-from elastic_strips.validation import check_choice
+from elastic_strips.validation import check_choice, shown
 
 from .document import Plot, Sweep, SweepError
 from .runs import Row
@@ -36,16 +37,14 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
         Plot: the columns that were drawn.
 
     Raises:
-        SweepError: no row has a value of y.
+        SweepError: no row has a value of y, or the file has another ending.
         ParameterError: there is no such column.
         InputError: the file cannot be written.
         MissingExtraError: Matplotlib is not installed.
     """
-    target = check_writable(path)
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise missing_extra("the picture of a sweep", "matplotlib", "study") from None
+    target = check_plot(path)
+    from matplotlib.figure import Figure
+
     chosen = plot_columns(sweep, plot)
     x, y, hue = chosen.x or "seed", chosen.y or _DEFAULT_Y[sweep.kind], chosen.hue
     good = [row for row in rows if row[y] is not None and row[x] is not None]
@@ -80,12 +79,28 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
         axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
     axes.grid(alpha=0.3)
     stream = BytesIO()
-    try:
-        figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
-    except ValueError as error:  # an ending that Matplotlib does not know
-        raise SweepError(f"{target}: {error}") from None
+    figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
     atomic_write(target, stream.getvalue())
     return Plot(x, y, hue)
+
+
+def check_plot(path: str | os.PathLike[str]) -> Path:
+    """The path, if a picture can be written there: before hours are spent on what is to be drawn.
+
+    Raises:
+        SweepError: Matplotlib does not write files of such an ending.
+        InputError: the file cannot be written.
+        MissingExtraError: Matplotlib is not installed.
+    """
+    target = check_writable(path)
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError:
+        raise missing_extra("the picture of a sweep", "matplotlib", "study") from None
+    endings = [f".{ending}" for ending in FigureCanvasBase.get_supported_filetypes()]
+    if (suffix := target.suffix.lower()) and suffix not in endings:
+        raise SweepError(f"{target}: unknown ending {shown(suffix)} of a picture{nearest_name(suffix, endings)}")
+    return target
 
 
 def plot_columns(sweep: Sweep, plot: Plot | None = None) -> Plot:
@@ -117,7 +132,7 @@ def _values(rows: Sequence[Row], column: str) -> list[bool | int | float | str]:
 
 
 def _summary(
-    rows: Sequence[Row], x: str, y: str, places: Sequence[object], numeric: bool
+    rows: Sequence[Row], x: str, y: str, places: Sequence[bool | int | float | str], numeric: bool
 ) -> tuple[list[float], list[float], list[float], list[float]]:
     """Places on the axis, and there: median, lower and upper quartile; of true and false the mean alone."""
     out: tuple[list[float], list[float], list[float], list[float]] = ([], [], [], [])
@@ -130,6 +145,6 @@ def _summary(
             figures = (numbers.mean(),) * 3
         else:
             figures = tuple(np.percentile(numbers, (50, 25, 75)))
-        for entry, value in zip(out, (float(place) if numeric else float(k), *figures), strict=True):  # type: ignore[arg-type]
+        for entry, value in zip(out, (float(place) if numeric else float(k), *figures), strict=True):
             entry.append(float(value))
     return out
