@@ -118,3 +118,32 @@ def test_a_group_without_a_command_shows_its_help(words: tuple[str, ...], capsys
     printed = capsys.readouterr()
     assert (printed.out + printed.err).startswith("Usage: elastic-strips")
     assert "Commands:" in printed.out + printed.err
+
+
+@pytest.mark.parametrize("words", [("list",), ("list", "--json", "-"), ("--help",)])
+def test_output_that_nobody_takes_ends_a_command_without_a_traceback(words: tuple[str, ...]) -> None:
+    """A reader that has gone, a full disk, a closed stream."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    full = os.open("/dev/full", os.O_WRONLY) if os.path.exists("/dev/full") else None
+    try:
+        gone = subprocess.run([*CALL, *words], stdout=writer, stderr=subprocess.PIPE, text=True)
+        assert gone.returncode == 1
+        assert "Error" not in gone.stderr
+        if full is not None:
+            done = subprocess.run([*CALL, *words], stdout=full, stderr=subprocess.PIPE, text=True)
+            assert done.returncode == 2
+            assert done.stderr.splitlines()[-1].startswith("error: standard output: cannot write: ")
+            assert "Traceback" not in done.stderr
+    finally:
+        os.close(writer)
+        if full is not None:
+            os.close(full)
+    closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *CALL, *words], stderr=subprocess.PIPE, text=True)
+    assert closed.returncode == 0, closed.stderr
+    assert "Traceback" not in closed.stderr
+
+
+def test_a_command_that_is_misspelt_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _call("sweap") == 2
+    assert "did you mean 'sweep'?" in capsys.readouterr().err
