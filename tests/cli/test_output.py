@@ -144,6 +144,18 @@ def test_output_that_nobody_takes_ends_a_command_without_a_traceback(words: tupl
     assert "Traceback" not in closed.stderr
 
 
+def test_a_working_folder_that_was_removed_is_said(tmp_path: Path) -> None:
+    gone = 'mkdir "$0" && cd "$0" && rmdir "$0" && "$@"'
+    for words, code in ((("list",), 0), (("run", "case-1"), 2), (("sweep", "../s.yaml"), 2)):
+        done = subprocess.run(
+            ["sh", "-c", gone, str(tmp_path / "gone"), *CALL, *words], stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert done.returncode == code, done.stderr
+        assert "Traceback" not in done.stderr
+        assert not code or "working folder" in done.stderr or "s.yaml" in done.stderr
+
+
 def test_a_command_that_is_misspelt_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert _call("sweap") == 2
     assert "did you mean 'sweep'?" in capsys.readouterr().err

@@ -119,11 +119,22 @@ def run_cli(arguments: list[str] | None) -> None:
         _leave_stdout()
         sys.exit(EXIT_UNREAD)
     except OSError as error:
+        if _working_folder_is_gone():
+            output.say(("error:", output.BAD), " the working folder was removed: go to another one", err=True)
+            sys.exit(EXIT_INPUT)
         if error.errno not in _FULL or error.filename is not None:
             raise
         _leave_stdout()
         output.say(("error:", output.BAD), f" standard output: cannot write: {error.strerror}", err=True)
         sys.exit(EXIT_INPUT)
+
+
+def _working_folder_is_gone() -> bool:
+    try:
+        os.getcwd()
+    except OSError:
+        return True
+    return False
 
 
 def _leave_stdout() -> None:
