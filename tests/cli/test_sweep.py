@@ -199,6 +199,25 @@ def test_a_cluster_whose_worker_is_killed(folder: Path, undisturbed: list[dict[s
     check_whole(folder, undisturbed)
 
 
+def test_a_cluster_whose_scheduler_is_killed(folder: Path) -> None:
+    """It is said with how to go on, and without Dask's tracebacks."""
+    (folder / "s.yaml").write_text(SMALL.replace("count: 3", "count: 30"))
+    with odd_jobs.cluster(folder, 1) as (address, (scheduler, _)):
+        arguments = ["sweep", "s.yaml", "--out", "t.csv", "--scheduler", address]
+        process = subprocess.Popen([*CALL, *arguments], stderr=subprocess.PIPE, text=True, env=os.environ)
+        while kept(folder) < 2 and process.poll() is None:
+            time.sleep(0.001)
+        scheduler.kill()
+        _, said = process.communicate(timeout=120)
+    assert process.returncode == 3, said
+    assert "Traceback" not in said
+    assert f"error: the scheduler at {address} ended" in said
+    assert said.splitlines()[-1].strip() == shlex.join(["elastic-strips", *arguments])
+    assert call(*arguments[:-2], "--processes", 2) == 0
+    assert [row["run"] for row in rows(folder / "t.csv")] == [str(k) for k in range(60)]
+    assert kept(folder) == 60
+
+
 def test_the_page_names_every_column() -> None:
     words = Counter(PAGE.read_text(encoding="utf-8").replace("`", " ").replace(",", " ").split())
     for kind, columns in MEASURED.items():

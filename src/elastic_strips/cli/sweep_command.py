@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import shlex
-from contextlib import closing
+from contextlib import closing, suppress
 
 import click
 
@@ -89,6 +90,8 @@ def sweep(
             output.say(f"  {run.index:>6}  {run}")
         output.write_document("answer", json_file, _document(found, None))
         return options.EXIT_DONE
+    if scheduler:
+        _quieten_dask()
     with SweepStore(found, table) as store:
         todo = len(store.todo(retry_failed=retry_failed))
         done = len(found) - todo
@@ -128,6 +131,16 @@ def sweep(
         )
     output.write_document("answer", json_file, _document(found, store))
     return options.EXIT_NOT_DONE if failed else options.EXIT_DONE
+
+
+def _quieten_dask() -> None:
+    """Where a worker or the scheduler ends, Dask logs tracebacks of its own; what came of it is said here in a line."""
+    with suppress(ImportError):
+        import distributed  # noqa: F401 -- which sets the levels of its loggers
+
+        if not logging.getLogger().isEnabledFor(logging.INFO):  # as --verbose has it
+            for name in ("distributed", "distributed.client"):
+                logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _document(found: Sweep, store: SweepStore | None) -> dict[str, object]:

@@ -98,7 +98,7 @@ def execute(run: Run) -> Row:
     began = perf_counter()
     row = empty(run)
     try:
-        row |= _finite(_plan(run) if run.kind == "plan" else _drive(run))
+        row |= _sound(_plan(run) if run.kind == "plan" else _drive(run))
     except Exception as error:
         row |= failed(error)
     row["wall_s"] = perf_counter() - began
@@ -116,11 +116,13 @@ def failed(error: BaseException) -> Row:
     if not isinstance(error, ElasticStripsError) and error.__traceback__ is not None:
         place = traceback.extract_tb(error.__traceback__)[-1]
         text += f" ({place.filename.rsplit('/', 1)[-1]}:{place.lineno})"
-    return {"error_type": type(error).__name__, "error": text.strip()}
+    return _sound({"error_type": type(error).__name__, "error": text.strip()})
 
 
-def _finite(row: Row) -> Row:
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
+def _sound(row: Row) -> Row:
+    """What every table can hold: no infinity, and no bytes of a file's name that are no text."""
+    clean = {k: v.encode(errors="backslashreplace").decode() for k, v in row.items() if isinstance(v, str)}
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | clean
 
 
 def _problem(run: Run, base: str | None) -> tuple[Scenario, RobotModel]:
