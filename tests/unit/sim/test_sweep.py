@@ -231,6 +231,9 @@ def test_rows_are_kept_and_the_rest_is_to_do(suffix: str, tmp_path: Path) -> Non
         for run in reversed(store.todo()):
             store.add(made(run, error_type="E", error='a "comma", and\nmore') if run.index == 7 else made(run))
         assert [run.index for run in store.todo(retry_failed=True)] == [7]
+        store.add(made(sweep.runs()[2], error_type="E", error="late"))
+        assert [row["run"] for row in store.failed] == [2, 7]
+        store.add(made(sweep.runs()[2]))
         store.add(made(sweep.runs()[7]))
         assert not store.todo(retry_failed=True)
     rows = table(path)

@@ -104,8 +104,8 @@ class SweepStore:
 
     @property
     def failed(self) -> list[Row]:
-        """The rows with an error."""
-        return [row for row in self.rows.values() if row["error_type"] is not None]
+        """The rows with an error, in the order of the runs."""
+        return [row for _, row in sorted(self.rows.items()) if row["error_type"] is not None]
 
     def add(self, row: Row) -> None:
         """Keep a row; one of the same run is replaced.
