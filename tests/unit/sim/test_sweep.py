@@ -7,6 +7,7 @@ import errno
 import fcntl
 import json
 import os
+import warnings
 from pathlib import Path
 
 import pytest
@@ -454,3 +455,13 @@ def test_a_picture_is_drawn(plot: Plot, tmp_path: Path) -> None:
     with pytest.raises(SweepError, match=r"q\.xyz"):
         plot_sweep(sweep, rows, tmp_path / "q.xyz", plot=plot)
     assert not os.path.exists(tmp_path / "q.png")
+
+
+@pytest.mark.parametrize("plot", [Plot(x="scenario"), Plot(x="k_r", hue="scenario")])
+def test_names_in_a_picture_are_no_formulas(plot: Plot, tmp_path: Path) -> None:
+    names = [r"_a$\foo$.yaml", r"b$\frac{.yaml$"]
+    sweep = Sweep(tmp_path / r"s $\bar{$.yaml", "plan", tuple(names), grid={"k_r": (1, 2)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plot_sweep(sweep, [made(run, preset="default") for run in sweep.runs()], tmp_path / "p.png", plot=plot)
+    assert (tmp_path / "p.png").exists()

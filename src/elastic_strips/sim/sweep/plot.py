@@ -60,6 +60,8 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
         mine = [row for row in good if hue is None or row[hue] == value]
         at, middle, low, high = _summary(mine, x, y, places, numeric)
         label = None if hue is None else str(value) if isinstance(value, str) else f"{hue} {value}"
+        if label is not None and label.startswith("_"):  # else Matplotlib leaves it out of the legend
+            label = f" {label}"
         color = f"C{k}"
         if numeric:
             axes.fill_between(at, low, high, color=color, alpha=0.2, lw=0)
@@ -69,14 +71,17 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
             about = [np.subtract(middle, low), np.subtract(high, middle)]
             axes.errorbar(np.add(at, offset), middle, about, fmt="o", color=color, capsize=3, label=label)
     if not numeric:
-        axes.set_xticks(range(len(places)), [str(v) for v in places])
+        axes.set_xticks(range(len(places)), [str(v) for v in places], parse_math=False)
     axes.set_xlabel(x)
     share = isinstance(good[0][y], bool)
     axes.set_ylabel(f"part of the runs with {y}" if share else y)
     lost = len(rows) - len(good)
-    axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10)
+    axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10,
+                   parse_math=False)  # fmt: skip
     if hue is not None:
-        axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
+        legend = axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
+        for text in legend.get_texts():
+            text.set_parse_math(False)
     axes.grid(alpha=0.3)
     stream = BytesIO()
     figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
