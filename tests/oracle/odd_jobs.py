@@ -73,7 +73,9 @@ def _scheduler(said: Connection, forgives: int) -> None:
             said.send(made.address)
             await made.finished()
 
-    with config.set({"distributed.scheduler.allowed-failures": forgives}):
+    # a worker that has gone is asked for its results as long as the other bound says: 30 s by default
+    bounds = {"distributed.scheduler.allowed-failures": forgives, "distributed.comm.timeouts.connect": "2s"}
+    with config.set(bounds):
         asyncio.run(serve())
 
 
