@@ -264,7 +264,8 @@ def _bench(tmp_path: Path, *arguments: str) -> dict[str, Any]:
     assert call("bench", *arguments, "--json", path) == 0
     figures = _object(path)
     assert figures["benchmark"] == arguments[0]
-    assert figures["robot"] == "silvermate"
+    named = arguments[arguments.index("--robot") + 1] if "--robot" in arguments else "silvermate"
+    assert figures["robot"] == named
     assert figures["machine"]["elastic_strips"] == __version__
     return figures
 

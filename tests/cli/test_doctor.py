@@ -36,6 +36,7 @@ def test_where_everything_works_there_is_no_problem(tmp_path: Path) -> None:
     assert code == 0, document
     assert document["problems"] == 0
     assert {check["status"] for check in checks.values()} <= {OK, NOTE}
+    assert not [check for check in checks.values() if "is broken" in check["text"]]
     for name in ("python", "pin", "coal", "ompl", "numpy", "native kernel", "extra sim", "robots", "chromium",
                  "working folder", "temporary folder", "loopback port", "processors"):  # fmt: skip
         assert name in checks

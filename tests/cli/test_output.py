@@ -118,3 +118,69 @@ def test_a_group_without_a_command_shows_its_help(words: tuple[str, ...], capsys
     printed = capsys.readouterr()
     assert (printed.out + printed.err).startswith("Usage: elastic-strips")
     assert "Commands:" in printed.out + printed.err
+
+
+@pytest.mark.parametrize("words", [("list",), ("list", "--json", "-"), ("--help",)])
+def test_output_that_nobody_takes_ends_a_command_without_a_traceback(words: tuple[str, ...]) -> None:
+    """A reader that has gone, a full disk, a closed stream."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    full = os.open("/dev/full", os.O_WRONLY) if os.path.exists("/dev/full") else None
+    try:
+        gone = subprocess.run([*CALL, *words], stdout=writer, stderr=subprocess.PIPE, text=True)
+        assert gone.returncode == 1
+        assert "Error" not in gone.stderr
+        if full is not None:
+            done = subprocess.run([*CALL, *words], stdout=full, stderr=subprocess.PIPE, text=True)
+            assert done.returncode == 2
+            assert done.stderr.splitlines()[-1].startswith("error: standard output: cannot write: ")
+            assert "Traceback" not in done.stderr
+    finally:
+        os.close(writer)
+        if full is not None:
+            os.close(full)
+    closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *CALL, *words], stderr=subprocess.PIPE, text=True)
+    assert closed.returncode == 0, closed.stderr
+    assert "Traceback" not in closed.stderr
+
+
+def test_a_working_folder_that_was_removed_is_said(tmp_path: Path) -> None:
+    gone = 'mkdir "$0" && cd "$0" && rmdir "$0" && "$@"'
+    for words, code in ((("list",), 0), (("run", "case-1"), 2), (("sweep", "../s.yaml"), 2)):
+        done = subprocess.run(
+            ["sh", "-c", gone, str(tmp_path / "gone"), *CALL, *words], stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert done.returncode == code, done.stderr
+        assert "Traceback" not in done.stderr
+        assert not code or "working folder" in done.stderr or "s.yaml" in done.stderr
+
+
+def test_a_command_that_is_misspelt_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _call("sweap") == 2
+    assert "did you mean 'sweep'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("bench", "barn"), ("barn/barn_worlds.json", "github.com/Daffan")),
+        (("bench", "dynabarn"), ("dynabarn/dynabarn_worlds.json", "github.com/Daffan")),
+        (("bench", "house"), ("house/house.json", "github.com/aws-robotics")),
+        (("bench", "bridge"), ("bridge/bridge.json", "github.com/SYSU-STAR")),
+        (("bench", "mbm"), ("mbm", "github.com/KavrakiLab")),
+    ],
+)
+def test_data_that_is_not_there_is_said_with_where_it_comes_from(
+    words: tuple[str, ...], says: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _call(*words, "--root", tmp_path) == 2
+    printed = " ".join(capsys.readouterr().err.split())
+    assert not [text for text in (str(tmp_path), *says) if text not in printed], printed
+
+
+def test_a_robot_that_nobody_has_is_no_figure_of_a_benchmark(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _call("bench", "robots", "silvermat") == 2
+    printed = capsys.readouterr()
+    assert "did you mean 'silvermate'?" in printed.err
+    assert printed.out == ""

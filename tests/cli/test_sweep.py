@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import shlex
 import subprocess
@@ -55,7 +56,7 @@ def test_a_sweep_and_its_picture(folder: Path, capsys: pytest.CaptureFixture[str
     assert len(listed) == 7
     assert "case-1 · seed 1 · influence=0.3" in listed[5]
     assert [p.name for p in folder.iterdir()] == ["s.yaml"]
-    assert call("sweep", "s.yaml", "--jobs", 2, "--plot", "p.png", "--x", "seed") == 0
+    assert call("sweep", "s.yaml", "--processes", 2, "--plot", "p.png", "--x", "seed") == 0
     printed = capsys.readouterr().out
     assert "table   s.csv  (6 rows, 0 with an error)" in printed
     assert "clearance_m over seed, influence in colours" in printed
@@ -74,7 +75,7 @@ def test_a_run_that_fails_ends_nothing(folder: Path, capsys: pytest.CaptureFixtu
     )
     (folder / "s.yaml").write_text("kind: plan\nscenarios: [room.yaml, case-1]\n")
     for again in ((), ("--retry-failed",)):
-        assert call("sweep", "s.yaml", "--jobs", 1, *again) == 3
+        assert call("sweep", "s.yaml", "--processes", 1, *again) == 3
         printed = capsys.readouterr().out
         assert "2 rows, 1 with an error" in printed
         assert "run 0, room.yaml, seed 0: ConfigurationError" in printed
@@ -90,8 +91,11 @@ def test_a_run_that_fails_ends_nothing(folder: Path, capsys: pytest.CaptureFixtu
         (("s.yaml", "--out", "s.yaml"), "named twice"),
         (("s.yaml", "--plot", "p.png", "--y", "speed"), "'speed'"),
         (("s.yaml", "--y", "nodes"), "--plot"),
-        (("s.yaml", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"), "--jobs"),
-        (("s.yaml", "--jobs", "0"), "--jobs"),
+        (("s.yaml", "--processes", "2", "--scheduler", "tcp://127.0.0.1:9"), "--processes"),
+        (("s.yaml", "--processes", "0"), "--processes"),
+        (("s.yaml", "--out", ""), "no file name"),
+        (("s.yaml", "--plot", "p.xyz"), "unknown ending '.xyz'"),
+        (("s.yaml", "--json", "s.csv.journal"), "named twice"),
         (("s.yaml", "--scheduler", "here"), "no Dask scheduler"),
     ],
 )
@@ -105,19 +109,36 @@ def test_wrong_input_leaves_nothing(
     assert [p.name for p in folder.iterdir()] == ["s.yaml"]
 
 
-def test_progress_says_how_long_it_takes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    from elastic_strips.cli import sweep_command
+def test_the_answer_is_a_document(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "s.yaml").write_text("kind: plan\nscenarios: [case-1]\ngrid: {k_r: [1, 2]}\nfixed: {timeout: 5}\n")
+    assert call("sweep", "s.yaml", "--dry-run", "--json", "-") == 0
+    printed = capsys.readouterr()
+    listed = json.loads(printed.out)["listed"]
+    assert [run["k_r"] for run in listed] == [1, 2]
+    assert "s: 2 runs" in printed.err
+    (folder / "s.yaml").write_text("kind: plan\nscenarios: [case-1]\ngrid: {k_r: [1, 2]}\nrobots: [panda]\n")
+    assert call("sweep", "s.yaml", "--processes", 1, "--json", "a.json") == 3
+    document = json.loads((folder / "a.json").read_text())
+    assert (document["runs"], document["rows"], document["table"]) == (2, 2, "s.csv")
+    assert document["sweep"]["grid"] == {"k_r": [1, 2]}
+    assert [(row["run"], row["k_r"], row["robot"]) for row in document["failed"]] == [(0, 1, "panda"), (1, 2, "panda")]
+    assert all(row["error"] for row in document["failed"])
 
-    now = iter([0.0, 8.0, 12.0, 15.0, 36.0, 40.0])
-    monkeypatch.setattr(sweep_command, "perf_counter", lambda: next(now))
-    with sweep_command._Progress("s", 100) as bar:
-        for failed in (False, True, False, False):
-            bar.step(failed)
-    told = capsys.readouterr().err.splitlines()
-    assert told == [
-        "s: 2 of 100, about 9 min 48 s left, 1 with an error",
-        "s: 4 of 100, about 14 min 24 s left, 1 with an error",
-    ]
+
+def test_a_full_disk_is_said_and_nothing_is_lost(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By a limit on the size of files: the journal reaches it in the middle of a row."""
+    limited = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2600, 2600)); "
+    command = [CALL[0], "-c", limited + CALL[2], "sweep", "s.yaml", "--processes", "1"]
+    ended = subprocess.run(command, capture_output=True, text=True, env=os.environ)
+    assert ended.returncode == 2, ended
+    assert "s.csv.journal: cannot write: " in ended.stderr
+    assert "of 6 runs are kept" in ended.stderr
+    whole = (folder / "s.csv.journal").read_bytes()
+    assert whole.endswith(b"}\n")
+    assert len(rows(folder / "s.csv")) == whole.count(b"\n") - 1 > 0
+    assert call("sweep", "s.yaml", "--processes", 1) == 0
+    assert (folder / "s.csv.journal").read_bytes().startswith(whole)
+    assert [row["run"] for row in rows(folder / "s.csv")] == list("012345")
 
 
 # --- interrupted -------------------------------------------------------------------------------------------------
@@ -128,7 +149,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, str]
     """The rows of a sweep that nobody disturbs."""
     folder = tmp_path_factory.mktemp("undisturbed")
     (folder / "s.yaml").write_text(MANY)
-    assert call("sweep", folder / "s.yaml", "--out", folder / "t.csv", "--jobs", 2) == 0
+    assert call("sweep", folder / "s.yaml", "--out", folder / "t.csv", "--processes", 2) == 0
     return rows(folder / "t.csv")
 
 
@@ -140,7 +161,8 @@ def check_whole(folder: Path, undisturbed: list[dict[str, str]]) -> None:
 
 def test_ctrl_c_says_how_to_go_on(folder: Path, undisturbed: list[dict[str, str]]) -> None:
     (folder / "s.yaml").write_text(MANY)
-    arguments = ["sweep", "s.yaml", "--out", "t.csv", "--jobs", "2"]
+    arguments = ["sweep", "s.yaml", "--out", "t.csv", "--processes", "2", "--plot", "a plot.png", "--x", "seed",
+                 "--retry-failed"]  # fmt: skip
     ended = interrupted(arguments, folder, until=lambda: kept(folder) >= 3)
     assert ended.returncode == 130, ended
     assert "Traceback" not in ended.stderr
@@ -154,7 +176,7 @@ def test_ctrl_c_says_how_to_go_on(folder: Path, undisturbed: list[dict[str, str]
 
 def test_kill_9_loses_no_row_and_repeats_none(folder: Path, undisturbed: list[dict[str, str]]) -> None:
     (folder / "s.yaml").write_text(MANY)
-    arguments = ["sweep", "s.yaml", "--out", "t.csv", "--jobs", "2"]
+    arguments = ["sweep", "s.yaml", "--out", "t.csv", "--processes", "2"]
     for count in (2, 6):
         process = subprocess.Popen([*CALL, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         while kept(folder) < count and process.poll() is None:
@@ -175,6 +197,25 @@ def test_a_cluster_whose_worker_is_killed(folder: Path, undisturbed: list[dict[s
         worker.kill()
         assert process.wait(timeout=120) == 0
     check_whole(folder, undisturbed)
+
+
+def test_a_cluster_whose_scheduler_is_killed(folder: Path) -> None:
+    """It is said with how to go on, and without Dask's tracebacks."""
+    (folder / "s.yaml").write_text(SMALL.replace("count: 3", "count: 30"))
+    with odd_jobs.cluster(folder, 1) as (address, (scheduler, _)):
+        arguments = ["sweep", "s.yaml", "--out", "t.csv", "--scheduler", address]
+        process = subprocess.Popen([*CALL, *arguments], stderr=subprocess.PIPE, text=True, env=os.environ)
+        while kept(folder) < 2 and process.poll() is None:
+            time.sleep(0.001)
+        scheduler.kill()
+        _, said = process.communicate(timeout=120)
+    assert process.returncode == 3, said
+    assert "Traceback" not in said
+    assert f"error: the scheduler at {address} ended" in said
+    assert said.splitlines()[-1].strip() == shlex.join(["elastic-strips", *arguments])
+    assert call(*arguments[:-2], "--processes", 2) == 0
+    assert [row["run"] for row in rows(folder / "t.csv")] == [str(k) for k in range(60)]
+    assert kept(folder) == 60
 
 
 def test_the_page_names_every_column() -> None:

@@ -3,13 +3,17 @@ and a Dask cluster of processes on this machine."""
 
 from __future__ import annotations
 
+import asyncio
+import logging
+import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 
@@ -58,54 +62,61 @@ def deadly_scheduler(task: tuple[int, int]) -> int:
     return number * number
 
 
+def _scheduler(said: Connection, forgives: int) -> None:
+    from dask import config
+    from distributed import Scheduler
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+
+    async def serve() -> None:
+        async with Scheduler(host="127.0.0.1", port=0, dashboard_address=":0") as made:
+            said.send(made.address)
+            await made.finished()
+
+    # a worker that has gone is asked for its results as long as the other bound says: 30 s by default
+    bounds = {"distributed.scheduler.allowed-failures": forgives, "distributed.comm.timeouts.connect": "2s"}
+    with config.set(bounds):
+        asyncio.run(serve())
+
+
+def _worker(scheduler: str, folder: str) -> None:
+    from distributed import Worker
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+
+    async def serve() -> None:
+        async with Worker(scheduler, host="127.0.0.1", nthreads=1, local_directory=folder) as made:
+            await made.finished()
+
+    asyncio.run(serve())
+
+
 @contextmanager
-def cluster(
-    folder: Path, workers: int = 2, *, forgives: int = 3
-) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+def cluster(folder: Path, workers: int = 2, *, forgives: int = 3) -> Iterator[tuple[str, list[BaseProcess]]]:
     """Address of a Dask scheduler with workers on the loopback device, and its process and theirs. A job may bring down
-    so many workers before it is given up."""
+    so many workers before it is given up. Processes are forked from one that has imported everything, once."""
     from distributed import Client
 
-    file, library = folder / "scheduler.json", str(Path(__file__).parent)
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(filter(None, (library, os.environ.get("PYTHONPATH")))),
-        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(forgives),
-    }
-    common = ["--scheduler-file", str(file), "--no-dashboard"]
-    programs = [["dask_scheduler", "--host", "127.0.0.1", "--port", "0", *common]]
-    programs += [
-        [
-            "dask_worker",
-            "--host",
-            "127.0.0.1",
-            "--no-nanny",
-            "--nthreads",
-            "1",
-            "--local-directory",
-            str(folder),
-            *common,
-        ]
-    ] * workers
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-m", f"distributed.cli.{program}", *arguments], env=environment,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )
-        for program, *arguments in programs
-    ]  # fmt: skip
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["distributed", "elastic_strips.sim.sweep"])
+    ours, theirs = context.Pipe(duplex=False)
+    processes: list[BaseProcess] = []
     try:
-        while not file.exists():
-            assert processes[0].poll() is None, "the scheduler ended"
-            time.sleep(0.05)
-        with Client(scheduler_file=str(file), timeout=60.0, set_as_default=False) as client:
+        processes.append(context.Process(target=_scheduler, args=(theirs, forgives)))
+        processes[0].start()
+        theirs.close()
+        address = ours.recv()  # an EOFError: it ended
+        for _ in range(workers):
+            processes.append(context.Process(target=_worker, args=(address, str(folder))))
+            processes[-1].start()
+        with Client(address, timeout=60.0, set_as_default=False) as client:
             client.wait_for_workers(workers, timeout=60.0)
-            address = client.scheduler.address  # type: ignore[union-attr]
         yield address, processes
     finally:
         for process in processes:
             process.kill()
         for process in processes:
-            process.wait()
+            process.join()
 
 
 def gone(process: int) -> bool:

@@ -16,8 +16,6 @@ from .output import row
 if TYPE_CHECKING:
     from elastic_strips.sim.bench.measure import Figures
 
-    pass
-
 
 @click.command(short_help="Drive among moving obstacles, many seeds.")
 @options.robot_option("silvermate")
@@ -138,9 +136,9 @@ disturb: click.Command = _disturb("disturb", "corridor")
 faults: click.Command = _disturb("faults", "moving-corridor")
 
 
-def _problem(kind: str, text: str, data: str) -> click.Command:
+def _problem(kind: str, text: str, about: str) -> click.Command:
     @click.command(kind, short_help=text, help=text)
-    @root_option(data)
+    @root_option(f"{kind}/{kind}_worlds.json", about)
     @options.robot_option("jackal-box")
     @seeds_option(1, "Runs of each world.", 1000)
     @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
@@ -179,17 +177,19 @@ def _problem(kind: str, text: str, data: str) -> click.Command:
 _CHALLENGE = "from the BARN challenge (github.com/Daffan/the-barn-challenge)"
 barn: click.Command = _problem(
     "barn", "BARN's static worlds, for a base as large as a Jackal.",
-    f"barn/barn_worlds.json: made of the worlds {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
+    f"made of the worlds {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
 )  # fmt: skip
 dynabarn: click.Command = _problem(
     "dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal.",
-    f"dynabarn/dynabarn_worlds.json: made of the arenas {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
+    f"made of the arenas {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
 )  # fmt: skip
 
 
 @click.command(short_help="The bridge: the arm has to duck.")
 @root_option(
-    "bridge/bridge.json: numbers of the first experiment of REMANI-Planner; elastic_strips.sim.datasets reads it."
+    "bridge/bridge.json",
+    "the numbers of the first experiment of REMANI-Planner (github.com/SYSU-STAR/REMANI-Planner); "
+    "elastic_strips.sim.datasets reads it.",
 )
 @options.robot_option("bridge-arm")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
@@ -216,9 +216,9 @@ def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str
 
 @click.command(short_help="Across a furnished house.")
 @root_option(
-    "house/house.json: AWS RoboMaker's small house (github.com/aws-robotics/aws-robomaker-small-house-world) as convex "
-    "pieces; "
-    "elastic_strips.sim.datasets reads it."
+    "house/house.json",
+    "AWS RoboMaker's small house (github.com/aws-robotics/aws-robomaker-small-house-world) as convex pieces; "
+    "elastic_strips.sim.datasets reads it.",
 )
 @options.robot_option("silvermate")
 @seeds_option(30, "Pairs of start and goal.")

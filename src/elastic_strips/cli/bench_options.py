@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -34,11 +35,25 @@ def scenario_option(default: str, help: str = "A seeded scenario.") -> Callable[
     )
 
 
-def root_option(what: str) -> Callable[[_F], _F]:
-    """``--root``: the folder of published data; ``what`` is in it, and where it comes from."""
+class _DataFolder(click.Path):
+    """A folder with published data; where the data is not, what it is and where it comes from is said."""
+
+    def __init__(self, needed: str, about: str) -> None:
+        super().__init__(exists=True, file_okay=False)
+        self._needed, self._about = needed, about
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        folder = str(super().convert(value, param, ctx))
+        if not os.path.exists(os.path.join(folder, self._needed)):
+            self.fail(f"{folder!r} has no {self._needed}: {self._about}", param, ctx)
+        return folder
+
+
+def root_option(needed: str, about: str) -> Callable[[_F], _F]:
+    """``--root``: the folder of published data; what has to be in it, and where that comes from."""
     return click.option(
-        "--root", required=True, metavar="DIR", type=click.Path(exists=True, file_okay=False),
-        help=f"Folder that holds {what}",
+        "--root", required=True, metavar="DIR", type=_DataFolder(needed, about),
+        help=f"Folder that holds {needed}: {about}",
     )  # fmt: skip
 
 

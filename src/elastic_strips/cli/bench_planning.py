@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
 
+from elastic_strips.catalogue import find_robot
 from elastic_strips.files import atomic_write
 
 from . import options, output
@@ -151,6 +153,9 @@ def robots(
     """
     from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
 
+    for name in names:
+        if not os.path.exists(name):  # a file that cannot be read is a row of the table; a name that nobody has is none
+            find_robot(name)
     cases = robot_cases(names, data)
     with options.LateProgress("trying robots", len(cases)) as bar:
         figures = bench_robots(cases, bar.step, timeout=timeout)
@@ -165,8 +170,9 @@ def robots(
 
 @click.command(short_help="Reach into shelves, boxes and cages.")
 @root_option(
-    "mbm/fetch and mbm/panda: MotionBenchMaker's problems as VAMP ships them (github.com/KavrakiLab/vamp), each "
-    "with URDF, SRDF, meshes and problems.json.gz; elastic_strips.sim.reach_problems reads them."
+    "mbm",
+    "in mbm/fetch and mbm/panda, MotionBenchMaker's problems as VAMP ships them (github.com/KavrakiLab/vamp), each "
+    "with URDF, SRDF, meshes and problems.json.gz; elastic_strips.sim.reach_problems reads them.",
 )
 @click.option(
     "--robot",

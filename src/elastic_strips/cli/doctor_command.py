@@ -32,10 +32,10 @@ _COLOURS = {OK: output.GOOD, NOTE: output.NOTE, PROBLEM: output.BAD}
 _DISTRIBUTION = "elastic-strips"
 _MODULES = {
     "pin": "pinocchio", "pyyaml": "yaml", "pycollada": "collada", "u-msgpack-python": "umsgpack",
-    "example-robot-data": "", "etils": "",
+    "example-robot-data": "", "etils": "", "pillow": "PIL",
 }  # fmt: skip
 """Distribution → the module that it is imported by, where its name is another; empty where there is none."""
-_UNTRIED = ("dev", "notebooks")  # their packages are programs, or slow to import
+_UNTRIED = ("dev", "docs", "notebooks")  # their packages are programs, or slow to import
 _SLOW = 300.0  # [s] after which a process is taken for hung
 
 _PROBE = """

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import logging
+import os
 import sys
 from importlib import import_module
 
 import click
 
 from elastic_strips._version import __version__
-from elastic_strips.errors import ElasticStripsError
+from elastic_strips.errors import ElasticStripsError, nearest_name
 
 from . import interruptible_imports, output
 
-EXIT_INPUT = 2
+EXIT_UNREAD, EXIT_INPUT = 1, 2
+_FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 
 _HELP = """Certified collision-free whole-body motion of mobile manipulators, by elastic strips.
 
@@ -61,6 +64,13 @@ class LateGroup(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted(_COMMANDS)
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in _COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(f"No such command {args[0]!r}{nearest_name(args[0], _COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
@@ -90,8 +100,12 @@ def cli(verbose: bool) -> None:
 
 def run_cli(arguments: list[str] | None) -> None:
     """Run the command line; ends the process with the exit codes of the help text."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever started the process
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
     try:
         code = cli.main(args=arguments, prog_name="elastic-strips", standalone_mode=False)
+        sys.stdout.flush()
         sys.exit(code if isinstance(code, int) else 0)
     except click.exceptions.Abort:  # click's word for Ctrl-C
         raise KeyboardInterrupt from None
@@ -101,9 +115,31 @@ def run_cli(arguments: list[str] | None) -> None:
     except ElasticStripsError as error:
         output.say(("error:", output.BAD), f" {error}", err=True)
         sys.exit(EXIT_INPUT)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(1)
+    except BrokenPipeError:  # whoever read it has seen enough
+        _leave_stdout()
+        sys.exit(EXIT_UNREAD)
+    except OSError as error:
+        if _working_folder_is_gone():
+            output.say(("error:", output.BAD), " the working folder was removed: go to another one", err=True)
+            sys.exit(EXIT_INPUT)
+        if error.errno not in _FULL or error.filename is not None:
+            raise
+        _leave_stdout()
+        output.say(("error:", output.BAD), f" standard output: cannot write: {error.strerror}", err=True)
+        sys.exit(EXIT_INPUT)
+
+
+def _working_folder_is_gone() -> bool:
+    try:
+        os.getcwd()
+    except OSError:
+        return True
+    return False
+
+
+def _leave_stdout() -> None:
+    """What is still to be written goes nowhere: Python would try it once more at its end, and complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno() if sys.__stdout__ is not None else 1)
 
 
 def _show(error: click.ClickException) -> None:

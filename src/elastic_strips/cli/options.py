@@ -35,7 +35,8 @@ EXIT_DONE, EXIT_NOT_DONE = 0, 3
 SEED = click.IntRange(0, 2**31 - 1)
 TITLE = "elastic strip"
 """Headline of a picture."""
-_PATIENCE = 2.0
+_PATIENCE = 2.0  # [s]
+_SAY_EVERY = 10.0  # [s]
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
@@ -243,31 +244,39 @@ def check_outputs(scenario: str, *files: str | None) -> None:
 
 class LateProgress:
     """Context manager: call :meth:`step` often; after two seconds a bar is drawn on standard error, if that is a
-    terminal.
+    terminal: how many steps are done, and about how long the rest takes.
 
     Args:
         label: what is being done.
         total: number of steps, or None where it is not known.
+        lines: whether the same is said elsewhere than on a terminal, as a line every ten seconds.
     """
 
-    def __init__(self, label: str, total: int | None = None) -> None:
-        self._label, self._total = label, total
+    def __init__(self, label: str, total: int | None = None, *, lines: bool = False) -> None:
+        self._label, self._total, self._lines = label, total, lines
         self._progress: Progress | None = None
         self._looked = False
         self._count = 0
 
     def __enter__(self) -> LateProgress:
-        self._begin = perf_counter()
+        self._begin = self._said = perf_counter()
         return self
 
     def step(self, note: str = "") -> None:
         """One step is done; ``note`` is shown beside the bar."""
         self._count += 1
-        if not self._looked and perf_counter() - self._begin > _PATIENCE:
+        now = perf_counter()
+        if self._total is not None:
+            left = (now - self._begin) / self._count * max(0, self._total - self._count)
+            note = ", ".join(filter(None, (f"about {duration(left)} left", note)))
+        if not self._looked and now - self._begin > _PATIENCE:
             self._looked = True
             self._draw(note)
         if self._progress is not None:
             self._progress.update(self._task, completed=self._count, note=note)
+        elif self._lines and now - self._said > _SAY_EVERY and self._count != self._total:
+            self._said = now
+            click.echo(f"{self._label}: {self._count} of {self._total or '?'}, {note}", err=True)
 
     def _draw(self, note: str) -> None:
         try:
@@ -276,9 +285,9 @@ class LateProgress:
         except ImportError:  # the doctor has to say so
             return
         console = Console(stderr=True)
-        if console.is_terminal:
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                       TextColumn("{task.fields[note]}"))  # fmt: skip
+        if console.is_terminal and not console.is_dumb_terminal:
+            columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(),
+                       TimeElapsedColumn(), TextColumn("{task.fields[note]}", markup=False))  # fmt: skip
             self._progress = Progress(*columns, console=console, transient=True)
             self._task = self._progress.add_task(self._label, total=self._total, note=note)
             self._progress.start()
@@ -286,6 +295,16 @@ class LateProgress:
     def __exit__(self, *_: object) -> None:
         if self._progress is not None:
             self._progress.stop()
+
+
+def duration(seconds: float) -> str:
+    """Such as 40 s, 3 min 20 s or 2 h 5 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
 class ViewerFailure(ElasticStripsError):

@@ -12,7 +12,7 @@ def study() -> None:
     """Studies that end in a report."""
 
 
-@study.command(name="paper")
+@study.command(name="paper", short_help="The paper's tables and figures, methods compared, and a parameter map.")
 @click.option("--out", default="study", show_default=True, metavar="FOLDER", type=click.Path(), help="Where to.")
 @options.processes_option
 @click.option("--quick", is_flag=True, help="Tables and figures alone: no comparison, no parameter map.")

@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
+import logging
 import shlex
-from contextlib import closing
-from time import perf_counter
+from contextlib import closing, suppress
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from elastic_strips.errors import InputError
 from elastic_strips.sim.jobs import SchedulerLost
 from elastic_strips.sim.sweep import Plot, Sweep, SweepStore, plot_sweep, read_sweep, run_sweep
-from elastic_strips.sim.sweep.plot import plot_columns
+from elastic_strips.sim.sweep.plot import check_plot, plot_columns
 
-from . import EXIT_INTERRUPTED, options
+from . import EXIT_INTERRUPTED, options, output
 
-_SAY_EVERY = 10.0  # [s]
 _TOLD = 5
 
 
 @click.command()
-@click.argument("file", metavar="FILE.yaml")
+@click.argument("file", metavar="FILE.yaml", type=options.FILE)
 @click.option(
     "--out", metavar="FILE.csv|.parquet|.jsonl", type=click.Path(),
     help="The table; beside it FILE.journal, from which the sweep is resumed.  [default: the sweep's name, .csv]",
 )  # fmt: skip
-@click.option("--jobs", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default.")
+@click.option(
+    "--processes", "--jobs", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
+)
 @click.option(
     "--scheduler", metavar="tcp://HOST:PORT",
     help="Run on the workers of this Dask cluster instead (pip install 'elastic-strips[sweep]').",
@@ -41,10 +40,11 @@ _TOLD = 5
 @click.option("--x", metavar="COLUMN", help="Of the plot; what varies first by default.")
 @click.option("--y", metavar="COLUMN", help="Of the plot; clearance_m of plans, time_s of drives by default.")
 @click.option("--hue", metavar="COLUMN", help="Of the plot: a colour for each value; what varies next by default.")
+@options.json_option("Write what was swept, and which runs ended in an error.")
 def sweep(
     file: str,
     out: str | None,
-    jobs: int | None,
+    processes: int | None,
     scheduler: str | None,
     retry_failed: bool,
     dry_run: bool,
@@ -52,119 +52,108 @@ def sweep(
     x: str | None,
     y: str | None,
     hue: str | None,
+    json_file: str | None,
 ) -> int:
-    """Run everything that FILE.yaml asks for: scenarios x robots x presets x parameters x seeds.
+    """Run everything that FILE.yaml asks for: scenarios x robots x presets x parameters x seeds. It may be
+
+    \b
+      kind: plan                        # as elastic-strips run; or drive
+      scenarios: [corridor, case-7]     # names, or scenario files
+      seeds: {first: 0, count: 20}      # or a list
+      grid:                             # every combination of these values
+        influence: [0.2, 0.3, 0.4]
+      fixed: {k_c: 1.0}                 # in every run
+
+    and may have robots and presets (lists). Parameters are those of DeformParams, and for drives of DriveParams by
+    their dotted names (evasion.horizon); of plans also timeout and base; of drives plant, method, sensors, evade,
+    alternatives, level, compute, time_limit, base. A wrong name is answered with the right ones.
 
     Each run is a row of the table, one that fails too. The same command again goes on where it was interrupted, by
     Ctrl-C, kill -9 or the end of the machine, and runs nothing twice.
 
     Exit code 0: every run has a result. 2: wrong input. 3: some ended in an error. 130: interrupted.
     """
-    if scheduler and jobs:
-        raise click.UsageError("--jobs is of this machine; the cluster of --scheduler has its own workers")
+    if scheduler and processes:
+        raise click.UsageError("--processes is of this machine; the cluster of --scheduler has its own workers")
     if not plot_file and (x or y or hue):
         raise click.UsageError("--x, --y and --hue are of the picture: --plot FILE.png")
     found = read_sweep(file)
     plot = Plot(x, y, hue)
     if plot_file:
         plot_columns(found, plot)
+        check_plot(plot_file)
+    table = f"{found.path.stem}.csv" if out is None else out
+    options.check_outputs(file, table, f"{table}.journal", plot_file, json_file)
     if dry_run:
-        return _list(found)
-    table = out or f"{found.path.stem}.csv"
-    options.check_outputs(file, table, plot_file)
-    again = shlex.join(
-        ["elastic-strips", "sweep", file, *(["--out", out] if out else []), *(["--jobs", str(jobs)] if jobs else []),
-         *(["--scheduler", scheduler] if scheduler else []), *(["--plot", plot_file] if plot_file else [])]
-    )  # fmt: skip
+        output.say(f"{found.path.stem}: {_runs(len(found))}")
+        for run in found.runs():
+            output.say(f"  {run.index:>6}  {run}")
+        output.write_document("answer", json_file, _document(found, None))
+        return options.EXIT_DONE
+    if scheduler:
+        _quieten_dask()
     with SweepStore(found, table) as store:
-        todo = store.todo(retry_failed=retry_failed)
-        done = len(found) - len(todo)
-        click.echo(
-            f"{found.path.stem}: {_runs(len(found))}" + (f", {done} done before, {len(todo)} to go" * (done > 0))
-        )
+        todo = len(store.todo(retry_failed=retry_failed))
+        done = len(found) - todo
+        output.say(f"{found.path.stem}: {_runs(len(found))}" + (f", {done} done before, {todo} to go" * (done > 0)))
+        wrong = 0
         try:
-            rows = run_sweep(store, processes=jobs, scheduler=scheduler, retry_failed=retry_failed)
-            with closing(rows), _Progress(found.path.stem, len(todo)) as bar:
+            rows = run_sweep(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)
+            with closing(rows), options.LateProgress(found.path.stem, todo, lines=True) as bar:
                 for row in rows:
-                    bar.step(row["error_type"] is not None)
+                    wrong += row["error_type"] is not None
+                    bar.step(f"{wrong} with an error" if wrong else "")
         except (KeyboardInterrupt, SchedulerLost) as reason:
             lost = isinstance(reason, SchedulerLost)
-            text = f"error: {reason}" if lost else "interrupted"
-            click.echo(f"{text}; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}", err=True)
+            given = {"--out": out, "--processes": processes, "--scheduler": scheduler, "--plot": plot_file, "--x": x,
+                     "--y": y, "--hue": hue, "--json": json_file}  # fmt: skip
+            words = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
+            again = shlex.join(["elastic-strips", "sweep", file, *words, *(["--retry-failed"] * retry_failed)])
+            output.say(
+                ("error:", output.BAD) if lost else "interrupted", f" {reason}" if lost else "",
+                f"; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}", err=True,
+            )  # fmt: skip
             return options.EXIT_NOT_DONE if lost else EXIT_INTERRUPTED
         except InputError as error:
             error.args = (f"{error} ({len(store.rows)} of {_runs(len(found))} are kept)",) if store.rows else error.args
             raise
     failed = store.failed
-    click.echo(f"table   {store.path}  ({len(store.rows)} rows, {len(failed)} with an error)")
+    count = output.verdict(f"{len(failed)} with an error", not failed)
+    output.say(f"table   {store.path}  ({len(store.rows)} rows, ", count, ")")
     for row in failed[:_TOLD]:
-        click.echo(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
+        output.say(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
     if len(failed) > _TOLD:
-        click.echo(f"  … and {len(failed) - _TOLD} more")
+        output.say(f"  … and {len(failed) - _TOLD} more")
     if plot_file:
         drawn = plot_sweep(found, list(store.rows.values()), plot_file, plot=plot)
-        click.echo(
+        output.say(
             f"plot    {plot_file}  ({drawn.y} over {drawn.x}" + (f", {drawn.hue} in colours)" if drawn.hue else ")")
         )
+    output.write_document("answer", json_file, _document(found, store))
     return options.EXIT_NOT_DONE if failed else options.EXIT_DONE
 
 
-def _list(found: Sweep) -> int:
-    click.echo(f"{found.path.stem}: {_runs(len(found))}")
-    for run in found.runs():
-        click.echo(f"  {run.index:>6}  {run}")
-    return options.EXIT_DONE
+def _quieten_dask() -> None:
+    """Where a worker or the scheduler ends, Dask logs tracebacks of its own; what came of it is said here in a line."""
+    with suppress(ImportError):
+        import distributed  # noqa: F401 -- which sets the levels of its loggers
+
+        if not logging.getLogger().isEnabledFor(logging.INFO):  # as --verbose has it
+            for name in ("distributed", "distributed.client"):
+                logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+def _document(found: Sweep, store: SweepStore | None) -> dict[str, object]:
+    """What ``--json`` writes; without a store of a sweep that is not run."""
+    document: dict[str, object] = {
+        "format": "elastic-strips-sweep-answer", "version": 1, "sweep": found.document(), "runs": len(found),
+    }  # fmt: skip
+    if store is None:
+        return document | {"listed": [run.identity for run in found.runs()]}
+    names = ("run", "scenario", "robot", "seed", *found.grid, "error_type", "error")
+    failed = [{name: row[name] for name in names} for row in store.failed]
+    return document | {"table": str(store.path), "rows": len(store.rows), "failed": failed}
 
 
 def _runs(count: int) -> str:
     return f"{count} run{'s' if count != 1 else ''}"
-
-
-class _Progress:
-    """Context manager: how many are done, and about how long the rest takes; on standard error, as a bar where that is
-    a terminal, else as a line every ten seconds."""
-
-    def __init__(self, label: str, total: int) -> None:
-        self._label, self._total, self._done, self._failed = label, total, 0, 0
-        console = Console(stderr=True)
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[note]}"),
-        )
-        self._bar = Progress(*columns, console=console, transient=True) if console.is_terminal and total else None
-
-    def __enter__(self) -> _Progress:
-        self._began = self._told = perf_counter()
-        if self._bar is not None:
-            self._task = self._bar.add_task(self._label, total=self._total, note="")
-            self._bar.start()
-        return self
-
-    def step(self, failed: bool) -> None:
-        """One run is done."""
-        self._done += 1
-        self._failed += failed
-        now = perf_counter()
-        left = (now - self._began) / self._done * (self._total - self._done)
-        note = f"about {_duration(left)} left" + (f", {self._failed} with an error" if self._failed else "")
-        if self._bar is not None:
-            self._bar.update(self._task, completed=self._done, note=note)
-        elif now - self._told > _SAY_EVERY and self._done < self._total:
-            self._told = now
-            click.echo(f"{self._label}: {self._done} of {self._total}, {note}", err=True)
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-
-def _duration(seconds: float) -> str:
-    """Such as 40 s, 3 min 20 s or 2 h 5 min."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"

@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import re
 import signal
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -26,6 +27,8 @@ _Made = TypeVar("_Made")
 _AHEAD = 500
 """Jobs that a cluster's scheduler is given in advance."""
 _CONNECT = 10.0  # [s]
+_MOST_LOSSES = 3
+"""Times that a result may be lost with its worker before its job is given up."""
 _KEPT: dict[str, Any] = {}
 
 
@@ -62,7 +65,7 @@ class Finished(Generic[_Made]):
         """What the job returned; raises what it raised."""
         if self.error is not None:
             raise self.error
-        return self.made  # type: ignore[return-value]
+        return cast("_Made", self.made)
 
 
 def parallel_map(
@@ -231,7 +234,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
         executor: Executor = client.get_executor(pure=False)
         waiting = deque(range(len(tasks)))
         running: dict[Future[_Made], int] = {}
-        again: set[int] = set()
+        losses: Counter[int] = Counter()
         while waiting or running:
             while waiting and len(running) < _AHEAD:
                 k = waiting.popleft()
@@ -243,18 +246,22 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
                     error = future.exception()
                 except CancelledError:
                     raise SchedulerLost(f"the scheduler at {address} ended, or cannot be reached any more") from None
-                if _is_lost(error) and k not in again:
-                    again.add(k)
-                    waiting.append(k)
-                    continue
+                if _is_lost(error):
+                    losses[k] += 1
+                    if losses[k] < _MOST_LOSSES:
+                        waiting.append(k)
+                        continue
+                    error = WorkerDied(f"{_MOST_LOSSES} workers ended before they handed over the result")
                 if isinstance(error, KilledWorker):
                     error = WorkerDied(" ".join(str(error).split()).split(". ")[0])
                 yield Finished(k, None if error else future.result(), error)
 
 
 def _is_lost(error: BaseException | None) -> bool:
-    """Whether an error is the executor's own: it takes a result that was lost with its worker for an error's parts."""
-    trace = error.__traceback__ if isinstance(error, TypeError) else None
+    """Whether an error is the executor's own: what is there when a worker ends between the end of its job and the
+    fetching of the result, it takes for an error's three parts, and fails to take apart."""
+    own = isinstance(error, (AttributeError, TypeError, ValueError)) and re.search("unpack|with_traceback", str(error))
+    trace = error.__traceback__ if error is not None and own else None
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     return trace is not None and trace.tb_frame.f_globals.get("__name__") == "distributed.cfexecutor"

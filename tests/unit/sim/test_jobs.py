@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from types import ModuleType
 
@@ -121,15 +123,48 @@ def test_a_job_that_brings_down_a_worker_of_a_cluster_is_named(tmp_path: Path) -
     assert found[[f.index for f in found].index(3)].error is not None
 
 
-@pytest.mark.parametrize(("module", "lost"), [("distributed.cfexecutor", True), ("somebody.else", False)])
-def test_a_result_that_the_executor_lost_is_no_error_of_the_job(module: str, lost: bool) -> None:
-    names: dict[str, object] = {"__name__": module}
-    exec("def hand_over(result):\n    kind, error, trace = result", names)
-    hand_over = names["hand_over"]
-    assert callable(hand_over)
-    with pytest.raises(TypeError) as raised:
-        hand_over(9)
-    assert jobs._is_lost(raised.value) is lost
+class _Lossy:
+    """A future of Dask's whose result is there, but was lost with its worker since."""
+
+    def __init__(self, result: object, status: str) -> None:
+        self.status, self._made = status, result
+
+    async def _result(self, raiseit: bool) -> object:
+        return self._made
+
+
+def _handed_over(result: object, status: str) -> BaseException | None:
+    """What Dask's own executor makes of it."""
+    from distributed.cfexecutor import _cascade_future
+
+    future: Future[object] = Future()
+
+    async def hand_over() -> None:
+        await _cascade_future(_Lossy(result, status), future)
+
+    asyncio.run(hand_over())
+    return future.exception(timeout=10.0)
+
+
+def _failure(text: str) -> tuple[object, ...]:
+    try:
+        raise ValueError(text)
+    except ValueError as error:
+        return type(error), error, error.__traceback__
+
+
+@pytest.mark.parametrize("result", [9, {"run": 0}, dict.fromkeys("abcdef"), "abc", ()])
+@pytest.mark.parametrize("status", ["lost", "pending"])
+def test_a_result_that_was_lost_with_its_worker_is_no_error_of_the_job(result: object, status: str) -> None:
+    assert jobs._is_lost(_handed_over(result, status))
+
+
+def test_an_error_of_a_job_is_no_lost_result() -> None:
+    assert not jobs._is_lost(_handed_over(9, "finished"))
+    kind, error, trace = _failure("too many values to unpack (expected 3)")
+    assert not jobs._is_lost(_handed_over((kind, error, trace), "error"))
+    kind, error, _ = _failure("three")
+    assert not jobs._is_lost(_handed_over((kind, error, None), "error"))  # of a traceback that was too long to be sent
 
 
 def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:

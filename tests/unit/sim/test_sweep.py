@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import errno
+import fcntl
 import json
 import os
+import warnings
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ import pytest
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.sim.scenarios import get_scenario, run_scenario
 from elastic_strips.sim.scenarios.drive import drive_params
+from elastic_strips.sim.sensors import sensor_file
 from elastic_strips.sim.sweep import (
     Plot,
     Run,
@@ -24,7 +28,7 @@ from elastic_strips.sim.sweep import (
     run_sweep,
 )
 from elastic_strips.sim.sweep.plot import plot_columns
-from elastic_strips.sim.sweep.runs import CLOCKED, Row, changed
+from elastic_strips.sim.sweep.runs import CLOCKED, Row, changed, empty
 
 PLANS = """kind: plan
 scenarios: [case-1, dead-end]
@@ -95,6 +99,12 @@ def test_seeds_may_be_a_range(tmp_path: Path) -> None:
         ("kind: drive\nscenarios: [case-1]\nfixed: {plant: mujocco}", (":3:", "did you mean 'mujoco'")),
         ("kind: drive\nscenarios: [case-1]\nfixed: {compute: fast}", (":3:", "compute='fast'")),
         ("kind: drive\nscenarios: [case-1]\nfixed: {margin: [a]}", (":3:", "must be a number")),
+        ("kind: plan\nscenarios: [case-1]\ngrid: {k_r: [1, 2, 1.0]}", (":3:", "k_r[2]", "has already")),
+        ("kind: drive\nscenarios: [case-1]\ngrid: {speeds: [[1, 0.5], [1.0, 0.5]]}", (":3:", "has already")),
+        ("kind: drive\nscenarios: [case-1]\nfixed: {sensors: lasr}", (":3:", "sensors", "laser")),
+        ("kind: drive\nscenarios: [case-1]\ngrid: {sensors: [all, no.yaml]}", (":3:", "sensors[1]", "no.yaml")),
+        ("kind: drive\nscenarios: [case-1]\nfixed: {method: vfh, influence: 0.3}", (":3:", "'vfh' has no deform")),
+        ("kind: drive\nscenarios: [case-1]\ngrid:\n  evasion.horizon: [1, 2]\nfixed: {evade: false}", (":4:", "evade")),
         ("kind: plan\nscenarios: [case-1]\nplot: {y: speed}", (":3:", "plot.y", "'speed'")),
         ("kind: plan\nscenarios: [case-1]\nseeds: {count: 900000}\ngrid: {k_r: [1, 2]}", ("1800000 runs", "1000000")),
         ("kind: plan\nscenarios: [case-1]\nsedes: [1]", (":3:", "did you mean 'seeds'")),
@@ -141,6 +151,16 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
     row = execute(Run(0, "plan", "case-1", None, None, 0))
     assert row["error_type"] == "ZeroDivisionError"
     assert "test_sweep.py:" in str(row["error"])  # nobody raised it on purpose: where it was
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_an_error_that_names_a_file_which_is_no_text_is_kept(suffix: str, tmp_path: Path) -> None:
+    sweep, path = written(tmp_path), tmp_path / f"t{suffix}"
+    row = execute(Run(0, "plan", "nowhere.yaml", None, None, 0, folder=os.fsdecode(b"/tmp/x\xff")))
+    assert "nowhere.yaml" in str(row["error"])
+    with SweepStore(sweep, path) as store:
+        store.add(made(sweep.runs()[0], error_type=row["error_type"], error=row["error"]))
+    assert table(path)[0]["error"] == row["error"]
 
 
 def test_a_drive_takes_parameters_of_every_part() -> None:
@@ -212,6 +232,9 @@ def test_rows_are_kept_and_the_rest_is_to_do(suffix: str, tmp_path: Path) -> Non
         for run in reversed(store.todo()):
             store.add(made(run, error_type="E", error='a "comma", and\nmore') if run.index == 7 else made(run))
         assert [run.index for run in store.todo(retry_failed=True)] == [7]
+        store.add(made(sweep.runs()[2], error_type="E", error="late"))
+        assert [row["run"] for row in store.failed] == [2, 7]
+        store.add(made(sweep.runs()[2]))
         store.add(made(sweep.runs()[7]))
         assert not store.todo(retry_failed=True)
     rows = table(path)
@@ -297,6 +320,16 @@ def test_a_scenario_file_that_was_changed_makes_another_sweep(tmp_path: Path) ->
         SweepStore(written(tmp_path, text), tmp_path / "t.csv")
 
 
+def test_a_file_of_sensors_that_was_changed_makes_another_sweep(tmp_path: Path) -> None:
+    (tmp_path / "eyes.yaml").write_text(sensor_file().read_text())
+    text = "kind: drive\nscenarios: [case-1]\nfixed: {sensors: eyes.yaml}\n"
+    with SweepStore(written(tmp_path, text), tmp_path / "t.csv") as store:
+        store.add(empty(store.sweep.runs()[0]))
+    (tmp_path / "eyes.yaml").write_text(sensor_file().read_text() + "\n")
+    with pytest.raises(SweepError, match=r"files.eyes.yaml was"):
+        SweepStore(written(tmp_path, text), tmp_path / "t.csv")
+
+
 def test_what_is_no_table_of_a_sweep_is_never_written_over(tmp_path: Path) -> None:
     sweep, path = written(tmp_path), tmp_path / "t.csv"
     path.write_text("mine\n")
@@ -308,11 +341,71 @@ def test_what_is_no_table_of_a_sweep_is_never_written_over(tmp_path: Path) -> No
             SweepStore(sweep, tmp_path / name)
 
 
+def test_a_row_of_another_version_is_refused_and_not_kept(tmp_path: Path) -> None:
+    sweep, path = written(tmp_path), tmp_path / "t.csv"
+    with SweepStore(sweep, path) as store:
+        for wrong in (made(sweep.runs()[0], torque=1.0), {"run": 0}):
+            with pytest.raises(SweepError, match="another version"):
+                store.add(wrong)
+        store.add(made(sweep.runs()[1]))
+    assert [row["run"] for row in table(path)] == ["1"]
+    with SweepStore(sweep, path) as store:
+        assert list(store.rows) == [1]
+
+
 def test_one_process_writes_at_a_time_and_nothing_stays_of_nothing(tmp_path: Path) -> None:
     sweep, path = written(tmp_path), tmp_path / "t.csv"
     with SweepStore(sweep, path), pytest.raises(SweepError, match="another process"):
         SweepStore(sweep, path)
     assert {p.name for p in tmp_path.iterdir()} == {"s.yaml"}
+
+
+def test_a_journal_that_goes_away_before_it_is_locked_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another process that has run nothing removes it in just that moment."""
+    sweep, path = written(tmp_path), tmp_path / "t.csv"
+    calls = []
+
+    def flock(stream: int, how: int) -> None:
+        calls.append(stream)
+        if len(calls) == 1:
+            store.journal.unlink()
+
+    store = SweepStore.__new__(SweepStore)
+    store.path, store.journal = path, tmp_path / "t.csv.journal"
+    monkeypatch.setattr(fcntl, "flock", flock)
+    stream = store._opened()
+    try:
+        assert len(calls) == 2
+        assert os.path.samestat(os.fstat(stream), os.stat(store.journal))
+    finally:
+        os.close(stream)
+    store.journal.unlink()
+
+    def refused(stream: int, how: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refused)
+    with pytest.raises(SweepError, match="cannot be locked there: No locks available"):
+        SweepStore(sweep, path)
+
+
+def test_what_ended_a_sweep_is_not_hidden_by_what_came_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    sweep, path = written(tmp_path), tmp_path / "t.csv"
+
+    def full(*_: object) -> None:
+        raise InputError("t.csv: cannot write: No space left on device")
+
+    monkeypatch.setattr("elastic_strips.sim.sweep.store.atomic_write", full)
+    store = SweepStore(sweep, path)
+    store.add(made(sweep.runs()[0]))
+    store.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
+    assert "No space left" in caplog.text
+    with pytest.raises(InputError, match="No space left"), SweepStore(sweep, path) as store:
+        assert len(store.rows) == 1
 
 
 def test_a_sweep_in_two_halves_is_the_sweep(tmp_path: Path) -> None:
@@ -362,3 +455,13 @@ def test_a_picture_is_drawn(plot: Plot, tmp_path: Path) -> None:
     with pytest.raises(SweepError, match=r"q\.xyz"):
         plot_sweep(sweep, rows, tmp_path / "q.xyz", plot=plot)
     assert not os.path.exists(tmp_path / "q.png")
+
+
+@pytest.mark.parametrize("plot", [Plot(x="scenario"), Plot(x="k_r", hue="scenario")])
+def test_names_in_a_picture_are_no_formulas(plot: Plot, tmp_path: Path) -> None:
+    names = [r"_a$\foo$.yaml", r"b$\frac{.yaml$"]
+    sweep = Sweep(tmp_path / r"s $\bar{$.yaml", "plan", tuple(names), grid={"k_r": (1, 2)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plot_sweep(sweep, [made(run, preset="default") for run in sweep.runs()], tmp_path / "p.png", plot=plot)
+    assert (tmp_path / "p.png").exists()

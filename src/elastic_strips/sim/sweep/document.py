@@ -16,6 +16,7 @@ from elastic_strips.errors import InputError
 from elastic_strips.files import read_input
 from elastic_strips.io.nodes import MAX_YAML_BYTES, Node, load_yaml
 from elastic_strips.sim.scenarios import get_scenario
+from elastic_strips.sim.sensors import named_sensors
 
 from .runs import ENDS, KINDS, MEASURED, Run, Value, check_values, full_name, located
 
@@ -159,7 +160,12 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     _check_names(kind, [*grid_nodes.values(), *fixed_nodes.values()], [*grid_nodes, *fixed_nodes])
     fixed = {name: _value(node) for name, node in fixed_nodes.items()}
     grid = {name: tuple(_value(n) for n in _listed(node)) for name, node in grid_nodes.items()}
-    named = [*scenarios, *(r for r in robots if r)]
+    sensor_nodes = _sensor_nodes(grid_nodes, fixed_nodes)
+    if sensor_nodes:
+        owners = [robot or get_scenario(located(name, folder)).robot for name in scenarios for robot in robots]
+        for node in sensor_nodes:
+            _check_sensors(node, owners, folder)
+    named = [*scenarios, *(r for r in robots if r), *(node.text() for node in sensor_nodes)]
     files = {name: _sha256(Path(located(name, folder))) for name in named if located(name, folder) != name}
     plot = _plot(entries["plot"]) if "plot" in entries else Plot()
     sweep = Sweep(
@@ -179,12 +185,20 @@ def _listed(node: Node) -> list[Node]:
     found = node.items()
     if not found:
         node.fail("is empty; at least one entry is needed")
-    seen: list[tuple[type, object]] = []
+    seen: set[object] = set()
     for entry in found:
-        if (type(entry.value), entry.value) in seen:
+        value = _hashable(entry.value)
+        if value in seen:
             entry.fail(f"is {entry.kind}, which the list has already")
-        seen.append((type(entry.value), entry.value))
+        seen.add(value)
     return found
+
+
+def _hashable(value: object) -> object:
+    """Something that is equal where values are: 1 is 1.0, and is not true."""
+    if isinstance(value, list):
+        return tuple(map(_hashable, value))
+    return repr(value) if isinstance(value, dict) else (isinstance(value, bool), value)
 
 
 def _robot(node: Node, folder: str) -> str:
@@ -215,6 +229,24 @@ def _value(node: Node) -> Value:
     if isinstance(node.value, list):
         return tuple(entry.finite() for entry in _listed(node))
     node.fail(f"must be a number, true or false, a word or a list of numbers, not {node.kind}")
+
+
+def _sensor_nodes(grid: Mapping[str, Node], fixed: Mapping[str, Node]) -> list[Node]:
+    if "sensors" in grid:
+        return grid["sensors"].items()
+    return [fixed["sensors"]] if "sensors" in fixed else []
+
+
+def _check_sensors(node: Node, robots: list[str], folder: str) -> None:
+    """One of the robots at least has such sensors."""
+    first: InputError | None = None
+    for robot in dict.fromkeys(robots):
+        try:
+            named_sensors(located(node.text(), folder), robot)
+            return
+        except InputError as error:
+            first = first or error
+    node.fail(str(first))
 
 
 def _check_names(kind: str, nodes: list[Node], names: list[str]) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.errors import missing_extra
+from elastic_strips.errors import missing_extra, nearest_name
 from elastic_strips.files import atomic_write, check_writable
-from elastic_strips.validation import check_choice
+from elastic_strips.validation import check_choice, shown
 
 from .document import Plot, Sweep, SweepError
 from .runs import Row
@@ -36,16 +37,14 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
         Plot: the columns that were drawn.
 
     Raises:
-        SweepError: no row has a value of y.
+        SweepError: no row has a value of y, or the file has another ending.
         ParameterError: there is no such column.
         InputError: the file cannot be written.
         MissingExtraError: Matplotlib is not installed.
     """
-    target = check_writable(path)
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise missing_extra("the picture of a sweep", "matplotlib", "study") from None
+    target = check_plot(path)
+    from matplotlib.figure import Figure
+
     chosen = plot_columns(sweep, plot)
     x, y, hue = chosen.x or "seed", chosen.y or _DEFAULT_Y[sweep.kind], chosen.hue
     good = [row for row in rows if row[y] is not None and row[x] is not None]
@@ -61,6 +60,8 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
         mine = [row for row in good if hue is None or row[hue] == value]
         at, middle, low, high = _summary(mine, x, y, places, numeric)
         label = None if hue is None else str(value) if isinstance(value, str) else f"{hue} {value}"
+        if label is not None and label.startswith("_"):  # else Matplotlib leaves it out of the legend
+            label = f" {label}"
         color = f"C{k}"
         if numeric:
             axes.fill_between(at, low, high, color=color, alpha=0.2, lw=0)
@@ -70,22 +71,41 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
             about = [np.subtract(middle, low), np.subtract(high, middle)]
             axes.errorbar(np.add(at, offset), middle, about, fmt="o", color=color, capsize=3, label=label)
     if not numeric:
-        axes.set_xticks(range(len(places)), [str(v) for v in places])
+        axes.set_xticks(range(len(places)), [str(v) for v in places], parse_math=False)
     axes.set_xlabel(x)
     share = isinstance(good[0][y], bool)
     axes.set_ylabel(f"part of the runs with {y}" if share else y)
     lost = len(rows) - len(good)
-    axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10)
+    axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10,
+                   parse_math=False)  # fmt: skip
     if hue is not None:
-        axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
+        legend = axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
+        for text in legend.get_texts():
+            text.set_parse_math(False)
     axes.grid(alpha=0.3)
     stream = BytesIO()
-    try:
-        figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
-    except ValueError as error:  # an ending that Matplotlib does not know
-        raise SweepError(f"{target}: {error}") from None
+    figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
     atomic_write(target, stream.getvalue())
     return Plot(x, y, hue)
+
+
+def check_plot(path: str | os.PathLike[str]) -> Path:
+    """The path, if a picture can be written there: before hours are spent on what is to be drawn.
+
+    Raises:
+        SweepError: Matplotlib does not write files of such an ending.
+        InputError: the file cannot be written.
+        MissingExtraError: Matplotlib is not installed.
+    """
+    target = check_writable(path)
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError:
+        raise missing_extra("the picture of a sweep", "matplotlib", "study") from None
+    endings = [f".{ending}" for ending in FigureCanvasBase.get_supported_filetypes()]
+    if (suffix := target.suffix.lower()) and suffix not in endings:
+        raise SweepError(f"{target}: unknown ending {shown(suffix)} of a picture{nearest_name(suffix, endings)}")
+    return target
 
 
 def plot_columns(sweep: Sweep, plot: Plot | None = None) -> Plot:
@@ -117,7 +137,7 @@ def _values(rows: Sequence[Row], column: str) -> list[bool | int | float | str]:
 
 
 def _summary(
-    rows: Sequence[Row], x: str, y: str, places: Sequence[object], numeric: bool
+    rows: Sequence[Row], x: str, y: str, places: Sequence[bool | int | float | str], numeric: bool
 ) -> tuple[list[float], list[float], list[float], list[float]]:
     """Places on the axis, and there: median, lower and upper quartile; of true and false the mean alone."""
     out: tuple[list[float], list[float], list[float], list[float]] = ([], [], [], [])
@@ -130,6 +150,6 @@ def _summary(
             figures = (numbers.mean(),) * 3
         else:
             figures = tuple(np.percentile(numbers, (50, 25, 75)))
-        for entry, value in zip(out, (float(place) if numeric else float(k), *figures), strict=True):  # type: ignore[arg-type]
+        for entry, value in zip(out, (float(place) if numeric else float(k), *figures), strict=True):
             entry.append(float(value))
     return out

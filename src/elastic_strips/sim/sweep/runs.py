@@ -98,7 +98,7 @@ def execute(run: Run) -> Row:
     began = perf_counter()
     row = empty(run)
     try:
-        row |= _finite(_plan(run) if run.kind == "plan" else _drive(run))
+        row |= _sound(_plan(run) if run.kind == "plan" else _drive(run))
     except Exception as error:
         row |= failed(error)
     row["wall_s"] = perf_counter() - began
@@ -116,11 +116,13 @@ def failed(error: BaseException) -> Row:
     if not isinstance(error, ElasticStripsError) and error.__traceback__ is not None:
         place = traceback.extract_tb(error.__traceback__)[-1]
         text += f" ({place.filename.rsplit('/', 1)[-1]}:{place.lineno})"
-    return {"error_type": type(error).__name__, "error": text.strip()}
+    return _sound({"error_type": type(error).__name__, "error": text.strip()})
 
 
-def _finite(row: Row) -> Row:
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
+def _sound(row: Row) -> Row:
+    """What every table can hold: no infinity, and no bytes of a file's name that are no text."""
+    clean = {k: v.encode(errors="backslashreplace").decode() for k, v in row.items() if isinstance(v, str)}
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | clean
 
 
 def _problem(run: Run, base: str | None) -> tuple[Scenario, RobotModel]:
@@ -158,13 +160,20 @@ def _drive(run: Run) -> Row:
             evade = options.pop("evade", True)
             made = drive_params(scenario, evade=cast("bool", evade), sensors=cast("Any", options.get("sensors")))
             options["params"] = changed(made, values)
-    elif wrong := sorted({*values, *(options.keys() & {"evade", "alternatives", "level", "compute"})}):
-        raise ParameterError(f"method {options['method']!r} has no {', '.join(wrong)}: they are of the strip")
+    else:
+        _check_method(options, values)
     outcome = drive_scenario(scenario, robot=robot, seed=run.seed, **_any(options))
     found = cast("dict[str, Any]", drive_document(outcome))
     found |= {name: len(found[name]) for name in ("stops", "contacts_at_rest")}
     found["max_lateral_slip_m"] = found["max_lateral_slip"]
     return {"robot": run.robot or robot.name, **_picked(found, "drive")}
+
+
+def _check_method(options: Mapping[str, object], values: Mapping[str, object]) -> None:
+    """A method other than the strip has none of its parameters."""
+    wrong = sorted({*values, *(options.keys() & {"evade", "alternatives", "level", "compute"})})
+    if options.get("method", STRIP) != STRIP and wrong:
+        raise ParameterError(f"method {options['method']!r} has no {', '.join(wrong)}: they are of the strip")
 
 
 def _picked(found: dict[str, Any], kind: str) -> Row:
@@ -274,13 +283,15 @@ def check_values(kind: str, preset: str | None, values: Mapping[str, Value]) -> 
         ParameterError: one is outside its range, or unknown in the preset.
     """
     inner: dict[str, object] = {}
+    options = {name: value for name, value in values.items() if name in OPTIONS[kind]}
     for name, value in values.items():
-        if name in OPTIONS[kind]:
+        if name in options:
             OPTIONS[kind][name](value)
         else:
             inner[full_name(kind, name)] = value
     if kind == "drive":
-        changed(DriveParams(evasion=EvasionParams()), inner)
+        _check_method(options, inner)
+        changed(DriveParams(evasion=None if options.get("evade") is False else EvasionParams()), inner)
     else:
         made = PaperParams() if preset == "paper" else DeformParams()
         made.replaced(**{name.removeprefix(_DEFORM): value for name, value in inner.items()})

@@ -4,12 +4,13 @@ JSON lines."""
 from __future__ import annotations
 
 import csv
+import errno
 import fcntl
 import io
 import json
 import logging
 import os
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator
 from contextlib import closing
 from time import monotonic
 from types import TracebackType
@@ -17,7 +18,7 @@ from typing import Any
 
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Document
-from elastic_strips.errors import missing_extra, nearest_name
+from elastic_strips.errors import InputError, missing_extra, nearest_name
 from elastic_strips.files import atomic_write, check_writable, read_input
 from elastic_strips.sim.jobs import run_jobs
 from elastic_strips.validation import check_type, shown
@@ -85,7 +86,11 @@ class SweepStore:
             if self.rows:
                 self.fold()
             else:  # nothing has been run: nothing is left behind
-                self.journal.unlink()
+                self.journal.unlink(missing_ok=True)
+        except InputError as problem:
+            if error is None:
+                raise
+            _LOG.warning("%s", problem)  # what ended the sweep is said, not what came of it
         finally:
             os.close(self._stream)
 
@@ -99,15 +104,18 @@ class SweepStore:
 
     @property
     def failed(self) -> list[Row]:
-        """The rows with an error."""
-        return [row for row in self.rows.values() if row["error_type"] is not None]
+        """The rows with an error, in the order of the runs."""
+        return [row for _, row in sorted(self.rows.items()) if row["error_type"] is not None]
 
     def add(self, row: Row) -> None:
         """Keep a row; one of the same run is replaced.
 
         Raises:
-            SweepError: it cannot be written.
+            SweepError: it cannot be written, or has other columns.
         """
+        if row.keys() != self._columns.keys():
+            other = ", ".join(sorted(row.keys() ^ self._columns.keys()))
+            raise SweepError(f"a row has other columns ({other}): a worker runs another version than {__version__}?")
         self._write(row)
         self.rows[int(row["run"] or 0)] = row
         self._changed = True
@@ -142,16 +150,24 @@ class SweepStore:
                 f"{self.path}: is there, but the journal of its sweep ({self.journal.name}) is not; it would be "
                 "overwritten: give another name, or remove it"
             )
-        try:
-            stream = os.open(self.journal, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        except OSError as error:
-            raise SweepError(f"{self.journal}: cannot write: {error.strerror}") from None
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # ends with the process, whatever ends it
-        except OSError:
+        while True:
+            try:
+                stream = os.open(self.journal, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            except OSError as error:
+                raise SweepError(f"{self.journal}: cannot write: {error.strerror}") from None
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # ends with the process, whatever ends it
+                if os.path.samestat(os.fstat(stream), os.stat(self.journal)):
+                    return stream
+            except FileNotFoundError:  # one that had run nothing has removed it meanwhile
+                pass
+            except BlockingIOError:
+                os.close(stream)
+                raise SweepError(f"{self.journal}: another process is writing this sweep") from None
+            except OSError as error:
+                os.close(stream)
+                raise SweepError(f"{self.journal}: cannot be locked there: {error.strerror}") from None
             os.close(stream)
-            raise SweepError(f"{self.journal}: another process is writing this sweep") from None
-        return stream
 
     def _read(self) -> int:
         """Take in what the journal holds, and cut off an unfinished last line; how many rows there were."""
@@ -193,7 +209,8 @@ class SweepStore:
             raise SweepError(f"{self.journal}:1: has version {shown(head.get('version'))}, not {FORMAT_VERSION}")
         if differences := _differences(head["sweep"], self.sweep.document()):
             raise SweepError(
-                f"{self.path}: belongs to another sweep than {self.sweep.path}, give another name: {differences}"
+                f"{self.path}: belongs to another sweep than {self.sweep.path}, give another name, or remove it and "
+                f"{self.journal.name}: {differences}"
             )
         made = head.get("elastic_strips")
         if head.get("columns") != list(self._columns):
@@ -205,9 +222,11 @@ class SweepStore:
 
     def _write(self, document: Document | Row) -> None:
         line = json.dumps(document, allow_nan=False).encode() + b"\n"
+        before = os.fstat(self._stream).st_size
         try:
             if os.write(self._stream, line) < len(line):
-                raise OSError(0, "no room for a whole line")
+                os.ftruncate(self._stream, before)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             raise SweepError(f"{self.journal}: cannot write: {error.strerror}") from None
 
@@ -226,8 +245,10 @@ class SweepStore:
             metadata={"elastic_strips": __version__, "sweep": json.dumps(self.sweep.document()),
                       "digest": self.sweep.digest},
         )  # fmt: skip
-        makers: Mapping[str, Callable[[Any], object]] = self._columns
-        made = {name: [None if row[name] is None else make(row[name]) for row in rows] for name, make in makers.items()}
+        made = {
+            name: [str(v) if kind is str and v is not None else v for v in (row[name] for row in rows)]
+            for name, kind in self._columns.items()
+        }
         stream = io.BytesIO()
         parquet.write_table(arrow.table(made, schema=schema), stream)
         return stream.getvalue()
