@@ -14,7 +14,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import Kinematics
 
-from .ompl_planner import OMPL_LOCK, ended, seed_ompl, waiting
+from .ompl_planner import OMPL_LOCK, ended, seed_ompl, solved, waiting
 from .problem import Deadline
 from .validity import Checker
 
@@ -104,8 +104,7 @@ def _search(
     chosen = getattr(og, planner)(info)
     chosen.setRange(_RANGE)
     setup.setPlanner(chosen)
-    until = ob.PlannerTerminationCondition(lambda: ended(valid, search))
-    if not setup.solve(until) or not setup.haveExactSolutionPath():
+    if not solved(setup, valid, search):
         return None
     corners = np.array([row(state) for state in setup.getSolutionPath().getStates()])
     corners[0], corners[-1] = endpoints

@@ -123,6 +123,14 @@ def ended(valid: Checker, deadline: Deadline) -> bool:
     return deadline.over()
 
 
+def solved(setup: Any, valid: Checker, search: Deadline) -> bool:
+    """Whether OMPL found a whole path; a search that only time ends has OMPL's own clock, which costs nothing."""
+    from ompl import base as ob
+
+    until = ob.PlannerTerminationCondition(lambda: ended(valid, search)) if search.of_work else search.left
+    return bool(setup.solve(until)) and setup.haveExactSolutionPath()
+
+
 def seed_ompl(seed: int) -> None:
     """Quiet OMPL, and let it draw its numbers from this seed; with ``OMPL_LOCK`` held."""
     from ompl import util as ou
@@ -167,8 +175,7 @@ def _search(
     planner = og.RRTConnect(info)
     planner.setRange(1.5 if planar else 0.6)
     setup.setPlanner(planner)
-    until = ob.PlannerTerminationCondition(lambda: ended(valid, search))
-    if not setup.solve(until) or not setup.haveExactSolutionPath():
+    if not solved(setup, valid, search):
         return None
     path = setup.getSolutionPath()
     simplifier = og.PathSimplifier(info)
