@@ -182,7 +182,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         rows.append(f"- [{title.removeprefix('# ')}]({name}.md)")
     about = (
         "One idea each, done in seconds. The pictures can be turned, and played where something moves. To run them: "
-        "`pip install 'elastic-strips[notebooks]'`, then `jupyter lab notebooks`, or open them in VS Code."
+        "`pip install '.[notebooks]'` in a checkout, then `jupyter lab notebooks`; or open them in VS Code "
+        "([what is known of both](../viewer.md#in-a-notebook))."
     )
     index = "\n".join(["# Notebooks", "", about, "", *rows, ""])
     files.append(File.generated(config, "notebooks/index.md", content=index))
