@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from elastic_strips.strip.solver import project_rolling
 
 from .problem import Deadline
 from .validity import Checker, ValidityChecker
+
+if TYPE_CHECKING:
+    from ompl.geometric import SimpleSetup
 
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
 OMPL_LOCK = threading.Lock()
@@ -123,7 +126,7 @@ def ended(valid: Checker, deadline: Deadline) -> bool:
     return deadline.over()
 
 
-def solved(setup: Any, valid: Checker, search: Deadline) -> bool:
+def solved(setup: SimpleSetup, valid: Checker, search: Deadline) -> bool:
     """Whether OMPL found a whole path; a search that only time ends has OMPL's own clock, which costs nothing."""
     from ompl import base as ob
 
