@@ -129,7 +129,8 @@ def page(notebook: nbformat.NotebookNode, name: str) -> NotebookPage:
             about = title[1] if title else heading
             return f'<iframe class="picture" src="{file}" title="{about}" loading="lazy"></iframe>'
         if "image/png" in data:
-            return f"![{heading}]({beside(base64.b64decode(data['image/png']), '.png')})"
+            file = beside(base64.b64decode(data["image/png"]), ".png")
+            return f"[![{heading}]({file})]({file})"
         if "text/plain" in data:
             return _fenced(data["text/plain"], "{ .text .no-copy .output }")
         raise ValueError(f"{name}: no page shows an output {output.output_type!r} with {sorted(data)}")

@@ -22,6 +22,9 @@ pytest.importorskip("ipykernel")
 pytest.importorskip("ipywidgets")
 pytest.importorskip("matplotlib")
 pytest.importorskip("mkdocs")
+from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
+from mkdocs.exceptions import PluginError  # noqa: E402
+from mkdocs.structure.files import Files  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -152,3 +155,15 @@ def test_outputs_are_kept_until_something_changes(tmp_path: Path, monkeypatch: p
     assert (second := output()) != first
     path.write_text(path.read_text(encoding="utf-8").replace(".hex", ".hex.upper()"), encoding="utf-8")
     assert output() not in (first, second)
+
+
+def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(path: Path) -> None:
+        raise ModuleNotFoundError("No module named 'nbclient'")
+
+    monkeypatch.setattr(site_notebooks, "_kept", lambda path: None)
+    monkeypatch.setattr(site_notebooks, "executed", missing)
+    config = MkDocsConfig()
+    config.extra = {"notebooks": "*"}
+    with pytest.raises(PluginError, match=r"01_ten_lines.ipynb cannot be executed: .*nbclient.*\[docs,notebooks\]"):
+        site_notebooks.on_files(Files([]), config)
