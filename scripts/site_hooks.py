@@ -20,6 +20,7 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "elastic_strips"
 EXAMPLES = ROOT / "scripts" / "examples"
+NOTEBOOKS = ROOT / "notebooks"
 LINK = re.compile(r"\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
 LANGUAGES = {".py": "python", ".sh": "bash", ".yaml": "yaml", ".cff": "yaml"}
 FENCE = re.compile(r"^```(\w+) [^\n{]+$", re.MULTILINE)
@@ -109,8 +110,10 @@ def page_of(path: Path) -> str | None:
         return "index.md"
     if path.parent == EXAMPLES:
         return f"examples/{path.stem}.md"
-    if path == ROOT / "notebooks" or path.suffix == ".ipynb":
-        return None
+    if path == NOTEBOOKS:
+        return "notebooks/index.md"
+    if path.parent == NOTEBOOKS:
+        return f"notebooks/{path.stem}.md"
     return f"source/{path.relative_to(ROOT).as_posix()}.md" if path.is_file() else None
 
 
@@ -120,6 +123,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     inside = {
         "api/index.md": [{page[4:-3]: page} for page in api_pages() if page != "api/index.md"],
         "examples/index.md": [f"examples/{path.stem}.md" for path in sorted(EXAMPLES.glob("*.py"))],
+        "notebooks/index.md": [f"notebooks/{path.stem}.md" for path in sorted(NOTEBOOKS.glob("*.ipynb"))],
     }
     named = set[str]()
     for section in config.nav or []:

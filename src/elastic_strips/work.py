@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import astuple, dataclass
+from operator import mul
 
 SECONDS_PER: dict[str, float] = {
     "batches": 1.0e-3,
@@ -90,6 +91,11 @@ def count_work(
     amounts[5] += cells
     amounts[6] += checks
     amounts[7] += rays
+
+
+def seconds_counted() -> float:
+    """Modelled time [s] of what the calling thread has computed since it began."""
+    return sum(map(mul, _COUNTS.amounts, SECONDS_PER.values()))
 
 
 def counted() -> Work:

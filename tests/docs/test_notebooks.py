@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import ast
-import os
+import importlib.util
 import re
 import sys
-import time
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -18,15 +17,26 @@ else:
     tomllib = pytest.importorskip("tomli")
 
 nbformat = pytest.importorskip("nbformat")
-nbclient = pytest.importorskip("nbclient")
+pytest.importorskip("nbclient")
 pytest.importorskip("ipykernel")
 pytest.importorskip("ipywidgets")
 pytest.importorskip("matplotlib")
+pytest.importorskip("mkdocs")
+from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
+from mkdocs.exceptions import PluginError  # noqa: E402
+from mkdocs.structure.files import Files  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 PAGE = 500_000  # bytes of the largest page: a notebook has several
+TEXT = 60_000  # characters of a page of the site, without what stands in files beside it
 LINES = 1400  # characters of a Markdown cell: two or three sentences, and what they are about
+
+_spec = importlib.util.spec_from_file_location("site_notebooks", ROOT / "scripts" / "site_notebooks.py")
+assert _spec is not None
+assert _spec.loader is not None
+site_notebooks = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(site_notebooks)
 
 
 def _code(path: Path) -> str:
@@ -74,22 +84,87 @@ def test_their_extra_brings_what_they_import() -> None:
 @pytest.mark.notebook
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
-def test_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import elastic_strips
-
-    source = str(Path(elastic_strips.__file__).resolve().parents[1])
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(p for p in (source, os.environ.get("PYTHONPATH", "")) if p))
-    notebook = nbformat.read(path, as_version=4)
-    client = nbclient.NotebookClient(
-        notebook, timeout=240, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
-    )
-    began = time.monotonic()
-    client.execute()
-    seconds = time.monotonic() - began
+def test_notebook_runs_and_makes_a_page(path: Path) -> None:
+    notebook = site_notebooks.executed(path)  # where the site has not done it, and changes of nothing that it rests on
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     for output in outputs:
         assert output.output_type != "error"
         assert "Traceback" not in output.get("text", "")
     pages = [len(output.data["text/html"]) for output in outputs if "text/html" in output.get("data", {})]
-    print(f"{path.stem}: {seconds:.1f} s, pages of {[round(1e-3 * page) for page in pages]} kB")  # pytest -rP shows it
+    print(f"{path.stem}: pages of {[round(1e-3 * page) for page in pages]} kB")  # pytest -rP shows it
     assert max(pages, default=0) <= PAGE
+    text, files = site_notebooks.page(notebook, path.stem)
+    assert len(text) <= TEXT
+    assert files, "shows no picture"
+    for name, data in files.items():
+        assert name in text
+        assert len(data) <= PAGE
+    shown = re.sub(r"^``````.*?^``````$", "", text, flags=re.MULTILINE | re.DOTALL)  # without code and what was printed
+    assert not re.search(r"<(script|link)\b|127\.0\.0\.1:\d", shown)  # what loads something, or a server that is gone
+
+
+def notebook_of(*outputs: nbformat.NotebookNode) -> nbformat.NotebookNode:
+    title, code = nbformat.v4.new_markdown_cell("# 1 · Title"), nbformat.v4.new_code_cell("do()", outputs=list(outputs))
+    return nbformat.v4.new_notebook(cells=[title, code])
+
+
+def test_a_page_has_all_that_a_notebook_shows() -> None:
+    def shown(data: dict[str, str]) -> nbformat.NotebookNode:
+        return nbformat.v4.new_output("display_data", data)
+
+    def said(text: str) -> nbformat.NotebookNode:
+        return nbformat.v4.new_output("stream", text=text)
+
+    text, files = site_notebooks.page(
+        notebook_of(
+            said("one\n"), said("two `````\n"), shown({"text/plain": "three"}), shown({"image/png": "AAAA"}),
+            shown({"text/html": '<iframe srcdoc="<title>a &lt; b</title>" style="">'}),
+            shown({"text/html": '<iframe src="http://127.0.0.1:7000/"></iframe>'}),
+            shown({"text/html": "<table></table>", "text/plain": "a table"}),
+            shown({site_notebooks.WIDGET: "{}", "text/plain": "VBox(…)"}),
+        ),
+        "page",
+    )  # fmt: skip
+    assert "``````python\ndo()\n``````" in text
+    assert "one\ntwo `````\n``````" in text
+    assert "three" in text
+    assert "![1 · Title](page-1.png)" in text
+    assert 'src="page-2.html" title="a < b" loading="lazy"' in text
+    assert files == {"page-1.png": b"\0\0\0", "page-2.html": b"<title>a < b</title>"}
+    assert "<table></table>" in text
+    assert "7000" not in text
+    assert "VBox" not in text
+    assert text.count("run the notebook") == 2
+
+
+def test_an_output_that_no_page_shows_is_said() -> None:
+    with pytest.raises(ValueError, match=r"page: no page shows an output 'error'"):
+        site_notebooks.page(notebook_of(nbformat.v4.new_output("error", ename="E", evalue="", traceback=[])), "page")
+
+
+def test_outputs_are_kept_until_something_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(site_notebooks, "KEPT", tmp_path / "kept")
+    path = tmp_path / "one.ipynb"
+    nbformat.write(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("import uuid\nuuid.uuid4().hex")]), path)
+
+    def output() -> str:
+        return site_notebooks.executed(path).cells[0].outputs[0].data["text/plain"]
+
+    first = output()
+    assert output() == first
+    monkeypatch.setattr(site_notebooks, "_code", lambda: b"other code")
+    assert (second := output()) != first
+    path.write_text(path.read_text(encoding="utf-8").replace(".hex", ".hex.upper()"), encoding="utf-8")
+    assert output() not in (first, second)
+
+
+def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(path: Path) -> None:
+        raise ModuleNotFoundError("No module named 'nbclient'")
+
+    monkeypatch.setattr(site_notebooks, "_kept", lambda path: None)
+    monkeypatch.setattr(site_notebooks, "executed", missing)
+    config = MkDocsConfig()
+    config.extra = {"notebooks": "*"}
+    with pytest.raises(PluginError, match=r"01_ten_lines.ipynb cannot be executed: .*nbclient.*\[docs,notebooks\]"):
+        site_notebooks.on_files(Files([]), config)

@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "elastic_strips"
 ROOMS = sorted(".".join(path.parent.relative_to(PACKAGE.parent).parts) for path in PACKAGE.glob("*/**/__init__.py"))
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SHOWN = "02_drag_an_obstacle"
+"""The notebook that the site executes here, unless its outputs are kept; test_notebooks.py executes the others."""
 LOADED = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src", "video": "src"}
 """Attributes whose address a browser loads by itself."""
 
@@ -49,7 +51,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         text=True,
         cwd=ROOT,
         timeout=240,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "NOTEBOOKS": SHOWN},
     )
     assert done.returncode == 0, done.stderr
     assert "WARNING" not in done.stderr
@@ -131,6 +133,24 @@ def test_docstrings_have_no_markup_left(site: Path) -> None:
 def test_examples_are_shown(site: Path) -> None:
     for path in sorted((ROOT / "scripts" / "examples").glob("*.py")):
         assert (site / "examples" / f"{path.stem}.html").is_file(), path.name
+
+
+def test_notebooks_are_shown(site: Path, pages: dict[Path, Page]) -> None:
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        assert path.name in pages[site / "notebooks" / f"{path.stem}.html"].links
+        assert (site / "notebooks" / path.name).read_bytes() == path.read_bytes()
+    page = site / "notebooks" / f"{SHOWN}.html"
+    text = page.read_text(encoding="utf-8")
+    assert "certified True" in text  # what it printed
+    assert text.count("run the notebook to have it") == 2  # what is live
+    assert f"{SHOWN}-1.html" in pages[page].loaded
+    assert 'id="es-data"' in (site / "notebooks" / f"{SHOWN}-1.html").read_text(encoding="utf-8")
+
+
+def test_the_site_stays_small(site: Path) -> None:
+    assert sum(path.stat().st_size for path in site.rglob("*") if path.is_file()) < 30e6
+    for path in site.rglob("*.html"):
+        assert path.stat().st_size < 1e6, path.name
 
 
 def test_the_number_on_the_front_page_is_that_of_the_readme() -> None:

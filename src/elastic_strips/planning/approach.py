@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,7 +24,7 @@ from .straight import AXES, plan_straight
 
 _COUNT = 24  # configurations that are tried, at most
 _SAID = 3  # reasons, at most
-_IN_TURNS, _LEAST = 3, 0.1  # configurations share the time that is left, and most often have this [s]
+_IN_TURNS, _LEAST = 3, 0.1  # configurations share the work that is left, and have this [s] at least
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -60,7 +61,8 @@ def plan_approach(
     near: DeformParams | None = None,
     constraint: OrientationConstraint | None = None,
     seed: int = 0,
-    timeout: float = 10.0,
+    work: float = 10.0,
+    timeout: float = math.inf,
 ) -> ApproachReport:
     """A drive to before a place, from any side that is free, and the hand's straight way to it.
 
@@ -76,13 +78,16 @@ def plan_approach(
         near: of the reach; as of :func:`plan_straight` where None.
         constraint: what the drive has to satisfy, as of :func:`plan_report`.
         seed: of random numbers.
-        timeout: longest time [s], exceeded by the search for configurations and one drive's plan at most.
+        work: most computing for the drives' plans, as the time [s] that :mod:`elastic_strips.work` models for it, so
+            that equal seeds give equal reports on every machine; exceeded by one plan at most.
+        timeout: longest time [s], exceeded by one plan at most; reports may then depend on the machine.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
         ConfigurationError: the start is not sound, in collision or too close, or does not satisfy the constraint.
         GoalError: no configuration has the hand at a place, or none that touches nothing.
-        ParameterError: places of several frames or of none, other axes, or ``by`` is not three numbers.
+        ParameterError: places of several frames or of none, other axes, ``by`` is not three numbers, or a work or
+            timeout that is not positive.
     """
     goals = [places] if isinstance(places, HandPose) else list(places)
     frames = {goal.frame for goal in goals if isinstance(goal, HandPose)}
@@ -90,15 +95,18 @@ def plan_approach(
         raise ParameterError("places must be HandPoses of one frame, at least one")
     check_choice("axes", axes, AXES)
     motion, frame = check_array("by", by, (3,)), frames.pop()
-    solver, deadline = PoseSolver(robot, frame), Deadline(timeout)
+    solver = PoseSolver(robot, frame)
     beyond = scene if beyond is None else beyond
-    PlanningProblem(robot, beyond, start, start, params=params, constraint=constraint)  # refuses what is wrong with it
+    deadline = PlanningProblem(  # refuses what is wrong with it
+        robot, beyond, start, start, params=params, constraint=constraint, timeout=timeout, work=work
+    ).deadline  # fmt: skip
     drive = reach = None
     reasons: list[str] = []
-    found = goal_configurations(robot, scene, start, goals, seed=seed, params=near, count=_COUNT)
+    found = goal_configurations(robot, scene, start, goals, seed=seed, params=near, count=_COUNT, deadline=deadline)
+    deadline = Deadline(deadline.time_left, work)
     for k, q in enumerate(found):
         if k and deadline.over():
-            reasons.append("the time is over")
+            reasons.append("no work or time is left")
             break
         turn = solver.place(robot.space.to_coordinates(q)[None])[1][0]
         offset = turn @ motion if axes == "hand" else motion
@@ -113,7 +121,7 @@ def plan_approach(
         try:
             drive = plan_report(
                 robot, beyond, start, away.strip.q[-1], params=params, constraint=constraint, seed=seed,
-                timeout=left / min(_IN_TURNS, len(found) - k),
+                work=left / min(_IN_TURNS, len(found) - k), timeout=max(deadline.time_left, _LEAST),
             )  # fmt: skip
         except ConfigurationError as error:
             reasons.append(f"before the place: {error}")

@@ -35,6 +35,7 @@ _LEAST = 1e-3  # [m] that they keep at least, where no clearance is given
 _ENOUGH = 6  # configurations of a goal
 _ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
 _ASKED = 24  # configurations that touch something, of which it is asked what
+_ROUNDS_IN_ALL = 400  # where work is bounded
 _YAWS, _PLACES = 16, 60  # tried, of a base whose yaw or place is free
 _HOPELESS, _FAR_OFF = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
 _SAID = 3  # goals that are named where none is reached
@@ -178,6 +179,7 @@ def find_goals(
     seed: int = 0,
     params: DeformParams | None = None,
     timeout: float = _SECONDS,
+    rounds: int | None = None,
     base: bool = True,
 ) -> GoalSearch:
     """Configurations that reach a goal and touch nothing, the nearest to the start first.
@@ -193,6 +195,8 @@ def find_goals(
         seed: of random starts.
         params: with the clearance to keep; 1 mm where None.
         timeout: longest search [s].
+        rounds: of 16 starts each, so many at most for all goals together; None where only time bounds them. With that
+            and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
         base: whether a base that can move may, for a hand's pose that is out of the arm's reach.
 
     Raises:
@@ -206,9 +210,13 @@ def find_goals(
         raise ParameterError("goal is an empty list")
     search = _Search(robot, scene, start, params, base)
     sources = [_Source(search, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
-    deadline, going = Deadline(timeout), list(sources)
+    most = None if rounds is None else check_count("rounds", rounds, low=1)
+    deadline, going, done = Deadline(timeout), list(sources), 0
     while going and sum(len(source.free) for source in sources) < count:
+        done += len(going)
         going = [source for source in going if source.round() and not deadline.over()]
+        if most is not None and done >= most:
+            break
     return search.result(sources, count)
 
 
@@ -386,14 +394,18 @@ class _Search:
 
 def goal_configurations(
     robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, seed: int,
-    params: DeformParams | None, count: int = _ENOUGH,
+    params: DeformParams | None, deadline: Deadline, count: int = _ENOUGH,
 ) -> Array:  # fmt: skip
-    """Configurations (K, nq) of a goal, to be planned to one after the other.
+    """Configurations (K, nq) of a goal, to be planned to one after the other; looked for in a few seconds, or rounds
+    where the deadline bounds work.
 
     Raises:
         GoalError: none is free; the message says why, and ``search`` of the error has it as data.
     """
-    search = find_goals(robot, scene, start, goal, seed=seed, params=params, count=count)
+    timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_SECONDS, None)
+    search = find_goals(
+        robot, scene, start, goal, count=count, seed=seed, params=params, timeout=timeout, rounds=rounds
+    )  # fmt: skip
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations

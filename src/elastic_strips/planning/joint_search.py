@@ -14,7 +14,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import Kinematics
 
-from .ompl_planner import OMPL_LOCK, seed_ompl
+from .ompl_planner import OMPL_LOCK, ended, seed_ompl, solved, waiting
 from .problem import Deadline
 from .validity import Checker
 
@@ -39,26 +39,26 @@ def search_joints(
         seed: of OMPL's random numbers.
         planner: one of ``PLANNERS``.
         step: motions are looked at wherever a point may have moved by this [m].
-        timeout: longest search [s].
+        timeout: longest search [s]; of work, where the deadline bounds that.
         deadline: when all is over.
     """
-    wait = max(min(timeout, deadline.left), 0.0)
-    if not OMPL_LOCK.acquire(timeout=wait):
+    if not OMPL_LOCK.acquire(timeout=waiting(deadline.within(timeout))):
         return None
     try:
-        return _search(valid, endpoints, seed, planner, step, min(timeout, deadline.left), deadline.over)
+        return _search(valid, endpoints, seed, planner, step, deadline.within(timeout), deadline)
     finally:
         OMPL_LOCK.release()
+        valid.count()
 
 
 def _search(
-    valid: Checker, endpoints: Array, seed: int, planner: str, step: float, timeout: float,
-    over: Callable[[], bool],
+    valid: Checker, endpoints: Array, seed: int, planner: str, step: float, search: Deadline,
+    deadline: Deadline,
 ) -> Array | None:  # fmt: skip
     from ompl import base as ob
     from ompl import geometric as og
 
-    if timeout <= 0.0:
+    if search.over():
         return None
     seed_ompl(seed)
     robot = valid.robot
@@ -104,11 +104,11 @@ def _search(
     chosen = getattr(og, planner)(info)
     chosen.setRange(_RANGE)
     setup.setPlanner(chosen)
-    if not setup.solve(timeout) or not setup.haveExactSolutionPath():
+    if not solved(setup, valid, search):
         return None
     corners = np.array([row(state) for state in setup.getSolutionPath().getStates()])
     corners[0], corners[-1] = endpoints
-    return shortened(valid, corners, scale, step, seed, over)
+    return shortened(valid, corners, scale, step, seed, lambda: ended(valid, deadline))
 
 
 def _hand_motion(valid: Checker, coordinates: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.solver import project_rolling
-from elastic_strips.work import count_work
 
 from .problem import Deadline
-from .validity import ValidityChecker
+from .validity import Checker, ValidityChecker
+
+if TYPE_CHECKING:
+    from ompl.geometric import SimpleSetup
 
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
 OMPL_LOCK = threading.Lock()
@@ -77,7 +79,7 @@ def ompl_path(
         start, goal: valid configurations (nq,).
         seed: of OMPL's random numbers.
         margin: distance to keep to obstacles [m].
-        timeout: longest search [s].
+        timeout: longest search [s]; of work, where the deadline bounds that.
         spacing: distance between waypoints [m].
         box: low and high corner (2,) of where the base may go [m]; 2 m beyond start and goal where None.
         fineness: configurations on an edge are checked so many times as densely as usual.
@@ -98,20 +100,38 @@ def ompl_path(
     for name, q in (("start", start), ("goal", goal)):
         if not valid(q):
             return PathResult(None, f"{name} is nearer than {margin:.3f} m to an obstacle", valid.checks, False)
-    wait = threading.TIMEOUT_MAX if deadline is None else min(max(deadline.left, 0.0), threading.TIMEOUT_MAX)
-    if not OMPL_LOCK.acquire(timeout=wait):
+    if not OMPL_LOCK.acquire(timeout=waiting(deadline)):
         return PathResult(None, "another thread's search with OMPL took all the time", valid.checks, False)
     try:
-        left = timeout if deadline is None else min(timeout, deadline.left)
-        rows = None
+        search = Deadline(timeout) if deadline is None else deadline.within(timeout)
+        rows, left = None, search.left
         if left > 0.0:
-            rows = _search(robot, valid, endpoints, low, high, seed, left, spacing, fineness, most, deadline)
+            rows = _search(robot, valid, endpoints, low, high, seed, search, spacing, fineness, most, deadline)
     finally:
         OMPL_LOCK.release()
-        count_work(checks=valid.checks)
+        valid.count()
     if rows is None:
         return PathResult(None, f"RRTConnect found no path in {max(left, 0.0):.2f} s", valid.checks)
     return PathResult(rows, "", valid.checks)
+
+
+def waiting(deadline: Deadline | None) -> float:
+    """How long [s] a thread waits for others' searches."""
+    return threading.TIMEOUT_MAX if deadline is None else min(max(deadline.time_left, 0.0), threading.TIMEOUT_MAX)
+
+
+def ended(valid: Checker, deadline: Deadline) -> bool:
+    """Whether a search is over, with what was checked so far."""
+    valid.count()
+    return deadline.over()
+
+
+def solved(setup: SimpleSetup, valid: Checker, search: Deadline) -> bool:
+    """Whether OMPL found a whole path; a search that only time ends has OMPL's own clock, which costs nothing."""
+    from ompl import base as ob
+
+    until = ob.PlannerTerminationCondition(lambda: ended(valid, search)) if search.of_work else search.left
+    return bool(setup.solve(until)) and setup.haveExactSolutionPath()
 
 
 def seed_ompl(seed: int) -> None:
@@ -123,8 +143,8 @@ def seed_ompl(seed: int) -> None:
 
 
 def _search(
-    robot: RobotModel, valid: ValidityChecker, endpoints: Array, low: Array, high: Array, seed: int, timeout: float,
-    spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
+    robot: RobotModel, valid: ValidityChecker, endpoints: Array, low: Array, high: Array, seed: int,
+    search: Deadline, spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
 ) -> Array | None:  # fmt: skip
     """Rows of a path, or None; for one thread at a time."""
     from ompl import base as ob
@@ -138,7 +158,7 @@ def _search(
     reader = _Reader(robot)
 
     def is_valid(state: Any) -> bool:  # when the time is over no further edge is taken, and no shortcut
-        if deadline is not None and deadline.over():
+        if deadline is not None and ended(valid, deadline):
             return False
         return valid(reader.configuration(state)) if valid.native is None else valid.at(reader.row(state))
 
@@ -158,7 +178,7 @@ def _search(
     planner = og.RRTConnect(info)
     planner.setRange(1.5 if planar else 0.6)
     setup.setPlanner(planner)
-    if not setup.solve(timeout) or not setup.haveExactSolutionPath():
+    if not solved(setup, valid, search):
         return None
     path = setup.getSolutionPath()
     simplifier = og.PathSimplifier(info)

@@ -45,6 +45,7 @@ def plan_report(
     seed: int = 0,
     params: DeformParams | None = None,
     timeout: float = 10.0,
+    work: float | None = None,
     bounds: npt.ArrayLike | None = None,
     deformer: Deformer | None = None,
     line: bool = True,
@@ -71,6 +72,8 @@ def plan_report(
         params: of the relaxation, with the clearances to prove. Where None, the default preset, which asks for no more
             clearance than half of what start and goal have (the reason says so), and looks less far about an arm.
         timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
+        work: most computing for everything, as the time [s] that :mod:`elastic_strips.work` models for it; None where
+            only time bounds it. With that and ``timeout=math.inf`` equal seeds give equal plans on every machine.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave. Where None, the base is looked for
             about start and goal, ever wider as attempts fail.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
@@ -93,9 +96,9 @@ def plan_report(
     """
     count = check_count("count", count, low=1)
     if is_goal_region(goal):
-        deadline = Deadline(timeout)
+        deadline = Deadline(timeout, work)
         asked = deformer.params if isinstance(deformer, Deformer) else params
-        goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked)
+        goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked, deadline=deadline)
         force = deformer.constraint if isinstance(deformer, Deformer) else None
         if constraint is not None:
             force = ConstraintForce(robot, constraint)
@@ -104,9 +107,10 @@ def plan_report(
         for k, q in enumerate(goals):
             left = max(deadline.left, _LEAST_SHARE) / min(_IN_TURNS, len(goals) - k)
             report = plan_report(
-                robot, scene, start, q, count=count, seed=seed, params=params, timeout=left, bounds=bounds,
-                deformer=deformer, line=line, path=path, grid=grid, backward=backward, constraint=constraint,
-                watch=watch,
+                robot, scene, start, q, count=count, seed=seed, params=params, bounds=bounds,
+                timeout=left if work is None else max(deadline.time_left, _LEAST_SHARE),
+                work=None if work is None else left, deformer=deformer, line=line, path=path, grid=grid,
+                backward=backward, constraint=constraint, watch=watch,
             )  # fmt: skip
             if report.certified or deadline.over():
                 break
@@ -114,7 +118,7 @@ def plan_report(
     configuration = cast("npt.ArrayLike", goal)
     problem = PlanningProblem(
         robot, scene, start, configuration, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout,
-        backward=backward, constraint=constraint,
+        work=work, backward=backward, constraint=constraint,
     )  # fmt: skip
     if count > 1:
         return _several(problem, count, line, path, grid, watch)

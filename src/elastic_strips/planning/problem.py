@@ -22,6 +22,7 @@ from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.validation import check_count
+from elastic_strips.work import seconds_counted
 
 from .grid_path import FLOOR
 
@@ -41,15 +42,25 @@ _Box = tuple[Array, Array]
 
 
 class Deadline:
-    """A point in time, ``seconds`` from now.
+    """A point in time, ``seconds`` from now; or the point at which a thread has done so much work, or what comes first.
+
+    Work ends a search at the same place on every machine, whatever else runs there.
 
     Args:
         seconds: how far ahead it is [s].
+        work: how much the calling thread may compute, as the time [s] that is modelled for it
+            (:mod:`elastic_strips.work`); None where that has no bound.
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, work: float | None = None) -> None:
         self._began = perf_counter()
         self._end = self._began + seconds
+        self._most = None if work is None else seconds_counted() + work
+
+    @property
+    def of_work(self) -> bool:
+        """Whether work is bounded."""
+        return self._most is not None
 
     @property
     def spent(self) -> float:
@@ -57,13 +68,24 @@ class Deadline:
         return perf_counter() - self._began
 
     @property
-    def left(self) -> float:
+    def time_left(self) -> float:
         """Time [s] that is left; negative where it is over."""
         return self._end - perf_counter()
 
+    @property
+    def left(self) -> float:
+        """Time [s] that is left, or modelled time of the work that is left, if that is less; negative where over."""
+        return self.time_left if self._most is None else min(self.time_left, self._most - seconds_counted())
+
     def over(self) -> bool:
-        """Whether the time is over."""
-        return perf_counter() >= self._end
+        """Whether nothing is left."""
+        return self.left <= 0.0
+
+    def within(self, seconds: float) -> Deadline:
+        """An earlier one: after so much [s], of work where that is bounded, else of time."""
+        if self._most is None:
+            return Deadline(min(seconds, self.left))
+        return Deadline(self.time_left, min(seconds, self._most - seconds_counted()))
 
 
 class PlanningProblem:
@@ -79,6 +101,7 @@ class PlanningProblem:
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave, or None.
         seed: of random numbers.
         timeout: longest time for everything [s].
+        work: most work for everything, in modelled seconds; None where that has no bound.
         backward: whether the straight line may be driven backwards.
         constraint: what every configuration on the way has to satisfy, or None; not beside a deformer, which brings its
             own.
@@ -87,7 +110,7 @@ class PlanningProblem:
         constraint: the same, as a force on strips.
         endpoints: (2, nq) start and goal.
         region: where the base is looked for; None for a fixed base.
-        deadline: when the time is over.
+        deadline: when time or work is over.
         spacing: between the nodes of a first strip [m].
         room: distance [m] of the robot from obstacles at the start or the goal; a lower bound where it is large.
         eased: where less than the default clearance is asked for, how much and why; else empty.
@@ -106,14 +129,16 @@ class PlanningProblem:
     def __init__(
         self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *,
         params: DeformParams | None = None, deformer: Deformer | None = None, bounds: npt.ArrayLike | None = None,
-        seed: int = 0, timeout: float = 10.0, backward: bool = True, constraint: OrientationConstraint | None = None,
+        seed: int = 0, timeout: float = 10.0, work: float | None = None, backward: bool = True,
+        constraint: OrientationConstraint | None = None,
     ) -> None:  # fmt: skip
         self.seed: int = check_count("seed", seed)
         self.backward: bool = backward
-        number = isinstance(timeout, (int, float, np.integer, np.floating)) and not isinstance(timeout, bool)
-        if not number or not timeout > 0:
-            raise ParameterError(f"timeout={timeout!r} must be a number > 0 of seconds")
-        self.deadline: Deadline = Deadline(float(timeout))
+        for what, limit in (("timeout", timeout), ("work", 1.0 if work is None else work)):
+            number = isinstance(limit, (int, float, np.integer, np.floating)) and not isinstance(limit, bool)
+            if not number or not limit > 0:
+                raise ParameterError(f"{what}={limit!r} must be a number > 0 of seconds")
+        self.deadline: Deadline = Deadline(float(timeout), None if work is None else float(work))
         check_kinds(robot, scene)
         if deformer is not None and not isinstance(deformer, Deformer):
             raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")

@@ -16,7 +16,7 @@ from .grid_path import MOST_CELLS, grid_path
 from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, staged_rows
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
-from .problem import Deadline, PlanningProblem
+from .problem import PlanningProblem
 from .report import PlanReport
 from .validity import Checker, SatisfyingChecker, ValidityChecker
 
@@ -72,7 +72,7 @@ class PlanSearch(PathSearch):
         A path longer than ``longest`` [m] is put off.
         """
         problem = self.problem
-        over = Deadline(_GRID_SHARE * self.deadline.left).over
+        over = self.deadline.within(_GRID_SHARE * self.deadline.left).over
         assert problem.region is not None
         for inner in (None, problem.region.folded + self.params.clearance):
             if inner not in self.paths:
@@ -167,7 +167,7 @@ class PlanSearch(PathSearch):
             return ends[:1]
         corners = search_joints(
             valid, ends, seed=self.problem.seed + 7919 * attempt, planner=PLANNERS[0], step=_STEP * 0.5**attempt,
-            timeout=min(_STAGE, self.deadline.left), deadline=self.deadline,
+            timeout=_STAGE, deadline=self.deadline,
         )  # fmt: skip
         return None if corners is None else divided(corners, _SPACING)
 
@@ -200,7 +200,7 @@ class PlanSearch(PathSearch):
 
     def with_ompl(self, seconds: float = np.inf) -> PlanReport | None:
         """Paths of RRTConnect, each with another seed, in boxes of several sizes, for some of the time."""
-        deadline = Deadline(min(seconds, self.deadline.left))
+        deadline = self.deadline.within(seconds)
         futile, last = 0, ""
         while self.calls < _MOST_CALLS and not deadline.over():
             attempt, searches = self.calls, self.searches
@@ -244,7 +244,11 @@ class PlanSearch(PathSearch):
         if self.box is not None:
             (x, y), (u, w) = self.box
             where = f"; the base was last looked for within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
-        tries = ["a larger timeout", "another seed", "a smaller clearance (DeformParams(clearance=…), down to 0 m)"]
+        tries = [
+            "more work" if self.deadline.of_work else "a larger timeout",
+            "another seed",
+            "a smaller clearance (DeformParams(clearance=…), down to 0 m)",
+        ]
         if self.region is not None:
             tries.insert(1, "bounds= about a way that is known" if self.region.given is None else "wider bounds=")
         reason = (

@@ -18,6 +18,7 @@ from elastic_strips.native import kernel
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip.constraint import ConstraintForce
+from elastic_strips.work import count_work
 
 if TYPE_CHECKING:
     from elastic_strips.native import _native
@@ -48,7 +49,7 @@ class ValidityChecker:
     ) -> None:  # fmt: skip
         self.robot: RobotModel = robot
         self.bounds: MotionBounds = bounds or MotionBounds(BodySet.links(robot))
-        self._checks = 0
+        self._checks = self._counted = 0
         self.native: _native.Validity | None = None
         module, bodies = kernel(), self.bounds.bodies.native()
         if module is not None and bodies is not None:
@@ -102,6 +103,12 @@ class ValidityChecker:
     def checks(self) -> int:
         """Configurations checked so far."""
         return self._checks if self.native is None else self.native.checks
+
+    def count(self) -> None:
+        """Count the checks since the last time as work of the calling thread."""
+        checks = self.checks
+        count_work(checks=checks - self._counted)
+        self._counted = checks
 
     def __call__(self, q: Array) -> bool:
         """Whether the configuration (nq,) is valid."""
@@ -179,6 +186,10 @@ class SatisfyingChecker:
         self.robot: RobotModel = valid.robot
         self.bounds: MotionBounds = valid.bounds
         self._valid, self._constraint = valid, constraint
+
+    def count(self) -> None:
+        """As :meth:`ValidityChecker.count`."""
+        self._valid.count()
 
     def at(self, coordinates: Array) -> bool:
         """Whether the configuration that these coordinates (nv,) are projected to is valid."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError, RobotError
-from elastic_strips.planning import BasePose, HandPose, plan_approach
+from elastic_strips.planning import BasePose, HandPose, initial_strip, plan_approach, problem
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Deformer, DeformParams, OrientationConstraint
@@ -44,8 +46,7 @@ def test_the_hand_goes_straight_to_the_place(silvermate, axes):
         else placed(silvermate, silvermate.home()).rotation.T @ (0.1, 0, 0)
     )
     report = plan_approach(
-        silvermate, scene, silvermate.home(), places(silvermate, at), by, axes=axes, beyond=scene.with_obstacle(CRATE),
-        timeout=60.0,
+        silvermate, scene, silvermate.home(), places(silvermate, at), by, axes=axes, beyond=scene.with_obstacle(CRATE)
     )  # fmt: skip
     assert report.certified, report.reason
     assert report.drive is not None
@@ -69,7 +70,7 @@ def test_a_drive_keeps_what_it_has_to(silvermate):
     level = OrientationConstraint.from_configuration(silvermate, start, HAND)
     report = plan_approach(
         silvermate, Scene([TABLE]), start, places(silvermate, (2.55, 0.0, 0.95)), (0.0, 0.0, -0.1), axes="world",
-        constraint=level, timeout=60.0,
+        constraint=level,
     )  # fmt: skip
     assert report.certified, report.reason
     assert report.drive is not None
@@ -80,11 +81,31 @@ def test_a_place_from_which_there_is_no_way_says_why(silvermate):
     lid = Box((1.6, 2.0, 0.05), at=(2.8, 0.0, 1.35), name="lid")  # from above there is no room
     report = plan_approach(
         silvermate, Scene([TABLE, lid]), silvermate.home(), places(silvermate, (2.55, 0.0, 0.95)), (0.0, 0.0, -0.5),
-        axes="world", timeout=5.0,
+        axes="world",
     )  # fmt: skip
     assert not report.certified
     assert "configurations has a way to it: " in report.reason
     assert "lid" in report.reason or "gets no further than" in report.reason
+
+
+def test_how_busy_a_machine_is_changes_nothing(silvermate, monkeypatch):
+    """Time goes a second further whenever anybody looks, or none at all."""
+    box = Box((0.4, 0.8, 1.2), at=(1.2, 0.0, 0.6), name="box")  # the straight line is not free
+    found = []
+    for step in (0.0, 1.0):
+        clock = count(0.0, step)
+        for module in (problem, initial_strip):
+            monkeypatch.setattr(module, "perf_counter", lambda clock=clock: next(clock))
+        report = plan_approach(
+            silvermate, Scene([TABLE, box]), silvermate.home(), places(silvermate, (2.55, 0.0, 0.95)),
+            (0.0, 0.0, -0.1), axes="world",
+        )  # fmt: skip
+        assert report.certified, report.reason
+        assert report.drive is not None
+        assert report.reach is not None
+        found.append((report.drive.strip.q, report.reach.strip.q, report.reason))
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
 
 
 def test_wrong_input_is_refused(silvermate):
@@ -100,6 +121,10 @@ def test_wrong_input_is_refused(silvermate):
         plan_approach(silvermate, scene, start, one, by, axes="tool")
     with pytest.raises(ParameterError, match="by"):
         plan_approach(silvermate, scene, start, one, (0.1, 0.0))
+    with pytest.raises(ParameterError, match=r"work=0\.0 must be a number > 0"):
+        plan_approach(silvermate, scene, start, one, by, work=0.0)
+    with pytest.raises(ParameterError, match="timeout=nan must be a number > 0"):
+        plan_approach(silvermate, scene, start, one, by, timeout=np.nan)
     with pytest.raises(RobotError, match="did you mean"):
         plan_approach(silvermate, scene, start, HandPose("hand_fram", (2.0, 0.0, 0.9)), by)
     with pytest.raises(ConfigurationError, match="start is in collision"):

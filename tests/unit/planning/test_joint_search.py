@@ -17,6 +17,7 @@ from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Scene, Sphere
 from elastic_strips.strip import Deformer, DeformParams
+from elastic_strips.work import counted
 
 JOINTS = tuple(f"panda_joint{k}" for k in range(1, 8))
 
@@ -72,17 +73,37 @@ def test_a_path_is_valid_wherever_it_was_looked_at(panda, planner):
         assert np.abs(rows - corner).max(axis=1).min() < 1e-9
 
 
+SHUT = Scene(
+    [
+        Box((1.0, 0.02, 1.4), at=(0.68, 0.0, 0.7), name="front"),
+        Box((1.0, 0.02, 1.4), at=(-0.72, 0.0, 0.7), name="back"),
+        Box((0.5, 0.02, 0.8), at=(0.0, 0.0, 0.98), name="top"),
+    ]
+)
+"""Walls before, behind and above the robot: there is no way, and the strip that comes back is broken."""
+
+
+def _sides(robot: RobotModel) -> list[np.ndarray]:
+    return [robot.home(panda_joint1=a, panda_joint2=1.0, panda_joint4=-1.6) for a in (-1.5, 1.5)]
+
+
+def test_a_search_ends_by_its_work_at_the_same_place(panda):
+    """What was checked is work at once, else nothing would end the search; how long it takes does not matter."""
+    found, work = [], 0.4
+    for _ in range(2):
+        before = counted()
+        report = plan_report(panda, SHUT, *_sides(panda), timeout=np.inf, work=work)
+        done = counted() - before
+        assert not report.certified
+        assert "Try more work" in report.reason
+        assert done.checks > 0
+        assert work <= done.seconds < 1.5 * work
+        found.append((report.attempts, done))
+    assert found[0] == found[1]
+
+
 def test_a_search_ends_in_time_and_says_so(panda):
-    """Walls before, behind and above the robot: there is no way, and the strip that comes back is broken."""
-    scene = Scene(
-        [
-            Box((1.0, 0.02, 1.4), at=(0.68, 0.0, 0.7), name="front"),
-            Box((1.0, 0.02, 1.4), at=(-0.72, 0.0, 0.7), name="back"),
-            Box((0.5, 0.02, 0.8), at=(0.0, 0.0, 0.98), name="top"),
-        ]
-    )
-    start, goal = (panda.home(panda_joint1=a, panda_joint2=1.0, panda_joint4=-1.6) for a in (-1.5, 1.5))
-    report = plan_report(panda, scene, start, goal, timeout=0.7)
+    report = plan_report(panda, SHUT, *_sides(panda), timeout=0.7)
     assert not report.certified
     assert report.method == "none"
     assert "no path of the joints" in report.reason

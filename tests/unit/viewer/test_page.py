@@ -310,6 +310,26 @@ def test_the_whole_strip_comes_back_into_the_picture(opened, live):
     assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(eye, abs=1e-6)
 
 
+def test_a_notebooks_picture_draws_where_nothing_may_be_loaded(browser, live, tmp_path):
+    """VS Code's policy of outputs, where it is switched on: scripts of the page itself, and nothing from a machine."""
+    policy = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; child-src data:"
+    viewer = Viewer(server=False, title="inline")
+    viewer.show(live.report.strip.robot, live.scene, live.report)
+    meta = f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+    path = tmp_path / "notebook.html"
+    path.write_text(f"<!DOCTYPE html><head>{meta}</head>{viewer._repr_html_()}", encoding="utf-8")
+    page, said = browser.new_page(), list[str]()
+    page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto(path.as_uri())
+    frame = page.frame_locator("iframe")
+    frame.locator("#es-card h1").wait_for(timeout=60e3)
+    assert frame.locator("#es-card h1").inner_text().startswith("inline")
+    assert frame.locator("canvas").count() == 1
+    assert said == []
+    page.close()
+
+
 def test_pages_of_others_are_refused(live):
     port = int(live.viewer_of_test.url.rsplit(":", 1)[1].strip("/"))
     wanted = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}

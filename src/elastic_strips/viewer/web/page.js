@@ -154,8 +154,9 @@ function rods(cmd) {
   }
   place({ path: cmd.path, matrices, colors });
 }
-// A translucent body hides its own inside: draw its depth first.
+// A translucent body hides its own inside: draw its depth first. Where it coincides with a solid one it is behind.
 function veiled(object) {
+  Object.assign(object.material, { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 400 });
   const veil = new T.InstancedMesh(object.geometry, object.material.clone(), 1);
   veil.material.colorWrite = false;
   veil.frustumCulled = false;
