@@ -122,7 +122,8 @@ def waiting(deadline: Deadline | None) -> float:
 
 def ended(valid: Checker, deadline: Deadline) -> bool:
     """Whether a search is over, with what was checked so far."""
-    valid.count()
+    if deadline.of_work:
+        valid.count()
     return deadline.over()
 
 

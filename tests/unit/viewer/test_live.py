@@ -71,8 +71,8 @@ def test_a_strip_that_stays_broken_is_planned_anew(robot):
     wall = Scene([Box((0.2, 3.0, 1.4), at=(1.5, 3.5, 0.7), name="wall")])
     strip = plan(robot, wall, robot.home(x=-1.0), robot.home(x=4.0))
     with LiveStrip(robot, wall, strip, speed=100.0, rate=100.0) as live:
-        live.move("wall", (1.5, 0.9, 0.7))  # in one step across the strip
-        wait(lambda: live.scene.obstacle("wall").pose[1, 3] == 0.9)
+        live.move("wall", (1.5, 0.0, 0.7))  # in one step across the strip
+        wait(lambda: live.scene.obstacle("wall").pose[1, 3] == 0.0)
         wait(lambda: live.report.certified)
         assert live.replans >= 1
 
@@ -85,7 +85,7 @@ def test_a_search_that_fails_does_not_end_it(robot, monkeypatch):
     wall = Scene([Box((0.2, 3.0, 1.4), at=(1.5, 3.5, 0.7), name="wall")])
     strip = plan(robot, wall, robot.home(x=-1.0), robot.home(x=4.0))
     with LiveStrip(robot, wall, strip, speed=100.0, rate=100.0, thread=False) as live:
-        live.move("wall", (1.5, 0.9, 0.7))
+        live.move("wall", (1.5, 0.0, 0.7))
         for _ in range(60):  # it is broken after the first, and looked for a path after 0.4 s
             live.tick()
         wait(lambda: live._search is None or live._search.done())
