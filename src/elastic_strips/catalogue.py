@@ -90,7 +90,7 @@ class KnownRobot:
         base: how its root moves, unless told otherwise: ``"diff_drive"``, ``"omni"`` or ``"fixed"``.
         urdf, srdf: its files.
         package_dirs: folders that its meshes are named from.
-        planned: joints that are planned unless told otherwise; None: all but wheels and mimic joints.
+        planned: joints that are planned unless told otherwise; None: what ``load_robot`` plans of a file.
         home: joint → value [rad or m] of a home posture of its own.
         hand_frame: frame of its last control point.
     """

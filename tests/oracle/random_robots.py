@@ -52,7 +52,8 @@ def _limit(rng: np.random.Generator, kind: str) -> str:
 def random_urdf(
     rng: np.random.Generator, folder: Path, joints: int, *, shapes: tuple[str, ...] = SHAPES, name: str = "random"
 ) -> Path:
-    """Write a robot with ``joints`` planned joints, besides fixed and mimicking ones; returns the URDF file.
+    """Write a robot with ``joints`` joints to plan, besides fixed and mimicking ones and the one that those mimic (what
+    looks like a wheel is not planned); returns the URDF file.
 
     Every third joint or so branches off further down the tree; axes are oblique; links have up to two shapes.
     """
@@ -79,7 +80,7 @@ def random_urdf(
         if rng.random() < 0.3:
             axis = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
         made = "revolute" if kind == "mimic" else kind
-        mimic = f'<mimic joint="{moving[-1]}" multiplier="0.5" offset="0.1"/>' if kind == "mimic" else ""
+        mimic = '<mimic joint="leader" multiplier="0.5" offset="0.1"/>' if kind == "mimic" else ""
         limit = _limit(rng, made) if made != "fixed" else ""
         text.append(
             f'<joint name="joint_{count}" type="{made}"><parent link="link_{parent}"/><child link="link_{count}"/>'
@@ -88,6 +89,10 @@ def random_urdf(
         if kind not in ("fixed", "mimic"):
             moving.append(f"joint_{count}")
         parent = count
+    if any("<mimic" in joint for joint in text):
+        links.append('<link name="leader_link"/>')
+        text.append('<joint name="leader" type="continuous"><parent link="link_0"/><child link="leader_link"/>'
+                    '<axis xyz="0 0 1"/></joint>')  # fmt: skip
     path = folder / f"{name}.urdf"
     path.write_text(f'<robot name="{name}">\n' + "\n".join(links + text) + "\n</robot>\n")
     return path

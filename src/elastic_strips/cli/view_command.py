@@ -122,7 +122,9 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
         name = robot or recorded_robot(document["robot"], document["urdf"])
         if name is None:
             raise RobotError(f"the result names no URDF of {document['robot']!r}")
-        model = load_robot(name, base=document["base"], locked=document["locked"])
+        model = load_robot(
+            name, base=document["base"], joints=document["strip"]["joint_names"], locked=document["locked"]
+        )
         scene = Scene([obstacle_from_piece(piece) for piece in document["obstacles"]])
         strip = Strip(model, document["strip"]["q"])
     except InputError as error:

@@ -158,13 +158,15 @@ class Record(Summary):
         """Check that a robot is the recorded one.
 
         Raises:
-            RecordError: its base or its planned joints differ.
+            RecordError: its base, its planned joints or those that it holds still differ.
         """
         if robot.base_kind is not self.base or robot.joint_names != self.joint_names:
             raise RecordError(
                 f"the record is of {self.robot!r} ({self.base.value}: {', '.join(self.joint_names)}); "
                 f"{robot.name!r} is {robot.base_kind.value}: {', '.join(robot.joint_names)}"
             )
+        if odd := sorted(name for name, _ in set(robot.locked.items()) ^ set(self.locked.items())):
+            raise RecordError(f"the record is of {self.robot!r}; {robot.name!r} holds {odd[0]!r} still otherwise")
 
 
 def frozen(array: _Array) -> _Array:

@@ -185,7 +185,7 @@ def record_robot(record: Record, robot: str | None = None) -> RobotModel:
     name = robot or recorded_robot(record.robot, record.urdf)
     if name is None:
         raise RobotError(f"the record names no URDF of {record.robot!r}; give one")
-    found = load_robot(name, base=record.base.value, locked=dict(record.locked))
+    found = load_robot(name, base=record.base.value, joints=record.joint_names, locked=dict(record.locked))
     record.check_robot(found)
     return found
 

@@ -16,14 +16,15 @@ from elastic_strips.catalogue import find_robot, is_known
 from elastic_strips.errors import RobotError, nearest_name
 
 from .coal_shapes import ShapeKind, shape_of, vertices
-from .model import RobotModel
-from .space import BaseKind
+from .model import RobotModel, check_joint_names
+from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
 from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
 from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
+_LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -52,11 +53,13 @@ def load_robot(
         srdf: SRDF file with the link pairs to ignore, named postures (``group_state``: see ``RobotModel.home`` and
             ``RobotModel.state``) and groups of joints; by default the named robot's own.
         control_points: name → frame, or name → (frame, offset [m]); by default the joints' origins and the hand.
-        joints: the joints to plan; all others are held still at home.
-        group: an SRDF group of which the joints are planned, instead of ``joints``.
-        locked: joint → value held still; by default the wheels (continuous joints named ``*wheel*`` or ``*caster*``)
-            and mimic joints of a file, and what is neither lift nor arm of TIAGo. ``{}`` locks only what cannot be
-            planned. With ``joints`` or ``group``: values of joints that these do not name.
+        joints: the joints to plan; all others are held still at home. Neither joints that mimic another nor those
+            that are mimicked: a planned joint moves alone.
+        group: an SRDF group of which the joints are planned, instead of ``joints``; but for those that others mimic.
+        locked: joint → value [rad or m] held still, besides what is held still anyway: what ``joints`` or ``group``
+            do not name; without these wheels, casters, joints that mimic another, joints that others mimic, and what
+            is neither lift nor arm of TIAGo. Joints that mimic a locked one are held where that puts them, unless they
+            are given a value here.
         package_dirs: folders to search for ``package://`` meshes and for a xacro file's ``$(find …)``.
         mappings: arguments of a xacro file, by name.
 
@@ -74,8 +77,8 @@ def load_robot(
         source = read_urdf(known.urdf, package_dirs=(*package_dirs, *known.package_dirs))
         kind, srdf = known.base if base is None else base, srdf or known.srdf
         home, hand, name = known.home, known.hand_frame, known.name
-        if joints is None and group is None and locked is None:
-            joints = known.planned
+        if joints is None and group is None and known.planned is not None:
+            joints = [joint for joint in known.planned if joint not in (locked or {})]
     else:
         urdf = expand_xacro(path, mappings, package_dirs) if path.suffix.lower() == ".xacro" else path
         source = read_urdf(urdf, package_dirs=package_dirs)
@@ -94,9 +97,12 @@ def load_robot(
         model = pinocchio_model(source, planar=kind.planar)
         collision = pinocchio_geometry(source, model, pin.COLLISION)
         _check_shapes(collision, source)
+        check_joint_names(model, locked or {}, "locked")
+        resting = _resting(model, source)
+        unplanned = resting if planned is None else frozenset(model.names[1:]) - planned - {"root_joint"}
 
         def build(home: Mapping[str, float]) -> RobotModel:
-            still = _still(model, source, planned, locked, home)
+            still = _still(source, unplanned, locked or {}, home)
             return RobotModel.from_pinocchio(
                 model, collision, partial(pinocchio_geometry, source, model, pin.VISUAL),
                 base=kind, name=name, locked=still,
@@ -107,10 +113,15 @@ def load_robot(
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
             )  # fmt: skip
 
-        robot = _at_home(build, home, semantics, source)
+        robot = _at_home(build, home, semantics, source, resting)
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
+    for joint, (leader, multiplier, offset) in source.followers.items():
+        wanted = multiplier * robot.locked.get(leader, 0.0) + offset
+        if joint not in (locked or {}) and abs(robot.locked.get(joint, wanted) - wanted) > LIMIT_TOLERANCE:
+            _log.warning("%s: joint %r mimics %r, which puts it at %.6g, outside of its limits; it is held at %.6g",
+                         name, joint, leader, wanted, robot.locked[joint])  # fmt: skip
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning(
             "%s plans %d joints: slow to plan and to deform. Name those to plan with joints=[…] or group=…, or those "
@@ -131,9 +142,14 @@ def _planned(
         if group not in groups:
             where = "no SRDF is given" if semantics is None else str(semantics.path)
             raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
-        if not groups[group]:
+        joints = []
+        for joint in groups[group]:
+            if followers := source.followers_of(joint):
+                _log.warning("group %r: joint %r is held still, for %s would not follow", group, joint, _all(followers))
+            else:
+                joints.append(joint)
+        if not joints:
             raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
-        joints = groups[group]
     if joints is None:
         return None
     if isinstance(joints, str):
@@ -144,24 +160,43 @@ def _planned(
         if joint not in movable:
             hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
             raise RobotError(f"joints: cannot plan {joint!r}{hint}")
+        if followers := source.followers_of(joint):
+            raise RobotError(
+                f"joints: cannot plan {joint!r}: {_all(followers)}, which <mimic> it, would not follow. Hold it still "
+                f"(locked={{{joint!r}: …}}) and they are held where it puts them"
+            )
+        if joint in source.followers:
+            leader = source.followers[joint][0]
+            raise RobotError(
+                f"joints: cannot plan {joint!r}: it would not follow {leader!r}, which it has to <mimic>. Hold that "
+                f"one still (locked={{{leader!r}: …}}), or this one at a value of its own"
+            )
     both = sorted(set(planned) & set(locked or {}))
     if both:
         raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
     return frozenset(planned)
 
 
+def _resting(model: pin.Model, source: UrdfSource) -> frozenset[str]:
+    """The joints that are held still where nothing is said of any."""
+    leaders = {leader for leader, _, _ in source.followers.values()}
+    return frozenset(j for j in _wheels(model, source) | source.mimic | leaders if model.existJointName(j))
+
+
 def _still(
-    model: pin.Model, source: UrdfSource, planned: frozenset[str] | None, locked: Mapping[str, float] | None,
-    home: Mapping[str, float],
-) -> dict[str, float]:  # fmt: skip
-    """Values of the joints that are held still: the given ones, and by default those of home."""
-    if planned is not None:
-        names = set(model.names[1:]) - planned - {"root_joint"}
-    elif locked is None:
-        names = {j for j in _wheels(source) | source.mimic if model.existJointName(j)}
-    else:
-        names = set()
-    return {j: _clip(home.get(j, 0.0), source, j) for j in sorted(names)} | dict(locked or {})
+    source: UrdfSource, names: frozenset[str], locked: Mapping[str, float], home: Mapping[str, float]
+) -> dict[str, float]:
+    """Values of the joints that are held still: given ones, where those put what mimics them, and those of home."""
+
+    def value(joint: str) -> float:
+        if joint in locked:
+            return locked[joint]
+        if joint not in source.followers:
+            return _clip(home.get(joint, 0.0), source, joint)
+        leader, multiplier, offset = source.followers[joint]
+        return _clip(multiplier * value(leader) + offset, source, joint)
+
+    return {joint: value(joint) for joint in sorted(names - set(locked))} | dict(locked)
 
 
 def _at_home(
@@ -169,11 +204,12 @@ def _at_home(
     home: Mapping[str, float],
     semantics: Srdf | None,
     source: UrdfSource,
+    resting: frozenset[str],
 ) -> RobotModel:
     """The robot with the first home posture in which it does not collide with itself, or else the first of all."""
     first: RobotModel | None = None
     passed: list[str] = []
-    for what, values in _homes(home, semantics, source):
+    for what, values in _homes(home, semantics, source, resting):
         if not all(within_limits(value, source, joint) for joint, value in values.items()):
             passed.append(f"{what} is outside of the limits")
             continue
@@ -191,13 +227,13 @@ def _at_home(
 
 
 def _homes(
-    home: Mapping[str, float], semantics: Srdf | None, source: UrdfSource
+    home: Mapping[str, float], semantics: Srdf | None, source: UrdfSource, resting: frozenset[str]
 ) -> Iterator[tuple[str, Mapping[str, float]]]:
     """Postures that may be home, with what to call them, the likeliest first."""
     states = {} if semantics is None else semantics.states
     if home and "home" not in states:
         yield "its own home posture", home
-    movable = (set(source.joint_limits) | set(source.continuous)) - source.mimic - _wheels(source)
+    movable = (set(source.joint_limits) | set(source.continuous)) - resting
     whole = [name for name in states if movable <= set(states[name])]
     likely = list(dict.fromkeys([name for name in _HOMES if name in states] + whole))
     for name in likely:
@@ -208,8 +244,36 @@ def _homes(
             yield f"state {name!r}", {**home, **states[name]}
 
 
-def _wheels(source: UrdfSource) -> set[str]:
-    return {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
+def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
+    """Continuous joints that are called wheel or caster, or are those of a base that moves by what hangs on them.
+
+    A wheel turns about a level axis, hangs on the root link by fixed joints, and carries nothing that moves. A caster
+    turns about an upright one and carries nothing but wheels, no higher than the others; without others there are
+    two of them at least. So an arm's own first joint is neither, nor is the head that pans and tilts.
+    """
+    named = {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
+    if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
+        return named
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    upright = {i: abs(float(data.J[5, model.joints[i].idx_v])) for i in range(2, model.njoints)}  # z of its axis
+    height = [float(pose.translation[2]) for pose in data.oMi]
+    turning = {i for i in upright if model.names[i] in source.continuous}
+
+    def carried(i: int) -> list[int]:
+        return [k for k in model.subtrees[i] if k != i and model.names[k] not in source.mimic]
+
+    rolling = {i for i in turning if upright[i] < _LEVEL and not carried(i)}
+    wheels = {i for i in rolling if model.parents[i] == 1}
+    casters = {
+        i for i in turning
+        if model.parents[i] == 1 and upright[i] > 1.0 - _LEVEL and carried(i) and rolling.issuperset(carried(i))
+    }  # fmt: skip
+    top = max((height[i] for i in wheels), default=float("inf") if len(casters) > 1 else -float("inf"))
+    for i in casters:
+        if max(height[k] for k in carried(i)) <= top + _LEVEL:
+            wheels |= {i, *carried(i)}
+    return named | {model.names[i] for i in wheels}
 
 
 def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
@@ -229,6 +293,10 @@ def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
                 raise RobotError(f"{what} has vertices that are not finite")
             if np.abs(points).max(initial=0.0) > MAX_LENGTH:
                 raise RobotError(f"{what} reaches beyond {MAX_LENGTH:g} m")
+
+
+def _all(names: tuple[str, ...]) -> str:
+    return ", ".join(map(repr, names[:4])) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def _clip(value: float, source: UrdfSource, joint: str) -> float:

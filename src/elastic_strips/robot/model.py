@@ -81,8 +81,8 @@ class RobotModel(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "name": self.name, "base": self.base_kind.value, "joints": len(self.joint_names),
-            "pieces": len(self.geometries), "self_pairs": len(self.self_pairs), "locked": len(self.locked),
+            "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names),
+            "locked": _counted(tuple(self.locked)), "pieces": len(self.geometries), "self_pairs": len(self.self_pairs),
         }  # fmt: skip
 
     @property
@@ -347,8 +347,8 @@ class RobotModel(Summary):
         if planar and not model.jointPlacements[1].isIdentity(1e-12):
             raise RobotError("the planar root joint must sit at the origin of the world (identity placement)")
         values = dict(locked or {})
-        _check_joint_names(model, values, "locked")
-        _check_joint_names(model, home or {}, "home")
+        check_joint_names(model, values, "locked")
+        check_joint_names(model, home or {}, "home")
         reference = _reference_configuration(model, {**(home or {}), **values})
         ids = [model.getJointId(n) for n in values]
         reduced = _reduced(model, ids, reference)
@@ -401,6 +401,11 @@ class RobotModel(Summary):
             urdf_path=urdf_path,
             srdf_path=srdf_path,
         )
+
+
+def _counted(names: tuple[str, ...]) -> str:
+    """How many, and which."""
+    return f"{len(names)}" + (f": {', '.join(names)}" if names else "")
 
 
 def _bound_sliders(model: pin.Model) -> None:
@@ -470,7 +475,7 @@ def _carried_over(model: pin.Model, reduced: pin.Model, geometry: pin.GeometryMo
     return out
 
 
-def _check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) -> None:
+def check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) -> None:
     names = [name for name in list(model.names)[1:] if name != "root_joint"]
     for joint, value in values.items():
         if joint not in names:

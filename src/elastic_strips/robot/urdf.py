@@ -263,7 +263,8 @@ class UrdfSource:
         links, joints: all names.
         parents: link → (joint, link) that carry it; the root has none.
         joint_limits: joint → (lower, upper) of revolute and prismatic joints.
-        mimic: names of joints that mimic another.
+        mimic: names of joints that mimic another, be it there or not.
+        followers: joint that mimics one that is there → (that one, multiplier, offset [rad or m]).
         continuous, prismatic: names of such joints.
         collisions: link → number of its collision shapes.
     """
@@ -275,9 +276,14 @@ class UrdfSource:
     parents: dict[str, tuple[str, str]]
     joint_limits: dict[str, tuple[float, float]]
     mimic: frozenset[str]
+    followers: dict[str, tuple[str, float, float]]
     continuous: frozenset[str]
     prismatic: frozenset[str]
     collisions: dict[str, int]
+
+    def followers_of(self, joint: str) -> tuple[str, ...]:
+        """The joints that mimic a joint, sorted."""
+        return tuple(sorted(name for name, (leader, _, _) in self.followers.items() if leader == joint))
 
 
 def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) -> UrdfSource:
@@ -299,7 +305,7 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
     joints = _names(root, "joint", source)
     mends = Mends(source)
     parents = _check_tree(root, links, source)
-    limits, mimic, continuous = _check_joints(root, joints, source, mends)
+    limits, mimic, followers, continuous = _check_joints(root, joints, source, mends)
     _check_inertials(root, source, mends)
     _check_geometry(root, source, search_folders(source, package_dirs), mends)
     if not root.get("name"):
@@ -314,6 +320,7 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
         parents=parents,
         joint_limits=limits,
         mimic=frozenset(mimic),
+        followers=followers,
         continuous=frozenset(continuous),
         prismatic=frozenset(j.get("name") for j in root.findall("joint") if j.get("type") == "prismatic"),
         collisions={link.get("name"): len(link.findall("collision")) for link in root.findall("link")},
@@ -407,9 +414,10 @@ def _check_tree(root: etree._Element, links: set[str], source: Path) -> dict[str
 
 def _check_joints(
     root: etree._Element, joints: set[str], source: Path, mends: Mends
-) -> tuple[dict[str, tuple[float, float]], set[str], set[str]]:
+) -> tuple[dict[str, tuple[float, float]], set[str], dict[str, tuple[str, float, float]], set[str]]:
     limits: dict[str, tuple[float, float]] = {}
     mimic: set[str] = set()
+    followers: dict[str, tuple[str, float, float]] = {}
     continuous: set[str] = set()
     for joint in root.findall("joint"):
         name, kind = joint.get("name"), joint.get("type")
@@ -448,9 +456,17 @@ def _check_joints(
                 continue
             if leader == name:
                 raise fault(source, follower, f"{what} has a <mimic> of itself")
-            floats(follower, "multiplier", 1, source, what, "1")
-            floats(follower, "offset", 1, source, what, "0")
-    return limits, mimic, continuous
+            (multiplier,) = floats(follower, "multiplier", 1, source, what, "1")
+            (offset,) = floats(follower, "offset", 1, source, what, "0")
+            if kind in ("revolute", "continuous", "prismatic"):
+                followers[name] = leader, multiplier, offset
+    for joint in root.findall("joint"):
+        chain = [joint.get("name")]
+        while chain[-1] in followers:
+            chain.append(followers[chain[-1]][0])
+            if chain[-1] in chain[:-1]:
+                raise fault(source, joint, f"joint {chain[0]!r} has a <mimic> in a ring: {' → '.join(chain)}")
+    return limits, mimic, followers, continuous
 
 
 def _check_inertials(root: etree._Element, source: Path, mends: Mends) -> None:

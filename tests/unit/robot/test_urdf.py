@@ -171,17 +171,108 @@ def test_joints_that_cannot_be_planned_name_themselves(tmp_path):
     assert load_robot(path, locked={"hinge": 0.0}).joint_names == ()
 
 
-def test_wheels_and_mimic_joints_are_locked_by_default(tmp_path):
-    content = robot(
-        BASE, link(), link("left_wheel"), link("finger"), link("dial"),
-        joint(), joint("left_wheel_joint", child="left_wheel", kind="continuous", more=""),
-        joint("dial_joint", child="dial", kind="continuous", more=""),
-        joint("finger_joint", child="finger", more=LIMIT + '<mimic joint="hinge"/>'),
+def turning(name: str, parent: str, axis: str, at: str = "0 0 0", rpy: str = "0 0 0") -> str:
+    """A continuous joint and its link."""
+    more = f'<origin xyz="{at}" rpy="{rpy}"/><axis xyz="{axis}"/>'
+    return link(f"{name}_link") + joint(name, parent, f"{name}_link", "continuous", more)
+
+
+def gripper(mimic: str = '<mimic joint="thumb" multiplier="-2" offset="0.1"/>') -> str:
+    return link("t") + link("f") + joint("thumb", "arm", "t") + joint("finger", "arm", "f", more=LIMIT + mimic)
+
+
+WHEEL = turning("left_wheel_joint", "base", "0 1 0")
+
+
+def test_what_is_not_an_arm_is_locked_by_default(tmp_path):
+    """Wheels, and joints that mimic another together with those: the gripper stays a shape that it can have."""
+    path = write(tmp_path, robot(BASE, link(), joint(), turning("dial", "base", "0 0 1"), WHEEL, gripper()))
+    loaded = load_robot(path)
+    assert loaded.joint_names == ("dial", "hinge")
+    assert loaded.locked == {"left_wheel_joint": 0.0, "thumb": 0.0, "finger": 0.1}
+
+
+@pytest.mark.parametrize(
+    "locked, wanted",
+    [
+        ({}, {}),
+        ({"thumb": 0.3}, {"thumb": 0.3, "finger": -0.5}),
+        ({"thumb": 0.3, "finger": 0.2}, {"thumb": 0.3, "finger": 0.2}),
+        ({"finger": 0.2}, {"finger": 0.2}),
+        ({"hinge": 0.4}, {"hinge": 0.4}),
+        ({"left_wheel_joint": 1.0}, {"left_wheel_joint": 1.0}),
+    ],
+)
+def test_what_is_locked_is_locked_besides(tmp_path, locked, wanted):
+    path = write(tmp_path, robot(BASE, link(), joint(), WHEEL, gripper()))
+    assert load_robot(path, locked=locked).locked == {"left_wheel_joint": 0.0, "thumb": 0.0, "finger": 0.1} | wanted
+
+
+def test_what_mimics_follows_along_a_chain_and_from_home(tmp_path):
+    more = link("g") + joint("tip", "f", "g", more=LIMIT + '<mimic joint="finger" multiplier="0.5"/>')
+    path = write(tmp_path, robot(BASE, link(), joint(), gripper(), more))
+    assert load_robot(path, locked={"thumb": 0.3}).locked == {"thumb": 0.3, "finger": -0.5, "tip": -0.25}
+    home = srdf(tmp_path, '<group_state name="home"><joint name="thumb" value="0.2"/></group_state>')
+    found = load_robot(path, srdf=home)
+    assert found.locked == pytest.approx({"thumb": 0.2, "finger": -0.3, "tip": -0.15})
+    assert load_robot(path, srdf=home, joints=["hinge"]).locked == found.locked
+
+
+def test_a_follower_beyond_its_limits_is_warned_about(tmp_path, caplog):
+    path = write(tmp_path, robot(BASE, link(), joint(), gripper('<mimic joint="thumb" offset="3"/>')))
+    assert load_robot(path).locked == {"thumb": 0.0, "finger": 1.0}
+    assert "'finger' mimics 'thumb', which puts it at 3, outside of its limits" in caplog.text
+
+
+def test_a_planned_joint_moves_alone(tmp_path, caplog):
+    """A mimicking joint would not follow, and the certified shape were one that the robot cannot have."""
+    path = write(tmp_path, robot(BASE, link(), joint(), gripper()))
+    group = srdf(tmp_path, '<group name="hand"><joint name="thumb"/></group>',
+                 '<group name="all"><joint name="hinge"/><joint name="thumb"/></group>')  # fmt: skip
+    for options, words in (
+        ({"joints": ["hinge", "thumb"]}, "'thumb': 'finger', which <mimic> it"),
+        ({"joints": ["hinge", "finger"]}, "'finger': it would not follow 'thumb'"),
+        ({"srdf": group, "group": "hand"}, "no joint that can be planned"),
+    ):
+        with pytest.raises(RobotError, match=words):
+            load_robot(path, **options)
+    assert load_robot(path, srdf=group, group="all").joint_names == ("hinge",)
+    assert "'thumb' is held still, for 'finger' would not follow" in caplog.text
+
+
+def test_joints_that_mimic_in_a_ring_are_refused(tmp_path):
+    ring = link("t") + link("f") + "".join(
+        joint(a, "arm", c, more=LIMIT + f'<mimic joint="{b}"/>') for a, b, c in (("x", "y", "t"), ("y", "x", "f"))
     )  # fmt: skip
-    path = write(tmp_path, content)
-    assert set(load_robot(path).joint_names) == {"hinge", "dial_joint"}
-    everything = {"hinge", "dial_joint", "left_wheel_joint", "finger_joint"}
-    assert set(load_robot(path, locked={}).joint_names) == everything
+    assert "<mimic> in a ring: x → y → x" in refused(write(tmp_path, robot(BASE, link(), joint(), ring)))
+
+
+FIXED = '<joint name="mount" type="fixed"><parent link="base"/><child link="box"/></joint>'
+WHEELS = {
+    "on the base": (turning("drv_l", "base", "0 1 0"), {"drv_l"}),
+    "on a part of the base": (link("box") + FIXED + turning("drv_l", "box", "0 -1 0"), {"drv_l"}),
+    "turned": (turning("drv", "base", "0 0 1", rpy="1.5708 0 0"), {"drv"}),
+    "a caster": (turning("l", "base", "0 1 0") + turning("c", "base", "0 0 1") + turning("cw", "c_link", "0 1 0"),
+                 {"l", "c", "cw"}),
+    "steered ones": ("".join(turning(f"s{k}", "base", "0 0 1") + turning(f"r{k}", f"s{k}_link", "0 1 0") for k in "ab"),
+                     {"sa", "ra", "sb", "rb"}),
+    "an arm's own yaw": (turning("yaw", "base", "0 0 1") + turning("pitch", "yaw_link", "0 1 0")
+                         + turning("next", "pitch_link", "0 1 0"), set()),
+    "an arm's own pitch": (turning("pitch", "base", "0 1 0") + turning("next", "pitch_link", "0 1 0"), set()),
+    "a head above wheels": (turning("l", "base", "0 1 0") + turning("pan", "base", "0 0 1", "0 0 1")
+                            + turning("tilt", "pan_link", "0 1 0"), {"l"}),
+    "a lone head": (turning("pan", "base", "0 0 1") + turning("tilt", "pan_link", "0 1 0"), set()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("more, wheels", WHEELS.values(), ids=WHEELS)
+def test_wheels_are_known_by_how_they_hang(tmp_path, more, wheels):
+    path = write(tmp_path, robot(BASE, link(), joint(), more))
+    loaded = load_robot(path, base="omni")
+    assert set(loaded.locked) == wheels
+    assert not load_robot(path, base="fixed").locked
+    every = (*loaded.joint_names, *wheels)
+    assert set(load_robot(path, joints=every).joint_names) == set(every)
 
 
 def stl(triangles: np.ndarray) -> bytes:
