@@ -128,6 +128,8 @@ def floats(
         raise fault(source, element, f"{where} is not {count} finite number(s)")
     if any(abs(v) > bound for v in values):
         raise fault(source, element, f"{where} is beyond ±{bound:g}")
+    if count == 1 and key in element.attrib:
+        element.set(key, words[0])  # urdfdom takes no blanks about a single number
     return values
 
 
@@ -199,9 +201,25 @@ def _check_geometry(root: etree._Element, source: Path, folders: list[Path], men
             if not material.get("name"):
                 mends.add("links with a <material> without a name, given one", link.get("name"))
                 material.set("name", f"{link.get('name')} {number}")
+
+
+def _check_materials(root: etree._Element, mends: Mends) -> None:
+    """Take out those that urdfdom refuses the whole file for, or complains of beside the log."""
+    names: set[str] = set()
     for material in root.findall("material"):
-        if not material.get("name"):  # nothing can refer to it
+        name, texture, color = material.get("name"), material.find("texture"), material.find("color")
+        if not name:  # nothing can refer to it
             root.remove(material)
+            continue
+        rgba = "" if color is None else color.get("rgba", "")
+        sound = len(rgba.split()) == 4 and all(_NUMBER.fullmatch(w) and 0.0 <= float(w) <= 1.0 for w in rgba.split())
+        if name in names:
+            mends.add("materials that are defined more than once, taken as they are first", name)
+            root.remove(material)
+        elif not sound and (texture is None or not texture.get("filename") or color is not None):
+            mends.add("materials without a color (rgba: four numbers from 0 to 1), drawn grey", name)
+            root.remove(material)
+        names.add(name)
 
 
 def _check_element(element: etree._Element, source: Path, folders: list[Path], what: str) -> None:
@@ -289,8 +307,7 @@ class UrdfSource:
 def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) -> UrdfSource:
     """Check a URDF file and everything that it refers to.
 
-    Mended, with a warning: materials and robots without a name, visual shapes that cannot be drawn, joints that mimic
-    one that is not there, moments of inertia below 0 by rounding.
+    Mended, with a warning: what ``docs/robots.md`` lists.
 
     Args:
         path: the file.
@@ -308,6 +325,9 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
     limits, mimic, followers, continuous = _check_joints(root, joints, source, mends)
     _check_inertials(root, source, mends)
     _check_geometry(root, source, search_folders(source, package_dirs), mends)
+    _check_materials(root, mends)
+    if not re.fullmatch(r"1\.[0-2]", root.get("version", "1.0")):
+        mends.add("version of URDF that is not known (1.0 to 1.2 are), passed over", root.attrib.pop("version"))
     if not root.get("name"):
         mends.add("robot without a name, called", source.stem)
         root.set("name", source.stem)
@@ -337,7 +357,9 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
         root = (pin.JointModelPlanar(),) if planar else ()
         return pin.buildModelFromXML(source.document, *root)
     except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
-        raise RobotError(f"{source.path}: Pinocchio cannot build the model: {_words(error)}") from None
+        raise RobotError(
+            f"{source.path}: Pinocchio cannot build the model: {_words(error)} (what urdfdom found is on standard error)"
+        ) from None
 
 
 def pinocchio_geometry(source: UrdfSource, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
@@ -431,21 +453,31 @@ def _check_joints(
             length = 1.0 if axis is None else math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0", bound=1e6))
             if axis is not None and length < 1e-9:
                 raise fault(source, axis, f"{what} has the axis 0 0 0; give a direction")
+            if axis is not None and axis.get("xyz") is None:
+                mends.add("joints with an <axis> without xyz, taken as 1 0 0", name)
+                axis.set("xyz", "1 0 0")
+        _check_unused(joint, source, what)
         if kind == "continuous":
             continuous.add(name)
-        if kind in ("revolute", "prismatic"):
-            limit = joint.find("limit")
-            if limit is None:
-                raise fault(source, joint, f"{what} is {kind} and has no <limit>")
+        limit = joint.find("limit")
+        if kind in ("revolute", "prismatic") and limit is None:
+            raise fault(source, joint, f"{what} is {kind} and has no <limit>")
+        if limit is not None and kind not in ("revolute", "continuous", "prismatic"):
+            joint.remove(limit)
+        elif limit is not None:
             (lower,) = floats(limit, "lower", 1, source, what, "0", bound=1e100)
             (upper,) = floats(limit, "upper", 1, source, what, "0", bound=1e100)
             for key in ("velocity", "effort"):
                 (value,) = floats(limit, key, 1, source, what, "0")
                 if value < 0:
                     raise fault(source, limit, f"{what} has {key} limit {value}; it must be ≥ 0")
-            if lower > upper:
-                raise fault(source, limit, f"{what} has lower limit {lower} above upper limit {upper}")
-            limits[name] = (lower, upper)
+                if limit.get(key) is None:
+                    mends.add(f"joints with a <limit> without {key}, taken as unknown", name)
+                    limit.set(key, "0")
+            if kind in ("revolute", "prismatic"):
+                if lower > upper:
+                    raise fault(source, limit, f"{what} has lower limit {lower} above upper limit {upper}")
+                limits[name] = (lower, upper)
         follower = joint.find("mimic")
         if follower is not None:
             leader = follower.get("joint")
@@ -467,6 +499,18 @@ def _check_joints(
             if chain[-1] in chain[:-1]:
                 raise fault(source, joint, f"joint {chain[0]!r} has a <mimic> in a ring: {' → '.join(chain)}")
     return limits, mimic, followers, continuous
+
+
+def _check_unused(joint: etree._Element, source: Path, what: str) -> None:
+    """What no model is made of, but urdfdom refuses where it is faulty."""
+    for tag in ("safety_controller", "calibration"):
+        for element in joint.findall(tag):
+            joint.remove(element)
+    for element in joint.findall("dynamics"):
+        for key in ("damping", "friction"):
+            floats(element, key, 1, source, what, "0")
+        if not {"damping", "friction"} & set(element.attrib):
+            joint.remove(element)
 
 
 def _check_inertials(root: etree._Element, source: Path, mends: Mends) -> None:

@@ -106,8 +106,11 @@ def _skeleton(root: etree._Element) -> str:
             bare.remove(element)
             continue
         for child in list(element):
-            if child.tag in ("visual", "collision", "inertial", "mimic"):
+            if child.tag not in ("origin", "parent", "child", "axis", "limit"):
                 element.remove(child)
+            elif child.tag == "limit":
+                for key in ("velocity", "effort"):
+                    child.set(key, child.get(key, "0"))
     return etree.tostring(bare, encoding="unicode")
 
 

@@ -352,6 +352,44 @@ def test_a_mesh_with_huge_vertices_does_not_crash(tmp_path):
     assert subprocess.run([sys.executable, "-c", code, str(path)], timeout=60, capture_output=True).returncode == 0
 
 
+GREY = '<material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>'
+HARMLESS = {
+    "material twice": (robot(GREY, GREY, BASE, link(), joint()), "1 materials that are defined more than once"),
+    "material without color": (robot('<material name="grey"/>', BASE, link(), joint()), "1 materials without a color"),
+    "color of 255": (robot(GREY.replace("0.5", "255"), BASE, link(), joint()), "1 materials without a color"),
+    "no effort": (GOOD.replace(' effort="1"', ""), "1 joints with a <limit> without effort, taken as unknown: 'hinge'"),
+    "no velocity": (GOOD.replace(' velocity="1"', ""), "1 joints with a <limit> without velocity"),
+    "axis without xyz": (robot(BASE, link(), joint(more=LIMIT + "<axis/>")), "1 joints with an <axis> without xyz"),
+    "version": (GOOD.replace('name="test"', 'name="test" version="2"'), "1 version of URDF that is not known"),
+    "blanks": (GOOD.replace('"1"', '" 1 "'), None),
+    "limit of a fixed joint": (robot(BASE, link(), joint(), link("c"), joint("f", "arm", "c", "fixed", "<limit/>")), None),
+    "safety": (robot(BASE, link(), joint(more=LIMIT + "<safety_controller/>")), None),
+    "calibration": (robot(BASE, link(), joint(more=LIMIT + '<calibration rising="x"/>')), None),
+    "dynamics": (robot(BASE, link(), joint(more=LIMIT + "<dynamics/>")), None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("content, said", HARMLESS.values(), ids=HARMLESS)
+def test_what_urdfdom_refuses_without_need_is_mended(tmp_path, caplog, capfd, content, said):
+    """And urdfdom has nothing to say on standard error, where no log sees it."""
+    assert load_robot(write(tmp_path, content)).joint_names == ("hinge",)
+    assert said is None and not caplog.text or said in caplog.text
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "more, words",
+    [
+        (LIMIT + '<dynamics damping="x"/>', "joint 'hinge': <dynamics damping='x'> is not 1 number"),
+        (LIMIT.replace('lower="-1"', 'lower="x"'), "joint 'hinge': <limit lower='x'> is not 1 number"),
+    ],
+)
+def test_what_urdfdom_refuses_has_a_line_and_a_cause(tmp_path, capfd, more, words):
+    path = write(tmp_path, robot(BASE, link(), joint(kind="continuous", more=more)))
+    assert refused(path).startswith(f"{path}:4: {words}")
+    assert capfd.readouterr().err == ""
+
+
 SILENT = {
     "number with underscore": link(geometry='<sphere radius="1_0"/>'),
     "line break in a vector": link(geometry='<box size="1\n1 1"/>'),
