@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import ArrayLike
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import find_robot, is_known
 from elastic_strips.errors import RobotError, nearest_name
 
@@ -24,6 +24,9 @@ from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
+_LARGE = (
+    20.0  # [m] a part of a robot is no longer, and of a mesh in millimetres hardly any is so short when read as metres
+)
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
 _HOMES = ("home", "default", "half_sitting", "standing")
 
@@ -104,7 +107,7 @@ def load_robot(
         def build(home: Mapping[str, float]) -> RobotModel:
             still = _still(source, unplanned, locked or {}, home)
             return RobotModel.from_pinocchio(
-                model, collision, partial(pinocchio_geometry, source, model, pin.VISUAL),
+                model, collision, partial(_visual, source, model),
                 base=kind, name=name, locked=still,
                 home={j: v for j, v in home.items() if j not in still and model.existJointName(j)},
                 disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
@@ -293,6 +296,28 @@ def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
                 raise RobotError(f"{what} has vertices that are not finite")
             if np.abs(points).max(initial=0.0) > MAX_LENGTH:
                 raise RobotError(f"{what} reaches beyond {MAX_LENGTH:g} m")
+            if len(points):
+                _check_size(shape, points)
+
+
+def _visual(source: UrdfSource, model: pin.Model) -> pin.GeometryModel:
+    """The visual geometry of a file."""
+    geometry = pinocchio_geometry(source, model, pin.VISUAL)
+    for shape in geometry.geometryObjects:
+        if shape_of(shape.geometry)[0] is ShapeKind.MESH:
+            _check_size(shape, vertices(shape.geometry))
+    return geometry
+
+
+def _check_size(shape: pin.GeometryObject, points: Array) -> None:
+    """Warn of a mesh that was meant in millimetres."""
+    size = np.ptp(points, axis=0)
+    if size.max() > _LARGE:
+        x, y, z = (f"{length:.3g}" for length in size)
+        _log.warning(
+            'mesh %s of link %r is %s x %s x %s m large; if its file is in millimetres, give <mesh scale="0.001 0.001 '
+            '0.001">', shape.meshPath, shape.name.rsplit("_", 1)[0], x, y, z,
+        )  # fmt: skip
 
 
 def _all(names: tuple[str, ...]) -> str:

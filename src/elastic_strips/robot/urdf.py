@@ -256,14 +256,25 @@ def _check_mesh(shape: etree._Element, source: Path, folders: list[Path], what: 
         raise fault(source, shape, f"{what} has a mesh scale of 0")
     found = resolve_mesh(name, source, folders)
     if found is None:
-        searched = ", ".join(str(f) for f in folders[:4])
-        raise fault(source, shape, f"{what}: mesh {name!r} not found (searched {searched}, …)")
+        raise fault(source, shape, f"{what}: mesh {name!r} not found{_remedy(name, folders)}")
     if found.suffix.lower() not in _MESH_SUFFIXES:
         hint = nearest_name(found.suffix.lower(), _MESH_SUFFIXES)
         raise fault(source, shape, f"{what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}")
     if not check_input(found, "mesh file", _MAX_MESH_BYTES, RobotError):
         raise fault(source, shape, f"{what}: mesh file {found} is empty")
     shape.set("filename", f"file://{found}")
+
+
+def _remedy(name: str, folders: list[Path]) -> str:
+    """Where a mesh was looked for, and what to say for it to be found."""
+    if name.startswith("file://") or os.path.isabs(name):
+        return ""
+    searched = ", ".join(str(f) for f in folders[:3])
+    holds = f"holds {name.removeprefix('package://').lstrip('/').split('/')[0]!r}"
+    return (
+        f" (searched {searched}, …). Name the folder that {holds}: package_dirs=[…], --package-dir on the command "
+        "line, or ROS_PACKAGE_PATH"
+    )
 
 
 _JOINT_TYPES = {"revolute", "continuous", "prismatic", "fixed", "floating", "planar"}
@@ -358,7 +369,7 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
         return pin.buildModelFromXML(source.document, *root)
     except Exception as error:  # C++ exceptions arrive as ValueError, RuntimeError, IndexError …
         raise RobotError(
-            f"{source.path}: Pinocchio cannot build the model: {_words(error)} (what urdfdom found is on standard error)"
+            f"{source.path}: Pinocchio cannot build the model: {_words(error)} (urdfdom says why on standard error)"
         ) from None
 
 
