@@ -20,6 +20,7 @@ from elastic_strips.robot.coal_shapes import ShapeKind, faces, shape_of, vertice
 from elastic_strips.scene import Obstacle
 
 Floats = NDArray[np.float32]
+_GREY = "#a9b0b8"
 _CREASE = float(np.radians(35.0))
 
 
@@ -236,7 +237,8 @@ class Body:
 def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
     """Merge a robot's visual geometry per joint; each distinct mesh is read once.
 
-    Where there is no visual geometry the collision geometry is drawn instead.
+    Where there is no visual geometry the collision geometry is drawn instead. What has no colour is grey: Pinocchio's
+    geometry objects are black until somebody gives them one.
     """
     model = robot.visual_model if robot.visual_model.ngeoms else robot.collision_model
     read: dict[object, MeshData | None] = {}
@@ -248,7 +250,8 @@ def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
             read[name] = from_coal(item.geometry)
         mesh = read[name]
         if mesh is not None and len(mesh.faces):
-            color = linear([float(c) for c in item.meshColor[:3]])
+            uncoloured = not item.overrideMaterial and not np.any(item.meshColor[:3])
+            color = linear(_GREY if uncoloured else [float(c) for c in item.meshColor[:3]])
             placement = robot.tree.to_aligned(item.parentJoint, item.placement.homogeneous)
             parts[item.parentJoint].append(mesh.transformed(placement).colored(color))
     return tuple(Body(joint, merged(found)) for joint, found in sorted(parts.items()))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from elastic_strips.robot import load_robot
 from elastic_strips.viewer import geometry
 
 
@@ -54,6 +57,21 @@ def test_bodies_are_where_pinocchio_has_the_visual_geometry(robot, nodes):
                 points = np.concatenate(expected)
                 assert np.allclose(drawn.min(axis=0), points.min(axis=0), atol=1e-4)
                 assert np.allclose(drawn.max(axis=0), points.max(axis=0), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "visual, black", [("", False), ('<material name="k"><color rgba="0 0 0 1"/></material>', True)]
+)
+def test_only_what_is_black_is_drawn_black(tmp_path, visual, black):
+    """The collision geometry, which has no colours, is drawn where a file has no visual one."""
+    shape = '<geometry><box size="0.4 0.4 0.2"/></geometry>'
+    visual = f"<visual>{shape}{visual}</visual>" if visual else ""
+    file = tmp_path / "bare.urdf"
+    file.write_text(f'<robot name="bare"><link name="base">{visual}<collision>{shape}</collision></link></robot>')
+    robot = load_robot(file, base="omni")
+    for one in (robot, pickle.loads(pickle.dumps(robot))):
+        colors = np.concatenate([body.mesh.colors for body in geometry.robot_bodies(one)])
+        assert colors.max() == 0.0 if black and one is robot else colors.min() > 0.2
 
 
 def test_interpolated_equals_pinocchio(robot, nodes):
