@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from . import options, output
+from .robot_options import robot_options
 
 if TYPE_CHECKING:
     from elastic_strips.collision import PathCertificate
-    from elastic_strips.robot import RobotModel
+    from elastic_strips.robot import LoadOptions, RobotModel
 
 
 @click.command()
@@ -23,8 +24,7 @@ if TYPE_CHECKING:
     "OctoMap's .bt or .ot.",
 )  # fmt: skip
 @options.base_option()
-@click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, of a robot from a file.")
-@click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; all that can be by default.")
+@robot_options
 @click.option(
     "--clearance", type=options.Finite(0.0, 10.0), default=0.0, show_default=True, help="To prove to obstacles [m]."
 )
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
 def certify(
-    path: str, robot: str, scene_file: str, base: str | None, srdf: str | None, joints: str | None, clearance: float,
+    path: str, robot: str, scene_file: str, base: str | None, described: LoadOptions, clearance: float,
     self_clearance: float, interpolation: str, repaired: str | None, proof: str | None, json_file: str | None,
 ) -> int:  # fmt: skip
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
@@ -60,8 +60,7 @@ def certify(
     from elastic_strips.strip import DeformParams, repair
 
     options.check_outputs(path, repaired, proof, json_file)
-    names = None if joints is None else [name.strip() for name in joints.split(",")]
-    model = load_robot(robot, base=base, srdf=srdf, joints=names)
+    model = load_robot(robot, base=base, **described)
     world = read_world(scene_file)
     scene = world.at(world.scene.time)
     given = load_path(path, model)

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import click
 
 from . import options, output
+from .robot_options import load_robot, robot_options
+
+if TYPE_CHECKING:
+    from elastic_strips.robot import LoadOptions
 
 
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml", default="case-7", type=options.SCENARIO)
 @options.robot_option(help="Another robot than the scenario's: a name, or your own URDF file.")
+@robot_options
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option("--rate", type=options.Finite(1, 1000), default=50.0, show_default=True, help="Ticks a second.")
@@ -21,8 +27,8 @@ from . import options, output
 @click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after so many seconds.")
 @options.browser_option
 def drag(
-    scenario: str, robot: str | None, base: str | None, seed: int | None, rate: float, speed: float,
-    seconds: float | None, no_browser: bool,
+    scenario: str, robot: str | None, described: LoadOptions, base: str | None, seed: int | None,
+    rate: float, speed: float, seconds: float | None, no_browser: bool,
 ) -> int:  # fmt: skip
     """Plan a strip and keep it alive in the browser: drag an obstacle with the mouse, or the ring at the goal.
 
@@ -37,7 +43,7 @@ def drag(
 
     options.check_outputs(scenario)
     problem = get_scenario(scenario, seed=seed or 0)
-    model = problem.load_robot(robot, base=base)
+    model = load_robot(problem, robot, described, base=base)
     plan = plan_report(model, problem.scene, *problem.ends(model), seed=seed or 0)
     if not plan.certified:
         output.say(f"warning: {plan.reason}", err=True)

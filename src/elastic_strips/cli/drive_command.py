@@ -13,9 +13,11 @@ import click
 from elastic_strips.catalogue import FAULTS
 
 from . import EXIT_INTERRUPTED, options, output
+from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
     from elastic_strips.control import Controller
+    from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.baselines import BaseController
     from elastic_strips.sim.scenarios import DriveOutcome
@@ -33,6 +35,7 @@ _COMPUTING = {
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
 @options.robot_option(help="Another robot than the scenario's.")
+@robot_options
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
@@ -78,6 +81,7 @@ _COMPUTING = {
 def drive(
     scenario: str,
     robot: str | None,
+    described: LoadOptions,
     base: str | None,
     seed: int | None,
     plant: str,
@@ -116,7 +120,7 @@ def drive(
     if record_file is not None:
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
-    model = problem.load_robot(robot, "default", base)
+    model = load_robot(problem, robot, described, "default", base)
     number = problem.seed if seed is None else seed
     wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
     if method != STRIP and (wrong or evade is not None or alternatives > 1 or level or compute or log):

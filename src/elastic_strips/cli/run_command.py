@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from . import options, output
+from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
+    from elastic_strips.robot import LoadOptions
     from elastic_strips.sim.scenarios import RunResult
     from elastic_strips.strip import DeformReport
     from elastic_strips.viewer import Viewer
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
 @click.option("--preset", type=options.PRESET, help="Parameters and solver; the scenario's by default.")
 @options.robot_option(help="Another robot than the scenario's.")
+@robot_options
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option(
@@ -36,6 +39,7 @@ def run(
     scenario: str,
     preset: str | None,
     robot: str | None,
+    described: LoadOptions,
     base: str | None,
     seed: int | None,
     timeout: float,
@@ -68,7 +72,7 @@ def run(
     if trajectory_file is not None:
         check_trajectory_file(trajectory_file)
     problem = get_scenario(scenario, seed=seed or 0)
-    model = problem.load_robot(robot, preset, base)
+    model = load_robot(problem, robot, described, preset, base)
     with options.LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from elastic_strips.errors import InputError, ScenarioError, SceneError
 from elastic_strips.files import atomic_write, check_writable
+from elastic_strips.robot import LoadOptions
 from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.validation import check_type
 
@@ -25,6 +26,7 @@ VERSION = 1
 _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = {".scene": read_moveit_scene, ".bt": read_octomap, ".ot": read_octomap}
 _PRESETS = ("default", "paper")
+_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs")
 _SCENARIO_KEYS = (
     "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "seed",
 )  # fmt: skip
@@ -174,6 +176,7 @@ class ScenarioSpec:
         name: Name of the scenario.
         description: One or more sentences, or "".
         robot: Name of a known robot, or the absolute path of a URDF file.
+        robot_options: What else ``load_robot`` is to be told of it, by its arguments' names; paths are absolute.
         base: "diff_drive", "omni", "fixed", or None for the robot's own.
         preset: "default", "paper" or None.
         params: Overrides of parameters by name; not checked here.
@@ -197,6 +200,7 @@ class ScenarioSpec:
     goal: PoseSpec
     seed: int
     path: Path
+    robot_options: LoadOptions = field(default_factory=LoadOptions)
 
 
 def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
@@ -212,10 +216,12 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
     world = _world(entries["scene"])
+    robot, options = _described(entries["robot"])
     return ScenarioSpec(
         name=entries["name"].text() if "name" in entries else file.stem,
         description=entries["description"].text() if "description" in entries else "",
-        robot=_robot(entries["robot"]),
+        robot=robot,
+        robot_options=options,
         base=entries["base"].text(valid=_BASES) if "base" in entries else None,
         preset=entries["preset"].text(valid=_PRESETS) if "preset" in entries else None,
         params=_numbers(entries["params"], high=1e12) if "params" in entries else {},
@@ -226,6 +232,26 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
         seed=entries["seed"].integer(low=0, high=2**32 - 1) if "seed" in entries else 0,
         path=file,
     )
+
+
+def _described(node: Node) -> tuple[str, LoadOptions]:
+    """A robot's name or path, and what else is said of it where it is a mapping."""
+    if not isinstance(node.value, dict):
+        return _robot(node), LoadOptions()
+    entries = node.mapping(_ROBOT_KEYS, needed=("name",), what="a robot")
+    folder, options = node.source.path.parent, LoadOptions()
+    if "joints" in entries:
+        options["joints"] = tuple(item.text() for item in entries["joints"].items())
+    if "group" in entries:
+        options["group"] = entries["group"].text()
+    if "locked" in entries:
+        options["locked"] = _numbers(entries["locked"], high=1e6)
+    if "srdf" in entries:
+        options["srdf"] = str((folder / entries["srdf"].text()).absolute())
+    if "package_dirs" in entries:
+        names = (item.text() for item in entries["package_dirs"].items())
+        options["package_dirs"] = tuple(str((folder / name).absolute()) for name in names)
+    return _robot(entries["name"]), options
 
 
 def _robot(node: Node) -> str:

@@ -4,7 +4,7 @@ from elastic_strips.catalogue import robot_names
 
 from .footprint import PlanarFootprint
 from .kinematics import ControlPoints, Kinematics
-from .loading import load_robot
+from .loading import LoadOptions, load_robot
 from .model import RobotModel
 from .space import BaseKind, ConfigurationSpace
 
@@ -13,6 +13,7 @@ __all__ = [
     "ConfigurationSpace",
     "ControlPoints",
     "Kinematics",
+    "LoadOptions",
     "PlanarFootprint",
     "RobotModel",
     "load_robot",

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +30,16 @@ _LARGE = (
 )
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
 _HOMES = ("home", "default", "half_sitting", "standing")
+
+
+class LoadOptions(TypedDict, total=False):
+    """What may be said of a robot besides its name and its base: the arguments of ``load_robot`` of these names."""
+
+    joints: Iterable[str]
+    group: str
+    locked: Mapping[str, float]
+    srdf: str | Path
+    package_dirs: tuple[str | Path, ...]
 
 
 def load_robot(
@@ -166,13 +177,13 @@ def _planned(
         if followers := source.followers_of(joint):
             raise RobotError(
                 f"joints: cannot plan {joint!r}: {_all(followers)}, which <mimic> it, would not follow. Hold it still "
-                f"(locked={{{joint!r}: …}}) and they are held where it puts them"
+                f"(locked={{{joint!r}: …}}, --lock), and they are held where it puts them"
             )
         if joint in source.followers:
             leader = source.followers[joint][0]
             raise RobotError(
                 f"joints: cannot plan {joint!r}: it would not follow {leader!r}, which it has to <mimic>. Hold that "
-                f"one still (locked={{{leader!r}: …}}), or this one at a value of its own"
+                f"one still (locked={{{leader!r}: …}}, --lock), or this one at a value of its own"
             )
     both = sorted(set(planned) & set(locked or {}))
     if both:

@@ -9,7 +9,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError
 from elastic_strips.io import PoseSpec
 from elastic_strips.io.scene_file import ScenarioSpec
-from elastic_strips.robot import BaseKind, RobotModel, load_robot
+from elastic_strips.robot import BaseKind, LoadOptions, RobotModel, load_robot
 from elastic_strips.scene import Scene, World
 from elastic_strips.strip import DeformParams
 from elastic_strips.strip.paper import PaperParams
@@ -25,6 +25,7 @@ class Scenario(Summary):
         scene: the obstacles that exist at its time.
         start, goal: base poses and joint values.
         robot: name or URDF path of the robot that it was made for.
+        robot_options: what else ``load_robot`` is told of it.
         base: base kind, or None for the robot's own.
         preset: default preset.
         params: preset → parameter overrides.
@@ -51,6 +52,7 @@ class Scenario(Summary):
     seed: int = 0
     timeline: World | None = None
     speed_class: float | None = None
+    robot_options: LoadOptions = field(default_factory=LoadOptions)
 
     @property
     def world(self) -> World:
@@ -71,11 +73,19 @@ class Scenario(Summary):
         return Scenario(
             name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
             robot=spec.robot, base=spec.base, preset=spec.preset or "default",
-            params=params, seed=spec.seed, timeline=spec.world,
+            params=params, seed=spec.seed, timeline=spec.world, robot_options=spec.robot_options,
         )  # fmt: skip
 
-    def load_robot(self, robot: str | None = None, preset: str | None = None, base: str | None = None) -> RobotModel:
+    def load_robot(
+        self,
+        robot: str | None = None,
+        preset: str | None = None,
+        base: str | None = None,
+        options: LoadOptions | None = None,
+    ) -> RobotModel:
         """Load the scenario's robot, or another one; with preset ``paper`` a planar base is ``omni`` (Eq. 9).
+
+        ``options`` go before the scenario's own, which are of its robot alone.
 
         Raises:
             RobotError: unknown robot or an error in its files.
@@ -84,7 +94,11 @@ class Scenario(Summary):
         if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:
             base = BaseKind.OMNI.value
         try:
-            return load_robot(robot or self.robot, base=base)
+            told = LoadOptions()
+            if robot is None:
+                told.update(self.robot_options)
+            told.update(options or {})
+            return load_robot(robot or self.robot, base=base, **told)
         except RobotError as error:
             if robot is not None:
                 raise

@@ -130,7 +130,7 @@ def _problem(run: Run, base: str | None) -> tuple[Scenario, RobotModel]:
     scenario = get_scenario(located(run.scenario, run.folder), seed=run.seed)
     robot = None if run.robot is None else located(run.robot, run.folder)
     preset = run.preset or (scenario.preset if run.kind == "plan" else "default")
-    key = f"sweep {robot or scenario.robot} {base or scenario.base} {preset}"
+    key = f"sweep {robot or scenario.robot} {base or scenario.base} {preset} {scenario.robot_options}"
     return scenario, cached(key, lambda: scenario.load_robot(robot, preset, base))
 
 

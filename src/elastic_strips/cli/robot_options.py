@@ -1,0 +1,95 @@
+"""What a command line says of the user's own robot: which joints are planned, which held still, and where files are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING
+
+import click
+
+from elastic_strips.catalogue import is_known
+
+from . import output
+from .options import Finite
+
+if TYPE_CHECKING:
+    from elastic_strips.robot import LoadOptions, RobotModel
+    from elastic_strips.sim.scenarios import Scenario
+
+    _ValueType = click.ParamType[tuple[str, float]]
+else:  # of click 8.1 it cannot be told of what
+    _ValueType = click.ParamType
+
+_NAMED = 12
+
+
+class JointValue(_ValueType):
+    """``NAME=VALUE``: a joint and a finite number."""
+
+    name = "text"
+
+    def convert(
+        self, value: str | tuple[str, float], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        if isinstance(value, tuple):
+            return value
+        name, found, number = value.rpartition("=")
+        if not found or not name.strip():
+            self.fail(f"{value!r} has to be NAME=VALUE, such as arm_5_joint=0.2", param, ctx)
+        return name.strip(), Finite()(number, param, ctx)
+
+
+def robot_options(command: Callable[..., int]) -> Callable[..., int]:
+    """``--joints``, ``--lock``, ``--srdf`` and ``--package-dir``, as one argument ``described`` for ``load_robot``."""
+
+    @wraps(command)
+    def with_options(
+        *, joints: str | None, lock: tuple[tuple[str, float], ...], srdf: str | None, package_dir: tuple[str, ...],
+        **others: object,
+    ) -> int:  # fmt: skip
+        described: LoadOptions = {}
+        if joints is not None:
+            described["joints"] = [name.strip() for name in joints.split(",") if name.strip()]
+        if lock:
+            described["locked"] = dict(lock)
+        if srdf is not None:
+            described["srdf"] = srdf
+        if package_dir:
+            described["package_dirs"] = package_dir
+        return command(described=described, **others)
+
+    folder = click.option(
+        "--package-dir", multiple=True, metavar="DIR", type=click.Path(file_okay=False, exists=True),
+        help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
+    )  # fmt: skip
+    pairs = click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups.")
+    still = click.option(
+        "--lock", multiple=True, metavar="NAME=VALUE", type=JointValue(),
+        help="A joint to hold still [rad or m], besides wheels and grippers that mimic. May be given again.",
+    )  # fmt: skip
+    planned = click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; no others then.")
+    return planned(still(pairs(folder(with_options))))
+
+
+def load_robot(
+    problem: Scenario, robot: str | None, described: LoadOptions, preset: str | None = None, base: str | None = None
+) -> RobotModel:
+    """The scenario's robot, or another one; of one from a file it is said what is planned, and what is not.
+
+    Raises:
+        RobotError: unknown robot, or an error in its files.
+    """
+    model = problem.load_robot(robot, preset, base, described)
+    if described or not is_known(robot or problem.robot):
+        joints = model.joint_names
+        output.say(
+            f"{model.name} plans {len(joints)} joint{'s' * (len(joints) != 1)}: {_list(joints)}; "
+            f"locked: {_list(tuple(model.locked))}"
+        )
+    return model
+
+
+def _list(names: tuple[str, ...]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (", ".join(names[:_NAMED]) or "none") + more
