@@ -123,7 +123,7 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
         if name is None:
             raise RobotError(f"the result names no URDF of {document['robot']!r}")
         model = load_robot(
-            name, base=document["base"], joints=document["strip"]["joint_names"], locked=document["locked"]
+            name, base=document["base"], joints=document["strip"].get("joint_names"), locked=document["locked"]
         )
         scene = Scene([obstacle_from_piece(piece) for piece in document["obstacles"]])
         strip = Strip(model, document["strip"]["q"])
