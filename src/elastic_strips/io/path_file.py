@@ -30,6 +30,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.files import atomic_write, check_writable, open_input, read_input_text, write_json
 from elastic_strips.robot import RobotModel
+from elastic_strips.robot.space import LIMIT_TOLERANCE
 from elastic_strips.summary import Summary
 
 from .nodes import MAX_JSON_BYTES, Node, Source, load_json, parse_yaml
@@ -266,6 +267,17 @@ def _ompl_states(text: str, source: Source) -> Array:
     return np.array(numbers).reshape(states, -1)
 
 
+def _held_otherwise(robot: RobotModel, names: Sequence[str], rows: Array) -> list[str]:
+    """A note of the joints that the robot holds still elsewhere than the path has them: it is proven as it is held."""
+    found = []
+    for k, name in enumerate(names):
+        low, high, held = rows[:, k].min(), rows[:, k].max(), robot.locked.get(name)
+        if held is not None and max(held - low, high - held) > LIMIT_TOLERANCE:
+            span = f"{low:.6g}" if high - low <= LIMIT_TOLERANCE else f"{low:.6g} to {high:.6g}"
+            found.append(f"{name} at {held:.6g}, in the file {span}")
+    return [f"held still (locked=, --lock) otherwise than in the file: {'; '.join(found)}"] if found else []
+
+
 def _placed(
     robot: RobotModel, names: Sequence[str] | None, rows: Array, times: Array | None, source: Source
 ) -> PathFile:
@@ -310,6 +322,7 @@ def _placed(
             notes.append("velocities and accelerations are left out")
         if left_out:
             notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(left_out)}")
+            notes += _held_otherwise(robot, names, rows)
         if missing:
             notes.append(f"at home, as the file does not name them: {', '.join(missing)}")
         q = robot.space.from_coordinates(coordinates)
