@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -153,3 +154,60 @@ def test_ctrl_c_stops_the_robot_and_writes_the_record(tmp_path: Path) -> None:
         assert np.abs(record["control_v"][-1]).max() < 0.01
         assert np.abs(record["control_v"]).max() > 0.1
     assert json.loads((tmp_path / "d.json").read_text())["reached"] is False
+
+
+CART = """<robot name="cart">
+  <link name="base"><collision><geometry><box size="0.5 0.4 0.2"/></geometry></collision></link>
+  <link name="left"><collision><geometry><cylinder radius="0.1" length="0.04"/></geometry></collision></link>
+  <link name="right"><collision><geometry><cylinder radius="0.1" length="0.04"/></geometry></collision></link>
+  <link name="turret"><collision><geometry><box size="0.2 0.1 0.1"/></geometry></collision></link>
+  <joint name="wheel_left_joint" type="continuous"><parent link="base"/><child link="left"/>
+    <origin xyz="0 0.25 0" rpy="1.5707963267948966 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="wheel_right_joint" type="continuous"><parent link="base"/><child link="right"/>
+    <origin xyz="0 -0.25 0" rpy="1.5707963267948966 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="turret_joint" type="continuous"><parent link="base"/><child link="turret"/>
+    <origin xyz="0 0 0.3"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+"""A URDF as many are: its continuous joints have no limits."""
+
+
+def test_speeds_that_a_urdf_does_not_state_are_given(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without them it says what the URDF lacks, and which options give them."""
+    (tmp_path / "cart.urdf").write_text(CART)
+    drive = ("drive", str(short), "--robot", "cart.urdf")
+    assert end_of(*drive) == 2
+    said = capsys.readouterr().err
+    assert '<limit effort="…" velocity="…"/>' in said
+    assert "--joint-speed turret_joint=… --wheel-speed …" in said
+    given = ("--joint-speed", "turret_joint=1.5", "--wheel-speed", "0.6")
+    assert end_of(*drive, *given, "--json", "d.json") == 0
+    assert max(json.loads((tmp_path / "d.json").read_text())["limit_excess"].values()) < 1e-3
+    assert "reached" in capsys.readouterr().out
+    assert end_of("run", str(short), "--robot", "cart.urdf", "--trajectory", "t.csv") == 2
+    assert end_of("run", str(short), "--robot", "cart.urdf", "--trajectory", "t.csv", *given) == 0
+
+
+@pytest.mark.parametrize(
+    "arguments, match",
+    [
+        (("--joint-speed", "turret_joint"), "NAME=VALUE"),
+        (("--joint-speed", "turret_joint=0"), "range"),
+        (("--joint-speed", "turret_joint=nan"), "NaN|nan|range"),
+        (("--joint-speed", "turrt_joint=1"), "did you mean 'turret_joint'"),
+        (("--base", "omni", "--wheel-speed", "1"), "of a diff_drive base"),
+        (("--joint-speed", "turret_joint=1", "--wheel-speed", "-1"), "range"),
+    ],
+)
+def test_wrong_speeds_are_refused(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], match: str
+) -> None:
+    (tmp_path / "cart.urdf").write_text(CART)
+    assert end_of("drive", str(short), "--robot", "cart.urdf", *arguments) == 2
+    assert re.search(match, capsys.readouterr().err)
+
+
+def test_limits_of_a_run_are_those_of_its_trajectory(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert end_of("run", str(short), "--joint-speed", "arm_1=1") == 2
+    assert "--trajectory" in capsys.readouterr().err

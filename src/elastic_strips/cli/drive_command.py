@@ -37,6 +37,7 @@ _COMPUTING = {
 @options.robot_option(help="Another robot than the scenario's.")
 @robot_options
 @options.base_option()
+@options.limit_options
 @click.option("--seed", type=options.SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
     "--plant", type=options.PLANT, default="kinematic", show_default=True,
@@ -83,6 +84,7 @@ def drive(
     robot: str | None,
     described: LoadOptions,
     base: str | None,
+    limits: options.GivenLimits,
     seed: int | None,
     plant: str,
     method: str,
@@ -121,7 +123,7 @@ def drive(
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, "default", base)
-    number = problem.seed if seed is None else seed
+    number, allowed = problem.seed if seed is None else seed, limits.of(model)
     wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
     if method != STRIP and (wrong or evade is not None or alternatives > 1 or level or compute or log):
         raise click.UsageError(
@@ -151,7 +153,7 @@ def drive(
         if apart:
             driven = make_realtime(
                 problem, robot=model, seed=number, sensors=config, evade=evades, alternatives=alternatives,
-                level=level, faults=wrong, watch=watch, log=log,
+                level=level, faults=wrong, limits=allowed, watch=watch, log=log,
             )  # fmt: skip
         else:
             if method == STRIP:
@@ -161,7 +163,10 @@ def drive(
                 )  # fmt: skip
             else:
                 make = partial(make_base_simulation, problem, method)
-            driven = make(robot=model, seed=number, plant=plant, sensors=config, watch=watch, realtime=realtime or view)
+            driven = make(
+                robot=model, seed=number, plant=plant, sensors=config, limits=allowed, watch=watch,
+                realtime=realtime or view,
+            )  # fmt: skip
         if viewer is not None:
             viewer.show(model, problem.world.at(0.0), _shown(driven))
             output.say(f"viewer  {viewer.url}")

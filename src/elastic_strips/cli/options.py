@@ -6,6 +6,8 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import wraps
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -23,12 +25,14 @@ from . import output
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from elastic_strips.robot import RobotModel
     from elastic_strips.sim.sensors import SensorConfig
+    from elastic_strips.trajectory import MotionLimits
     from elastic_strips.viewer import Viewer
 
-    _TextType = click.ParamType[str]
+    _TextType, _SpeedType = click.ParamType[str], click.ParamType[tuple[str, float]]
 else:  # of click 8.1 it cannot be told of what
-    _TextType = click.ParamType
+    _TextType = _SpeedType = click.ParamType
 
 EXIT_DONE, EXIT_NOT_DONE = 0, 3
 """Exit codes: certified or reached; or not."""
@@ -80,6 +84,25 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{number} is not a finite number.", param, ctx)
         return number
+
+
+_POSITIVE = Finite(0.0, min_open=True)
+
+
+class Speed(_SpeedType):
+    """``NAME=VALUE``: a joint, and how fast it may be."""
+
+    name = "text"
+
+    def convert(
+        self, value: str | tuple[str, float], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        if isinstance(value, tuple):
+            return value
+        name, found, number = value.rpartition("=")
+        if not found or not name.strip():
+            self.fail(f"{value!r} has to be NAME=VALUE, such as arm_5_joint=1.5", param, ctx)
+        return name.strip(), float(_POSITIVE(number, param, ctx))
 
 
 class LateChoice(_TextType):
@@ -159,6 +182,59 @@ def robot_option(default: str | None = None, help: str = "The robot.") -> Callab
 def base_option(help: str = "How the base moves; the robot's own by default.") -> Callable[[_F], _F]:
     """``--base``."""
     return click.option("--base", type=BASE, help=help)
+
+
+@dataclass(frozen=True, slots=True)
+class GivenLimits:
+    """What a command line says of a robot's limits: as of ``MotionLimits.for_robot``."""
+
+    joint_speed: Mapping[str, float]
+    wheel_speed: float | None
+    track: float | None
+    wheel_radius: float | None
+
+    def __bool__(self) -> bool:
+        return bool(self.joint_speed) or any((self.wheel_speed, self.track, self.wheel_radius))
+
+    def of(self, robot: RobotModel) -> MotionLimits:
+        """All limits of a robot.
+
+        Raises:
+            ParameterError: a limit that is neither given nor stated by the robot's description, or of another robot.
+        """
+        from elastic_strips.trajectory import MotionLimits
+
+        if robot.base_kind.value != "diff_drive" and any((self.wheel_speed, self.track, self.wheel_radius)):
+            raise click.UsageError(
+                f"--wheel-speed, --track and --wheel-radius are of a diff_drive base; that of {robot.name!r} is "
+                f"{robot.base_kind.value}"
+            )
+        return MotionLimits.for_robot(
+            robot, joint_speed=self.joint_speed, wheel_speed=self.wheel_speed, track=self.track,
+            wheel_radius=self.wheel_radius,
+        )  # fmt: skip
+
+
+def limit_options(command: Callable[..., int]) -> Callable[..., int]:
+    """``--joint-speed``, ``--wheel-speed``, ``--track`` and ``--wheel-radius``, as one argument ``limits``."""
+
+    @wraps(command)
+    def with_limits(
+        *, joint_speed: tuple[tuple[str, float], ...], wheel_speed: float | None, track: float | None,
+        wheel_radius: float | None, **others: object,
+    ) -> int:  # fmt: skip
+        return command(limits=GivenLimits(dict(joint_speed), wheel_speed, track, wheel_radius), **others)
+
+    for name, help in (
+        ("--wheel-radius", "Radius of the driven wheels [m]; the URDF's by default."),
+        ("--track", "Distance between the driven wheels [m]; the URDF's by default."),
+        ("--wheel-speed", "Largest speed of a driven wheel's rim [m/s]; the URDF's by default."),
+    ):
+        with_limits = click.option(name, type=_POSITIVE, metavar="VALUE", help=help)(with_limits)
+    return click.option(
+        "--joint-speed", multiple=True, type=Speed(), metavar="NAME=VALUE",
+        help="Largest speed of a joint [rad/s or m/s]; the URDF's by default. May be given again.",
+    )(with_limits)  # fmt: skip
 
 
 def json_option(help: str) -> Callable[[_F], _F]:

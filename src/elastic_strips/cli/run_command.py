@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim.scenarios import RunResult
     from elastic_strips.strip import DeformReport
+    from elastic_strips.trajectory import MotionLimits
     from elastic_strips.viewer import Viewer
 
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     "--trajectory", "trajectory_file", metavar="FILE", type=options.OutputFile(),
     help="Write the certified strip, timed within the robot's limits: .csv, .npz, .json or .mcap.",
 )  # fmt: skip
+@options.limit_options
 @options.html_option("Write a standalone 3D page of the result.")
 @options.picture_options
 @click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
@@ -45,6 +47,7 @@ def run(
     timeout: float,
     json_file: str | None,
     trajectory_file: str | None,
+    limits: options.GivenLimits,
     html_file: str | None,
     png_file: str | None,
     film_file: str | None,
@@ -71,8 +74,11 @@ def run(
     options.check_outputs(scenario, json_file, trajectory_file, html_file, png_file, film_file)
     if trajectory_file is not None:
         check_trajectory_file(trajectory_file)
+    elif limits:
+        raise click.UsageError("--joint-speed, --wheel-speed, --track and --wheel-radius are of --trajectory")
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, preset, base)
+    allowed = None if trajectory_file is None else limits.of(model)
     with options.LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:
@@ -82,7 +88,7 @@ def run(
     _summary(result)
     if json_file is not None:
         output.write_document("result", json_file, result_document(result))
-    timed = trajectory_file is None or _write_timed(result, trajectory_file)
+    timed = trajectory_file is None or _write_timed(result, trajectory_file, allowed)
 
     def draw(viewer: Viewer) -> None:
         viewer.animate(model, problem.scene, result.report, duration=10.0)
@@ -93,7 +99,7 @@ def run(
     return options.EXIT_DONE if result.certified and timed else options.EXIT_NOT_DONE
 
 
-def _write_timed(result: RunResult, file: str) -> bool:
+def _write_timed(result: RunResult, file: str, limits: MotionLimits | None) -> bool:
     """Write the trajectory, or say why there is none."""
     from elastic_strips.io.trajectory_file import write_trajectory
     from elastic_strips.trajectory import RetimingError, retime
@@ -102,7 +108,7 @@ def _write_timed(result: RunResult, file: str) -> bool:
         output.say("no trajectory: the strip is not certified")
         return False
     try:
-        trajectory = retime(result.report.strip)
+        trajectory = retime(result.report.strip, limits=limits)
     except RetimingError as error:
         output.say(f"no trajectory: {error}")
         return False

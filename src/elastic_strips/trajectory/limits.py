@@ -25,7 +25,7 @@ from elastic_strips.scene.decompose import load_mesh
 from elastic_strips.summary import Summary
 from elastic_strips.validation import NonNegative, check_fields, check_number, check_type
 
-_ASK = "give wheel_speed=…, track=… and wheel_radius=…"
+_ASK = "give wheel_speed=…, track=… and wheel_radius=… (options of drive: --wheel-speed, --track, --wheel-radius)"
 _SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
 
 
@@ -37,11 +37,13 @@ class _Wheels:
         track: distance between the wheels [m].
         radius: [m].
         speed: the lower of their speed limits [rad/s], as the file states it.
+        joints: names of their joints.
     """
 
     track: float
     radius: float
     speed: float
+    joints: tuple[str, str]
 
 
 def _read_wheels(robot: RobotModel) -> _Wheels:
@@ -90,7 +92,7 @@ def _read_wheels(robot: RobotModel) -> _Wheels:
         if radii[0] is None or radii[1] is None or abs(radii[0] - radii[1]) > _SAME:
             raise ParameterError(f"{path}: the radii of wheels {a[0]!r} and {b[0]!r} are {radii} [m]: {_ASK}")
         speeds = [float(model.velocityLimit[model.joints[model.getJointId(name)].idx_v]) for name, _, _ in (a, b)]
-        found.append(_Wheels(2.0 * abs(float(a[1].translation[1])), radii[0], min(speeds)))
+        found.append(_Wheels(2.0 * abs(float(a[1].translation[1])), radii[0], min(speeds), (a[0], b[0])))
     if any(abs(w.track - found[0].track) > _SAME or abs(w.radius - found[0].radius) > _SAME for w in found):
         names = "; ".join(f"{a[0]}, {b[0]}" for a, b in pairs)
         raise ParameterError(f"{path} has several different pairs of wheels ({names}): {_ASK}")
@@ -232,17 +234,15 @@ class MotionLimits(Summary):
         """
         check_type("robot", robot, RobotModel, RobotError)
         speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
+        unstated = [name for name, value in zip(robot.joint_names, speed, strict=True) if np.isnan(value)]
+        wheels: tuple[str, ...] = ()
         if robot.base_kind is BaseKind.DIFF_DRIVE:
             if wheel_speed is None or track is None or wheel_radius is None:
                 found = _read_wheels(robot)
                 track = found.track if track is None else track
                 wheel_radius = found.radius if wheel_radius is None else wheel_radius
                 if wheel_speed is None:
-                    if not 0.0 < found.speed < _UNLIMITED:
-                        raise ParameterError(
-                            f"the wheels of {robot.name!r} state no speed ({found.speed:g} rad/s); give wheel_speed=… "
-                            "[m/s at the rim]"
-                        )
+                    wheels = () if 0.0 < found.speed < _UNLIMITED else found.joints
                     wheel_speed = found.speed * wheel_radius
             drive, change = [wheel_speed] * 2, [wheel_acceleration] * 2
         elif robot.base_kind is BaseKind.OMNI:
@@ -253,6 +253,8 @@ class MotionLimits(Summary):
         else:
             track = wheel_radius = 0.0
             drive, change = [], []
+        if unstated or wheels:
+            raise ParameterError(_ask_speeds(robot, unstated, wheels))
         return MotionLimits(
             track=float(track),
             wheel_radius=float(wheel_radius),
@@ -325,22 +327,35 @@ def _joint_limits(
     acceleration: float | Mapping[str, float],
     prismatic_acceleration: float,
 ) -> tuple[Array, Array]:
+    """(n,) speeds, NaN where there is none, and (n,) accelerations."""
     names, stated = robot.joint_names, robot.model.velocityLimit[robot.space.base_nv :]
     speeds = _named(speed, names, "joint_speed")
     changes = _named(acceleration, names, "joint_acceleration")
     out_speed, out_change = np.empty(len(names)), np.empty(len(names))
     for i, (name, sliding) in enumerate(zip(names, sliding_joints(robot), strict=True)):
         value = speeds.get(name, float(stated[i]))
-        if name not in speeds and not 0.0 < value < _UNLIMITED:
-            raise ParameterError(
-                f"joint {name!r} of {robot.name!r} states no speed limit ({value:g}); give joint_speed={{{name!r}: …}} "
-                "[rad/s or m/s]"
-            )
-        out_speed[i] = value
+        out_speed[i] = value if name in speeds or 0.0 < value < _UNLIMITED else np.nan
         # one number for all joints means the revolute ones: 4 is plenty for an arm and absurd for a lift
         named = isinstance(acceleration, Mapping) and name in acceleration
         out_change[i] = prismatic_acceleration if sliding and not named else changes.get(name, 4.0)
     return out_speed, out_change
+
+
+def _ask_speeds(robot: RobotModel, joints: Sequence[str], wheels: Sequence[str]) -> str:
+    """What to do where joints and wheels state no speed."""
+    arguments, options = [], []
+    if joints:
+        arguments.append("joint_speed={" + ", ".join(f"{name!r}: …" for name in joints) + "} [rad/s or m/s]")
+        options += [f"--joint-speed {name}=…" for name in joints]
+    if wheels:
+        arguments.append("wheel_speed=… [m/s at the rim]")
+        options.append("--wheel-speed …")
+    named = [f"joint {name!r}" for name in joints] + [f"wheel {name!r}" for name in wheels]
+    return (
+        f"{robot.name!r} states no speed limit of {', '.join(named)}: write "
+        '<limit effort="…" velocity="…"/> [rad/s or m/s] into each of these <joint> elements of its URDF, or give '
+        f"{' and '.join(arguments)} (options of drive: {' '.join(options)})"
+    )
 
 
 def sliding_joints(robot: RobotModel) -> Mask:

@@ -179,6 +179,26 @@ def test_joints_without_a_speed_are_asked_for(gantry):
     np.testing.assert_array_equal(limits.joint_acceleration, [expected.get(n, 4.0) for n in gantry.joint_names])
 
 
+def test_all_that_states_no_speed_is_named_at_once(tmp_path):
+    """With what to write into the URDF, the arguments, and the options of the command line."""
+    robot = cart(tmp_path, [{**w, "limit": ""} for w in PAIR])
+    text = Path(robot.urdf_path).read_text().replace(' velocity="0.2"', ' velocity="1e9"')
+    Path(robot.urdf_path).write_text(text)
+    with pytest.raises(ParameterError) as problem:
+        MotionLimits.for_robot(load_robot(robot.urdf_path))
+    said = str(problem.value)
+    for part in ("'mast_joint'", "'wheel_left_joint'", "'wheel_right_joint'", '<limit effort="…" velocity="…"/>',
+                 "joint_speed={'mast_joint': …}", "wheel_speed=…",
+                 "--joint-speed mast_joint=…", "--wheel-speed …"):  # fmt: skip
+        assert part in said, said
+    with pytest.raises(ParameterError) as problem:
+        MotionLimits.for_robot(load_robot(robot.urdf_path), joint_speed={"mast_joint": 0.2})
+    assert "mast_joint" not in str(problem.value)
+    with pytest.raises(ParameterError) as problem:
+        MotionLimits.for_robot(load_robot(robot.urdf_path), wheel_speed=0.5)
+    assert "wheel" not in str(problem.value)
+
+
 @pytest.mark.parametrize(
     "arguments, match",
     [

@@ -115,6 +115,7 @@ def make_simulation(
     alternatives: int = 1,
     level: str = "",
     params: DriveParams | None = None,
+    limits: MotionLimits | None = None,
     faults: Iterable[Fault] = (),
     perception: PerceptionParams | None = None,
     watch: Callable[[Simulation[Controller]], object] | None = None,
@@ -135,6 +136,7 @@ def make_simulation(
             switches to another one where its strip is given up.
         level: a frame of the robot that is to stay as level as it is at the start; none where empty.
         params: of the drive; the defaults with the scenario's parameters of the strip where None.
+        limits: of the robot; those of its description where None.
         faults: injected faults.
         perception: noise and delay of a known scene.
         watch, realtime, compute: of :func:`~elastic_strips.sim.simulation`.
@@ -142,7 +144,7 @@ def make_simulation(
     Raises:
         InputError: start or goal in collision, an unknown plant, …
     """
-    problem = _Problem.of(scenario, robot, seed, plant)
+    problem = _Problem.of(scenario, robot, seed, plant, limits)
     params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
     return simulation(
         problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
@@ -161,6 +163,7 @@ def make_realtime(
     alternatives: int = 1,
     level: str = "",
     params: DriveParams | None = None,
+    limits: MotionLimits | None = None,
     faults: Iterable[Fault] = (),
     watch: Callable[[RealtimeSimulation], object] | None = None,
     log: str | os.PathLike[str] | None = None,
@@ -169,14 +172,14 @@ def make_realtime(
     """As :func:`make_simulation`, but against the wall clock: machine and executor run in processes of their own.
 
     Args:
-        scenario, robot, seed, evade, sensors, alternatives, level, params, faults: as of :func:`make_simulation`.
+        scenario, robot, seed, evade, sensors, alternatives, level, params, limits, faults: of :func:`make_simulation`.
         watch, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
         log: file that the executor writes while it drives; a temporary one where None.
 
     Raises:
         InputError: start or goal in collision, …
     """
-    problem = _Problem.of(scenario, robot, seed, "kinematic")
+    problem = _Problem.of(scenario, robot, seed, "kinematic", limits)
     params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
     model, limits = problem.robot, problem.limits
     world, machine, rng = prepare(model, problem.world, limits, None, problem.seed, shared=seen is not None)
@@ -257,6 +260,7 @@ def make_base_simulation(
     seed: int | None = None,
     plant: str = "kinematic",
     sensors: SensorConfig | None = None,
+    limits: MotionLimits | None = None,
     patience: float = PATIENCE,
     watch: Callable[[Simulation[BaseController]], object] | None = None,
     realtime: bool = False,
@@ -270,9 +274,10 @@ def make_base_simulation(
         seed: of plant and sensors; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"``.
         sensors: of the method; the Silvermate's where None.
+        limits: of the robot; those of its description where None.
         patience, watch, realtime: of :func:`~elastic_strips.sim.base_simulation`.
     """
-    problem = _Problem.of(scenario, robot, seed, plant)
+    problem = _Problem.of(scenario, robot, seed, plant, limits)
     return base_simulation(
         problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
         plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, patience=patience,
@@ -294,15 +299,18 @@ class _Problem:
     metadata: dict[str, object]
 
     @classmethod
-    def of(cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str) -> _Problem:
+    def of(
+        cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str, limits: MotionLimits | None
+    ) -> _Problem:
         check_type("scenario", scenario, Scenario, ScenarioError)
         check_type("robot", robot, RobotModel, RobotError, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
         check_choice("plant", plant, PLANTS)
         if seed is not None:
             check_count("seed", seed)
         robot = scenario.load_robot(preset="default") if robot is None else robot
         seed = scenario.seed if seed is None else seed
-        limits, world = MotionLimits.for_robot(robot), scenario.world
+        limits, world = MotionLimits.for_robot(robot) if limits is None else limits, scenario.world
         machine: Plant
         if plant == "mujoco":
             from elastic_strips.sim.mujoco.plant import MujocoPlant
