@@ -66,6 +66,9 @@ def run(
         obstacles:
           - {shape: box, size: [0.6, 0.6, 1.4], at: [1.5, 0.1, 0.7]}
 
+    where robot and scene may be paths: of a URDF or xacro file, and of a scene file, MoveIt's .scene, OctoMap's .bt or
+    .ot, or a Nav2 map's .yaml.
+
     Exit code 0: certified. 2: wrong input. 3: blocked or broken, or no trajectory was found; it is printed why.
     """
     from elastic_strips.io.trajectory_file import check_trajectory_file

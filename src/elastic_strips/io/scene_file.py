@@ -18,13 +18,16 @@ from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.validation import check_type
 
 from .moveit_scene import read_moveit_scene
-from .nodes import Node, load_yaml
+from .nav2_map import load_nav2_map
+from .nodes import Node, Source, load_yaml
 from .obstacle_document import obstacle_entries, obstacle_from_node
 from .octomap import read_octomap
 
 VERSION = 1
 _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = {".scene": read_moveit_scene, ".bt": read_octomap, ".ot": read_octomap}
+_CLOUDS = (".pcd", ".ply", ".xyz")
+_ROBOTS = (".urdf", ".xacro")
 _PRESETS = ("default", "paper")
 _ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs")
 _SCENARIO_KEYS = (
@@ -35,8 +38,8 @@ _SCENARIO_KEYS = (
 def read_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene file: the obstacles that exist at the file's time.
 
-    MoveIt's ``.scene`` files and OctoMap's ``.bt`` and ``.ot`` files are read, too: as `read_moveit_scene` and
-    `read_octomap` do.
+    MoveIt's ``.scene`` files, OctoMap's ``.bt`` and ``.ot`` files, and the YAML files of Nav2's maps are read, too: as
+    `read_moveit_scene`, `read_octomap` and `load_nav2_map` do.
 
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
@@ -51,8 +54,24 @@ def read_world(path: str | os.PathLike[str]) -> World:
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
-    foreign = _FOREIGN.get(os.path.splitext(os.fspath(path))[1].lower()) if isinstance(path, (str, Path)) else None
-    return _world_from_node(load_yaml(path)) if foreign is None else World(foreign(path))
+    ending = Path(path).suffix.lower() if isinstance(path, (str, os.PathLike)) else ""
+    if ending in _FOREIGN:
+        return World(_FOREIGN[ending](path))
+    if ending in _CLOUDS:
+        shape = f"{{shape: points, file: {Path(path).name}, radius: …}}"
+        raise SceneError(f"{path}: is a point cloud; a scene file takes it in, by a line 'obstacles: [{shape}]'")
+    root = load_yaml(path)
+    if not _is_map(root):
+        return _world_from_node(root)
+    try:
+        return World(load_nav2_map(path))
+    except ScenarioError as error:
+        raise SceneError(str(error)) from None
+
+
+def _is_map(root: Node) -> bool:
+    """Whether a YAML file is one of Nav2's maps."""
+    return isinstance(root.value, dict) and "image" in root.value
 
 
 def _world_from_node(node: Node) -> World:
@@ -210,7 +229,7 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
         ScenarioError: The file, or the scene file that it names, cannot be read or does not fit the schema; the message
             names file, line and key.
     """
-    root = load_yaml(path, error=ScenarioError)
+    root = _scenario_root(path)
     entries = root.mapping(_SCENARIO_KEYS, needed=("robot", "scene", "start", "goal"), what="a scenario")
     file = root.source.path
     if "version" in entries:
@@ -254,6 +273,26 @@ def _described(node: Node) -> tuple[str, LoadOptions]:
     return _robot(entries["name"]), options
 
 
+def _scenario_root(path: str | os.PathLike[str]) -> Node:
+    """The YAML of a scenario file; robots and scenes, which a scenario only names, are refused with what to do."""
+    source = Source(Path(path), ScenarioError)
+    name, ending = source.path.name, source.path.suffix.lower()
+    this_is_a_scene = (
+        "is a scene file, which a scenario names: write a YAML file with the lines "
+        f"'scene: {name}', 'robot: …' (its name or its URDF file), 'start: {{x: 0}}' and 'goal: {{x: 4}}'"
+    )
+    if ending in _ROBOTS:
+        source.fail(f"is a robot: give it by --robot {path}, or by a line 'robot: {name}' of a scenario file")
+    if ending in _FOREIGN:
+        source.fail(this_is_a_scene)
+    root = load_yaml(path, error=ScenarioError)
+    if isinstance(root.value, dict) and not root.value.keys() & {"scene", "robot", "start", "goal"}:
+        for key in ("obstacles", "image"):
+            if key in root.value:
+                source.fail(this_is_a_scene, root[key].line)
+    return root
+
+
 def _robot(node: Node) -> str:
     """A robot's name as it is; a path to a URDF, relative to the file, as an absolute path."""
     robot = node.text()
@@ -268,7 +307,10 @@ def _robot(node: Node) -> str:
 def _world(node: Node) -> World:
     if not isinstance(node.value, str):
         return _world_from_node(node)
-    return _world_from_node(load_yaml(node.source.path.parent / node.text(), error=ScenarioError))
+    try:
+        return read_world(node.source.path.parent / node.text())
+    except SceneError as error:
+        raise ScenarioError(str(error)) from None
 
 
 def _pose(node: Node) -> PoseSpec:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from elastic_strips.errors import ScenarioError
-from elastic_strips.io import PoseSpec, read_scenario
+from elastic_strips.errors import ScenarioError, SceneError
+from elastic_strips.io import PoseSpec, read_scenario, read_world
 from elastic_strips.sim.scenarios import get_scenario
 
 DOCS = Path(__file__).parents[3] / "docs" / "scene-files.md"
@@ -119,3 +119,57 @@ def test_trouble_in_the_scene_file_is_a_scenario_error_that_names_that_file(tmp_
     (tmp_path / "room.yaml").write_text("obstacles:\n- shape: sphere\n  radius: -1\n")
     with pytest.raises(ScenarioError, match=r"room\.yaml:3: obstacles\[0\]\.radius"):
         read(tmp_path, SHORT.replace("{obstacles: []}", "room.yaml"))
+
+
+MOVEIT = "room+\n* crate\n2 0 0\n0 0 0 1\n1\nbox\n1 1 1\n0 0 0.5\n0 0 0 1\n0.6 0.4 0.2 1\n0\n.\n"
+MAP = "image: map.pgm\nresolution: 0.5\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.25\nnegate: 0\n"
+
+
+def test_a_scenario_names_scenes_of_other_formats(tmp_path, caplog):
+    """What is left out of them is said."""
+    (tmp_path / "room.scene").write_text(MOVEIT)
+    spec = read(tmp_path, SHORT.replace("{obstacles: []}", "room.scene"))
+    assert spec.scene.names == ("crate",)
+    assert "left out: 1 colours" in caplog.text
+    (tmp_path / "map.pgm").write_bytes(b"P5\n2 1\n255\n\x00\xfe")
+    (tmp_path / "map.yaml").write_text(MAP)
+    spec = read(tmp_path, SHORT.replace("{obstacles: []}", "map.yaml"))
+    assert spec.scene.names == ("map",)
+    assert read_world(tmp_path / "map.yaml").scene.names == ("map",)
+
+
+@pytest.mark.parametrize(
+    "name, text, message",
+    [
+        ("room.scene", MOVEIT.replace("1 1 1", "1 one 1"), r"room\.scene:7: 'one'"),
+        ("map.yaml", MAP.replace("0.5", "-1"), r"map\.yaml:2: resolution"),
+        ("scan.pcd", "", r"scan\.pcd: .*\{shape: points, file: scan\.pcd, radius: …\}"),
+    ],
+)
+def test_trouble_in_scenes_of_other_formats_is_a_scenario_error(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ScenarioError, match=message):
+        read(tmp_path, SHORT.replace("{obstacles: []}", name))
+    with pytest.raises(SceneError, match=message):
+        read_world(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "name, text, message",
+    [
+        ("room.yaml", "version: 1\nobstacles: []\n", r"room\.yaml:2: .*a scene file.*'scene: room\.yaml'.*goal"),
+        ("map.yaml", MAP, r"map\.yaml:1: .*a scene file.*'scene: map\.yaml'"),
+        ("room.scene", MOVEIT, r"room\.scene: .*a scene file.*'scene: room\.scene'"),
+        ("room.bt", "", r"a scene file.*'scene: room\.bt'"),
+        ("bot.urdf", "<robot/>", r"bot\.urdf: .*a robot.*--robot"),
+        ("bot.urdf.xacro", "<robot/>", r"a robot.*--robot"),
+    ],
+)
+def test_files_of_other_kinds_are_told_from_scenarios(tmp_path, monkeypatch, name, text, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(text)
+    for given in (name, tmp_path / name):
+        with pytest.raises(ScenarioError, match=message):
+            get_scenario(given)
+        with pytest.raises(ScenarioError, match=message):
+            read_scenario(given)

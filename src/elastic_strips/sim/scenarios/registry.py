@@ -47,7 +47,7 @@ def scenario_names() -> tuple[str, ...]:
 
 
 def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
-    """A scenario by name, or from a YAML file (a path that ends in .yaml or .yml, or holds a separator).
+    """A scenario by name, or from a YAML file (a path that ends in .yaml or .yml, or holds a separator, or exists).
 
     Raises:
         ScenarioError: an unknown name, or an error in the file.
