@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).parents[2] / "scripts" / "examples"
 SAID = {
     "01_ten_lines": "settled: certified and at rest",
     "02_obstacle_in_motion": "8.0 s: certified True",
-    "03_certificate": "comes within ball",
+    "03_certificate": "mm deep in ball",
     "04_drive": "reached after",
     "05_own_driver": "reached after",
     "06_mujoco_as_robot": "reached after",

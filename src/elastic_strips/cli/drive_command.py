@@ -228,6 +228,7 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     import numpy as np
 
     from elastic_strips.control import RunState
+    from elastic_strips.robot.geometry import link_labels
 
     result, evaluation = outcome.result, outcome.evaluation
     if outcome.reached:
@@ -259,10 +260,14 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         output.say(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
         output.say(f"  {name} was in no laser's view in the second before it was touched")
+    pieces = outcome.robot.geometries
+    called = dict(zip((piece.name for piece in pieces), link_labels(pieces), strict=True))
     for contact in evaluation.rest_contacts:
-        output.say(f"  {contact.obstacle} ran into {contact.link} at rest, from {contact.time:.1f} s on")
+        link = called.get(contact.link, contact.link)
+        output.say(f"  {contact.obstacle} ran into {link} at rest, from {contact.time:.1f} s on")
     for contact in evaluation.collisions:
-        output.say((f"  COLLISION of {contact.link} with {contact.obstacle} at {contact.speed:.2f} m/s", output.BAD))
+        link = called.get(contact.link, contact.link)
+        output.say((f"  COLLISION of {link} with {contact.obstacle} at {contact.speed:.2f} m/s", output.BAD))
     for event in result.events:
         if event.kind == "replanned" and event.reason.startswith("switched"):
             output.say(f"  at {event.time:.2f} s {event.reason}")

@@ -18,6 +18,7 @@ from elastic_strips.arrays import Array, Indices
 from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.coal_shapes import native_solid
+from elastic_strips.robot.geometry import link_labels
 from elastic_strips.robot.kinematics import KinematicTree
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class BodySet:
 
     Attributes:
         names: (G,) names.
+        labels: (G,) what messages call them.
         geometries: Coal shapes.
         joint: (G,) Pinocchio joint index.
         rotation: (G, 3, 3), translation: (G, 3) pose of the shape in the aligned joint frame.
@@ -42,6 +44,7 @@ class BodySet:
 
     tree: KinematicTree
     names: tuple[str, ...]
+    labels: tuple[str, ...]
     geometries: tuple[coal.CollisionGeometry, ...]
     joint: Indices
     rotation: Array
@@ -68,6 +71,7 @@ class BodySet:
         links = BodySet(
             tree=tree,
             names=tuple(p.name for p in pieces),
+            labels=link_labels(pieces),
             geometries=tuple(p.geometry for p in pieces),
             joint=np.array([p.joint for p in pieces], dtype=np.intp),
             rotation=placements[:, :3, :3].copy(),
@@ -87,6 +91,7 @@ class BodySet:
         return BodySet(
             tree=tree,
             names=points.names,
+            labels=points.names,
             geometries=tuple(coal.Sphere(_POINT_RADIUS) for _ in range(n)),
             joint=points.joint,
             rotation=np.tile(np.eye(3), (n, 1, 1)),
@@ -114,8 +119,8 @@ class BodySet:
         """One of the bodies alone."""
         k = slice(index, index + 1)
         return replace(
-            self, names=self.names[k], geometries=self.geometries[k], joint=self.joint[k], rotation=self.rotation[k],
-            translation=self.translation[k], ends=self.ends[k], radius=self.radius[k],
+            self, names=self.names[k], labels=self.labels[k], geometries=self.geometries[k], joint=self.joint[k],
+            rotation=self.rotation[k], translation=self.translation[k], ends=self.ends[k], radius=self.radius[k],
         )  # fmt: skip
 
     def capsule_ends(self, kin: Kinematics) -> Array:

@@ -12,7 +12,7 @@ intervals that are open at first, with what is known of them, and what the dista
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
@@ -50,6 +50,7 @@ class BrokenSegment:
         clearance: smallest distance measured there [m]; below the required one, or too small to decide.
         kind: ``"obstacle"``, ``"self"``, or ``"half turn"`` where the segment's path is not defined.
         certain: True where a configuration below the required clearance was found, False where the depth floor was met.
+        labels: what messages call link and obstacle; a link that is one piece has the URDF's name there.
     """
 
     segment: int
@@ -58,12 +59,17 @@ class BrokenSegment:
     clearance: float
     kind: str
     certain: bool
+    labels: tuple[str, str] | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
+        link, obstacle = self.labels or (self.link, self.obstacle)
+        said = f"{abs(self.clearance) * 1000:.1f} mm"
         if self.kind == _HALF_TURN:
-            return f"segment {self.segment}: {self.link} makes half a turn, and which way is not defined: add a node"
-        what = "comes within" if self.certain else "could not be proven clear of"
-        return f"segment {self.segment}: {self.link} {what} {self.obstacle} ({self.clearance * 1000:.1f} mm)"
+            return f"segment {self.segment}: {link} makes half a turn, and which way is not defined: add a node"
+        if not self.certain:
+            return f"segment {self.segment}: {link} could not be proven clear of {obstacle} ({said})"
+        how = f"is {said} deep in" if self.clearance < 0.0 else f"comes within {said} of"
+        return f"segment {self.segment}: {link} {how} {obstacle}"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -158,7 +164,8 @@ class ObstaclePairs:
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
         body, part = divmod(pair, len(self.candidates))
         link, obstacle = self.bodies.names[body], self.candidates.obstacle_name(part)
-        return BrokenSegment(segment, link, obstacle, distance, "obstacle", certain)
+        labels = self.bodies.labels[body], obstacle
+        return BrokenSegment(segment, link, obstacle, distance, "obstacle", certain, labels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,8 +184,9 @@ class SelfPairs:
         return np.full(len(pair), _LOOSE)
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
-        names, (one, two) = self.proximity.bodies.names, self.proximity.pairs[pair]
-        return BrokenSegment(segment, names[one], names[two], distance, "self", certain)
+        bodies, (one, two) = self.proximity.bodies, self.proximity.pairs[pair]
+        labels = bodies.labels[one], bodies.labels[two]
+        return BrokenSegment(segment, bodies.names[one], bodies.names[two], distance, "self", certain, labels)
 
 
 @dataclass(slots=True)
@@ -383,4 +391,4 @@ class Bisection:
 
 def half_turn(bodies: BodySet, segment: int) -> BrokenSegment:
     """The report of a segment that makes half a turn."""
-    return BrokenSegment(segment, bodies.names[0], "", 0.0, _HALF_TURN, False)
+    return BrokenSegment(segment, bodies.names[0], "", 0.0, _HALF_TURN, False, (bodies.labels[0], ""))

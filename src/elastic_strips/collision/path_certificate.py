@@ -283,12 +283,15 @@ class _Work:
         place = whole[j] + (whole[j + 1] - whole[j]) * found.place
         segment = min(int(place), int(whole[-1]) - 1)
         time = None if when is None else float(np.interp(place, np.arange(len(when)), when))
-        broken = BrokenSegment(segment, found.link, found.other, found.distance, found.kind, found.certain)
+        broken = BrokenSegment(
+            segment, found.link, found.other, found.distance, found.kind, found.certain, found.labels
+        )
+        one, two = found.labels
         others = f"; {len(segments) - 1} more segments are not certified" if len(segments) > 1 else ""
         if not found.certain:
             undefined = worst.kind == "half turn"
             why = (
-                f"segment {segment}: {found.link} and {found.other} come as near as {_mm(found.distance)}, too near "
+                f"segment {segment}: {one} and {two} come as near as {_mm(found.distance)}, too near "
                 "to the clearance to decide: prove a smaller clearance, or look at the path in smaller pieces"
             )
             return PathCertificate(
@@ -297,7 +300,7 @@ class _Work:
                 seconds=perf_counter() - began,
             )  # fmt: skip
         deep = f"{_mm(-found.distance)} deep in" if found.distance < 0.0 else f"{_mm(found.distance)} from"
-        reason = f"segment {segment}, at {place - segment:.3f} of it: {found.link} is {deep} {found.other}{others}"
+        reason = f"segment {segment}, at {place - segment:.3f} of it: {one} is {deep} {two}{others}"
         return PathCertificate(
             Verdict.REFUTED, **shared, segments=segments, broken=broken, q=self.robot.space.from_coordinates(found.row),
             place=place - segment, time=time, distance=found.distance, reason=reason, seconds=perf_counter() - began,
@@ -333,21 +336,23 @@ class _Work:
         itself.reset()
         obstacles.update(kin, scene)
         itself.update(kin)
-        distance, link, other, k, kind = np.inf, "", "", 0, "obstacle"
+        distance, link, other, k, kind, labels = np.inf, "", "", 0, "obstacle", ("", "")
         if obstacles.exact.size:
             at = int(np.argmin(obstacles.exact))
             k, g, c = (int(i) for i in np.unravel_index(at, obstacles.exact.shape))
             distance, link, other = float(obstacles.exact[k, g, c]), self.bodies.names[g], obstacles.obstacle_name(c)
+            labels = self.bodies.labels[g], other
         spare, needed = distance - self.clearance, self.clearance
         if itself.exact.size:
             at = int(np.argmin(itself.exact))
             n, s = (int(i) for i in np.unravel_index(at, itself.exact.shape))
             own = float(itself.exact[n, s])
             if own - self.self_clearance < spare:
-                one, two = (self.bodies.names[int(i)] for i in itself.pairs[s])
-                distance, link, other, k, kind = own, one, two, n, "self"
+                one, two = (int(i) for i in itself.pairs[s])
+                distance, link, other, k, kind = own, self.bodies.names[one], self.bodies.names[two], n, "self"
+                labels = self.bodies.labels[one], self.bodies.labels[two]
                 spare, needed = own - self.self_clearance, self.self_clearance
-        return _Found(float(part[k]), samples[k].copy(), link, other, distance, kind, spare, distance <= needed)
+        return _Found(float(part[k]), samples[k].copy(), link, other, labels, distance, kind, spare, distance <= needed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -358,6 +363,7 @@ class _Found:
     row: Array
     link: str
     other: str
+    labels: tuple[str, str]
     distance: float
     kind: str
     spare: float

@@ -279,10 +279,10 @@ def nearest_things(robot: RobotModel, scene: Scene, ends: tuple[Array, Array], w
             body, part = np.unravel_index(int(np.argmin(obstacles.bound[node])), obstacles.bound.shape[1:])
             other = obstacles.obstacle_name(int(part))
             distance = float(obstacles.bound[node, body, part])
-            found.append(Near(what, "clearance", distance, bodies.names[body], other))
+            found.append(Near(what, "clearance", distance, bodies.labels[body], other))
         if own.bound[node].size:
             pair = int(np.argmin(own.bound[node]))
-            one, two = (bodies.names[k] for k in own.pairs[pair])
+            one, two = (bodies.labels[k] for k in own.pairs[pair])
             found.append(Near(what, "self_clearance", float(own.bound[node, pair]), one, two))
     return found
 

@@ -7,6 +7,7 @@ that hardly grow by being joined are joined: both keep containment.
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -56,6 +57,17 @@ class LinkGeometry:
     geometry: coal.CollisionGeometry
     placement: Array
     capsule: Capsule
+
+
+def link_labels(pieces: Sequence[LinkGeometry]) -> tuple[str, ...]:
+    """What messages call each piece: the URDF's link where it is that link's only one, else the piece's own name."""
+    covered = Counter(link for piece in pieces for link in piece.links)
+    return tuple(
+        piece.links[0]
+        if covered[piece.links[0]] == 1 and piece.name.removeprefix(f"{piece.links[0]}_").isdecimal()
+        else piece.name
+        for piece in pieces
+    )
 
 
 def bounding_capsule(points: Array, radius: float = 0.0) -> Capsule:

@@ -11,6 +11,7 @@ import pytest
 from brute_force import configuration, link_distances, self_distances
 
 from elastic_strips.collision import BrokenSegment, SegmentState
+from elastic_strips.collision.bounds import BodySet
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Points, Scene, Sphere, Voxels
 from elastic_strips.strip import Deformer, DeformParams, Strip, strip_clearance
@@ -49,7 +50,10 @@ def test_an_obstacle_between_two_free_nodes_is_found(silvermate, radius, size):
     assert (broken.segment, broken.obstacle, broken.kind, broken.certain) == (0, "post", "obstacle", True)
     assert broken.link in {g.name for g in silvermate.geometries}
     assert broken.clearance <= certificate.clearance
-    assert str(broken).startswith(f"segment 0: {broken.link} comes within post (")
+    link = broken.link.removesuffix("_0")
+    assert link in {name for g in silvermate.geometries for name in g.links}
+    how = f"is {-1e3 * broken.clearance:.1f} mm deep in" if broken.clearance < 0.0 else "comes within"
+    assert str(broken).startswith(f"segment 0: {link} {how} ")
     assert certificate.states.tolist() == [SegmentState.COLLIDING, SegmentState.CERTIFIED]
 
 
@@ -342,3 +346,28 @@ def test_clearance_equals_dense_sampling(robot, rng):
         value = strip_clearance(strip, scene)
         assert value <= truth + 1e-6
         assert value >= truth - 0.01
+
+
+@pytest.mark.parametrize(
+    "clearance, certain, says",
+    [
+        (-0.2124, True, "segment 3: base_link is 212.4 mm deep in shelf-1"),
+        (0.012, True, "segment 3: base_link comes within 12.0 mm of shelf-1"),
+        (0.012, False, "segment 3: base_link could not be proven clear of shelf-1 (12.0 mm)"),
+    ],
+)
+def test_a_broken_segment_is_said_in_words(clearance, certain, says):
+    """With the names that a URDF has, where they are known."""
+    broken = BrokenSegment(3, "base_link_0", "shelf-1", clearance, "obstacle", certain, ("base_link", "shelf-1"))
+    assert str(broken) == says
+    plain = BrokenSegment(3, "base_link_0", "shelf-1", clearance, "obstacle", certain)
+    assert str(plain) == says.replace("base_link", "base_link_0")
+
+
+def test_messages_name_the_links_of_the_urdf(gantry):
+    """A link of several pieces keeps their names, as does a hull of several links."""
+    labels = dict(zip(BodySet.links(gantry).names, BodySet.links(gantry).labels, strict=True))
+    assert labels["rail_0"] == "rail"
+    assert labels["finger_0"] == "finger_0"
+    assert labels["finger_1"] == "finger_1"
+    assert all(label == name for name, label in labels.items() if "+" in name)

@@ -17,7 +17,7 @@ from elastic_strips.strip.constraint import ConstraintForce
 
 
 def report(error: float, *, certified: bool = True):
-    broken = None if certified else "segment 3: hand comes within shelf (-5.0 mm)"
+    broken = None if certified else "segment 3: hand is 5.0 mm deep in shelf"
     certificate = SimpleNamespace(broken=broken)
     return SimpleNamespace(constraint_errors=np.array([0.0, error, 0.0]), certified=certified, certificate=certificate)
 
@@ -53,7 +53,7 @@ def test_a_task_that_is_not_kept_is_suspended_and_resumed(watch, bad):
     feed(watch, [report(0.0)])
     assert feed(watch, [bad] * 3) == [ConstraintState.KEPT, ConstraintState.KEPT, ConstraintState.SUSPENDED]
     assert not watch.force.active
-    assert "0.200 rad off, 0.1 allowed" in watch.reason or "within shelf" in watch.reason
+    assert "0.200 rad off, 0.1 allowed" in watch.reason or "deep in shelf" in watch.reason
     assert feed(watch, [report(0.4)] * 5)[-2:] == [ConstraintState.SUSPENDED, ConstraintState.TRYING]
     assert watch.force.active
     assert feed(watch, [report(0.05)]) == [ConstraintState.KEPT]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from brute_force import link_distances, make_obstacle, self_distances
 
+from elastic_strips.collision.bounds import BodySet
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.native import kernel, twin
 from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
@@ -130,7 +131,7 @@ def test_ends_in_collision_name_the_pair(silvermate, what):
 def test_ends_that_are_too_close_say_how_close(silvermate):
     base = silvermate.geometries[0].geometry.radius
     scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 + 0.003, 0.0, 0.1), name="kerb")])
-    with pytest.raises(ConfigurationError, match=r"start is too close: 'base_link_0' is 3.0 mm from 'kerb'.*5.0 mm"):
+    with pytest.raises(ConfigurationError, match=r"start is too close: 'base_link' is 3.0 mm from 'kerb'.*5.0 mm"):
         plan(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params=DeformParams())
     params = DeformParams(clearance=0.001)
     check_endpoints(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params)
@@ -146,7 +147,7 @@ def test_ends_in_self_collision_name_both_links(silvermate, rng):
         if apart.min() < -0.01:
             break
     i, k = silvermate.self_pairs[int(np.argmin(apart))]
-    names = silvermate.geometries[i].name, silvermate.geometries[k].name
+    names = BodySet.links(silvermate).labels[i], BodySet.links(silvermate).labels[k]
     with pytest.raises(ConfigurationError, match=rf"goal is in collision: '{names[0]}' is .* deep in '{names[1]}'"):
         plan(silvermate, Scene([]), silvermate.home(), q)
 

@@ -67,7 +67,7 @@ def test_a_closed_side_is_left_at_once(silvermate, caplog) -> None:
     assert report.current != first.current
     text = "; ".join(report.events)
     assert "switched from left of box to right of it: segment " in text
-    assert "comes within block" in text
+    assert " deep in block" in text
     assert text in caplog.text or report.events[0] in caplog.text
     dropped = [e for _ in range(8) for e in family.step(closed).events]
     assert any(e.startswith("dropped a strip of") and "block" in e for e in dropped)

@@ -13,6 +13,7 @@ import numpy as np
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.catalogue import PRESETS
+from elastic_strips.collision import BrokenSegment
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
@@ -297,7 +298,7 @@ def result_document(result: RunResult) -> Document:
         "tick_ms": {f"p{p}": float(np.percentile(ticks, p)) if len(ticks) else None for p in (50, 95, 99)},
         "passage": result.passing_side,
         "max_heading_step_rad": report.heading_step if isinstance(report, PaperReport) else None,
-        "broken": None if result.certified or broken is None else asdict(broken),
+        "broken": None if result.certified or broken is None else _place(broken),
         "base": base.value,
         "strip": {"joint_names": list(robot.joint_names), "q": strip.q.tolist()},
         "locked": {name: float(value) for name, value in robot.locked.items()},
@@ -305,6 +306,12 @@ def result_document(result: RunResult) -> Document:
         "urdf": None if robot.urdf_path is None else str(Path(robot.urdf_path).absolute()),
         "params": _all_parameters(result.params),
     }
+
+
+def _place(broken: BrokenSegment) -> Document:
+    place = asdict(broken)
+    del place["labels"]  # words of messages
+    return place
 
 
 def _all_parameters(params: DeformParams | PaperParams) -> Document:
