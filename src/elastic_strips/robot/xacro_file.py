@@ -8,6 +8,7 @@ import importlib
 import io
 import logging
 import os
+import re
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
@@ -91,14 +92,27 @@ def _expanded(source: Path, mappings: dict[str, str], folders: list[Path]) -> by
         try:
             document: bytes = xacro.process_file(str(source), mappings=mappings, verbosity=1).toxml(encoding="utf-8")
         except Exception as error:  # of xacro, expat, what an expression raises, what an include cannot open
-            where = ", in ".join(str(f) for f in reversed(xacro.filestack or []) if str(f) != str(source))
-            inside = f" (in {where})" if where else ""
-            raise RobotError(f"{source}: xacro cannot expand it{inside}: {_words(error)}") from None
+            macros = [(m.body.getAttribute("name"), m.history[-1][-1]) for m in reversed(xacro.macrostack or [])]
+            files = dict.fromkeys(str(f) for f in [*(f for _, f in macros), *reversed(xacro.filestack or [])] if f)
+            where = _place(error, tuple(files)) or next(iter(files), str(source))
+            within = [f"macro {name!r}" for name, _ in macros]
+            if where.removeprefix(str(source))[:1] not in ("", ":"):
+                within.append(f"of {source}")
+            inside = f" ({', '.join(within)})" if within else ""
+            raise RobotError(f"{where}: xacro cannot expand it{inside}: {_words(error)}") from None
         finally:
             arguments._eval_find = arguments._eval_dict["find"] = usual
     for line in filter(None, (line.strip() for line in said.getvalue().splitlines()[:20])):
         _log.warning("%s: xacro: %s", source, shortened(line, 300))
     return document
+
+
+class _NoPackage(LookupError):
+    """What ``$(find package)`` names is nowhere."""
+
+    def __init__(self, package: str, searched: str) -> None:
+        super().__init__(f"package {package!r} not found (searched {searched}, …)")
+        self.package = package
 
 
 def _finder(folders: list[Path], usual: Callable[[str], str]) -> Callable[[str], str]:
@@ -112,11 +126,34 @@ def _finder(folders: list[Path], usual: Callable[[str], str]) -> Callable[[str],
             return usual(package)
         except ModuleNotFoundError:  # without ROS
             searched = ", ".join(str(f) for f in folders[:4])
-            raise LookupError(f"package {package!r} not found (searched {searched}, …)") from None
+            raise _NoPackage(package, searched) from None
 
     return find
 
 
 def _words(error: Exception) -> str:
     """What an error says, on one line, or what it is where it says nothing."""
-    return shortened(" ".join(str(error).split()), 300) or type(error).__name__
+    inner, said = getattr(error, "exc", None), str(error)
+    if inner is not None and said.count(str(inner)) > 1:  # xacro's own words are the inner error's once more
+        said = f"{inner} {getattr(error, 'suffix', None) or ''}"
+    return shortened(" ".join(said.split()), 300) or type(error).__name__
+
+
+def _place(error: Exception, files: tuple[str, ...]) -> str:
+    """``file:line`` where the first of the files has what cannot be evaluated, or nothing: xacro knows no lines."""
+    sought = re.search(r"when evaluating expression '(.*)'", str(error), re.DOTALL)
+    wanted = f"${{{sought[1]}}}" if sought else ""
+    while (inner := getattr(error, "exc", None)) is not None:
+        error = inner
+    if isinstance(error, _NoPackage):
+        wanted = f"$(find {error.package})"
+    elif type(error).__name__ == "ArgException":  # of xacro.substitution_args
+        wanted = f"$(arg {error})"
+    for file in files if wanted else ():
+        try:
+            text = Path(file).read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            continue
+        if wanted in text:
+            return f"{file}:{text[: text.index(wanted)].count(chr(10)) + 1}"
+    return ""

@@ -93,18 +93,34 @@ def test_what_xacro_says_goes_to_the_log(tmp_path, caplog, capfd):
     [
         ("arm.xacro", "gone.xacro", "gone.xacro"),
         ("arm.xacro", "$(find nowhere)/arm.xacro", "package 'nowhere' not found"),
-        ("${length}", "${lenght}", "lenght"),
-        ("${length}", "${1 / 0}", "division by zero"),
+        ("${length}", "${lenght}", "robot.urdf.xacro:7: xacro cannot expand it (macro 'segment'): name 'lenght'"),
+        ("${length}", "${1 / 0}", "robot.urdf.xacro:7: xacro cannot expand it (macro 'segment'): division by zero"),
         ("</robot>", "", "xacro cannot expand it"),
-        ("$(arg length)", "$(arg width)", "width"),
+        ("$(arg length)", "$(arg width)", "robot.urdf.xacro:4: "),
         ("<robot", "<!DOCTYPE robot><robot", "document type"),
     ],
 )
 def test_what_cannot_be_expanded_is_one_typed_error(tmp_path, capfd, before, after, says):
     file = write(tmp_path)
     file.write_text(file.read_text().replace(before, after))
-    with pytest.raises(RobotError, match=r"robot\.urdf\.xacro: ") as caught:
+    with pytest.raises(RobotError, match=r"robot\.urdf\.xacro:") as caught:
         es.load_robot(file, base="fixed")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
+
+
+def test_an_error_in_a_macro_names_its_file_line_and_macro(tmp_path):
+    file = write(tmp_path)
+    macros = file.parent / "arm.xacro"
+    macros.write_text(macros.read_text().replace("${length / 2}", "${lenght / 2}"))
+    with pytest.raises(RobotError, match=r"arm\.xacro:4: .*macro 'segment'.* name 'lenght' is not defined"):
+        es.load_robot(file, base="fixed")
+
+
+def test_a_package_that_is_not_found_is_said_once(tmp_path):
+    with pytest.raises(RobotError) as caught:
+        es.load_robot(write(tmp_path, "$(find nowhere)/arm.xacro"), base="fixed")
+    assert str(caught.value).count("package 'nowhere' not found") == 1
+    assert "<class" not in str(caught.value)
+    assert "robot.urdf.xacro:5: " in str(caught.value)
