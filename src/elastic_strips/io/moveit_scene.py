@@ -51,6 +51,7 @@ class _Reader:
         self._at = 1  # lines taken; the first is the scene's name
         self._words: list[str] = []  # of the current line that are left, the next one last
         self._dropped: dict[str, int] = {}
+        self._doubt: tuple[int, str] | None = None  # line of sizes of this object that are not one line, and what of
         self._posed = self._has_poses()
 
     def scene(self) -> Scene:
@@ -64,6 +65,7 @@ class _Reader:
             if not name:
                 self._fail("the object has no name")
             shapes = objects.setdefault(name, [])
+            self._doubt = None
             pose = self._pose() if self._posed else np.eye(4)
             for _ in range(self._count("the number of shapes")):
                 line = self._at + 1  # where the shape begins
@@ -115,7 +117,10 @@ class _Reader:
             return lambda **where: Mesh(points, faces, **where)
         if kind not in _SIZES:
             self._fail(f"shapes of the kind {kind[:40]!r} are not read{nearest_name(kind[:40], [*_SIZES, 'mesh'])}")
+        line = self._at if self._words else self._at + 1
         sizes = self._numbers(_SIZES[kind], f"sizes of a {kind}")
+        if self._words or self._at > line:  # one is missing or too many, if what follows does not fit either
+            self._doubt = line, f"the {_SIZES[kind]} sizes of a {kind} are not one line"
         if kind == "plane":
             self._drop("planes")
             return None
@@ -164,4 +169,7 @@ class _Reader:
         self._dropped[what] = self._dropped.get(what, 0) + 1
 
     def _fail(self, message: str) -> NoReturn:
-        raise SceneError(f"{self._file}:{max(self._at, 1)}: {message}")
+        line = max(self._at, 1)
+        if self._doubt is not None:
+            line, message = self._doubt[0], f"{self._doubt[1]}; in line {line}: {message}"
+        raise SceneError(f"{self._file}:{line}: {message}")

@@ -114,3 +114,19 @@ def test_what_does_not_fit_is_refused_with_its_line(tmp_path, content, says):
     with pytest.raises(SceneError, match=r"bad\.scene:") as caught:
         es.read_scene(file)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("sizes", ["0.03", "0.03 0.12 0.4"])
+@pytest.mark.parametrize("posed", [True, False])
+def test_a_size_that_is_missing_is_said_at_its_shape(tmp_path, posed, sizes):
+    """Not far below, where the words no longer fit; sizes on several lines, which MoveIt reads too, are read."""
+    at = "2 1 0.5\n0 0 0 1\n"
+    shape = "1\ncylinder\n{}\n" + at + "0 0 0 0\n" + ("0\n" if posed else "")
+    whole = "room\n" + "".join(f"* {name}\n" + (at if posed else "") + shape for name in ("cup", "can")) + ".\n"
+    file = tmp_path / "room.scene"
+    file.write_text(whole.format("0.03 0.12", sizes))
+    line = whole.format("0.03 0.12", sizes).splitlines().index(sizes) + 1
+    with pytest.raises(SceneError, match=rf"room\.scene:{line}: .*2 sizes of a cylinder.*; in line \d+: "):
+        es.read_scene(file)
+    file.write_text(whole.format("0.03\n0.12", "0.03 0.12"))
+    assert es.read_scene(file).names == ("cup", "can")
