@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +45,19 @@ def test_where_everything_works_there_is_no_problem(tmp_path: Path) -> None:
         assert name in checks
     assert "extra dev" not in checks
     assert "silvermate" in checks["robots"]["text"]
+
+
+def test_a_package_is_imported_by_its_modules_name() -> None:
+    """Which is not its distribution's: pip calls PIL pillow, and yaml pyyaml."""
+    known = {"pillow": "PIL", "pyyaml": "yaml", "pin": "pinocchio", "u-msgpack-python": "umsgpack", "numpy": "numpy",
+             "rosbags": "rosbags", "py_trees": "py_trees", "coal": "coal", "example-robot-data": ""}  # fmt: skip
+    for distribution, module in known.items():
+        if doctor_command._version(distribution) is not None:
+            assert doctor_command._module(distribution) == module
+    assert doctor_command._module("no-such-package") == "no_such_package"
+    needed = {re.split(r"[^\w.-]", text)[0] for text in metadata.requires("elastic-strips") or ()}
+    modules = {name: doctor_command._module(name) for name in needed if doctor_command._version(name) is not None}
+    assert not {name: module for name, module in modules.items() if module and find_spec(module) is None}
 
 
 def test_what_is_broken_is_a_line_each(tmp_path: Path) -> None:

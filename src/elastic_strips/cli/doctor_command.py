@@ -16,7 +16,9 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from importlib import metadata
+from importlib.machinery import all_suffixes
 from pathlib import Path
 
 import click
@@ -30,12 +32,8 @@ OK, NOTE, PROBLEM = "ok", "note", "problem"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _COLOURS = {OK: output.GOOD, NOTE: output.NOTE, PROBLEM: output.BAD}
 _DISTRIBUTION = "elastic-strips"
-_MODULES = {
-    "pin": "pinocchio", "pyyaml": "yaml", "pycollada": "collada", "u-msgpack-python": "umsgpack",
-    "example-robot-data": "", "etils": "", "pillow": "PIL",
-}  # fmt: skip
-"""Distribution → the module that it is imported by, where its name is another; empty where there is none."""
 _UNTRIED = ("dev", "docs", "notebooks")  # their packages are programs, or slow to import
+_IMPORTED = tuple(all_suffixes())
 _SLOW = 300.0  # [s] after which a process is taken for hung
 
 _PROBE = """
@@ -177,8 +175,25 @@ def _requirements() -> tuple[dict[str, str], dict[str, list[str]]]:
     return core, extras
 
 
+@cache
 def _module(distribution: str) -> str:
-    return _MODULES.get(distribution, distribution.replace("-", "_"))
+    """The module that a package is imported by, as its list of files has it; empty where there is none."""
+    usual = distribution.replace("-", "_")
+    try:
+        files = metadata.files(distribution)
+    except metadata.PackageNotFoundError:
+        files = None
+    if files is None:
+        return usual
+    names: dict[str, None] = {}
+    for file in files:
+        parts = file.parts
+        if "site-packages" in parts:  # in a folder that is on the path by itself
+            parts = parts[parts.index("site-packages") + 1 :]
+        name = parts[0].split(".")[0] if len(parts) == 1 else parts[0]
+        if file.name.endswith(_IMPORTED) and name.isidentifier() and not name.startswith("_"):
+            names[name] = None
+    return usual if usual in names else next(iter(names), "")
 
 
 def _version(distribution: str) -> str | None:
