@@ -63,6 +63,23 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert __version__ in capsys.readouterr().out
 
 
+def test_help_says_which_names_may_be_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    """And what is taken then."""
+    for words in _commands(cli):
+        command: click.Command = cli
+        for word in words:
+            assert isinstance(command, click.Group)
+            command = command.get_command(click.Context(command), word) or command
+        arguments = [p for p in command.params if isinstance(p, click.Argument)]
+        assert call(*words, "--help") == 0
+        said = capsys.readouterr().out
+        for argument in arguments:
+            assert str(argument.metavar).startswith("[") is not argument.required, said
+            assert argument.required or argument.nargs != 1 or str(argument.default) in said
+    assert call("drag", "--help") == 0
+    assert "drag [OPTIONS] [NAME|FILE.yaml]" in capsys.readouterr().out
+
+
 def _commands(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     yield words
     if isinstance(command, click.Group):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("scenario", metavar="NAME|FILE.yaml", default="case-7", type=options.SCENARIO)
+@click.argument("scenario", metavar="[NAME|FILE.yaml]", default="case-7", type=options.SCENARIO)
 @options.robot_option(help="Another robot than the scenario's: a name, or your own URDF file.")
 @robot_options
 @options.base_option()
@@ -30,7 +30,8 @@ def drag(
     scenario: str, robot: str | None, described: LoadOptions, base: str | None, seed: int | None,
     rate: float, speed: float, seconds: float | None, no_browser: bool,
 ) -> int:  # fmt: skip
-    """Plan a strip and keep it alive in the browser: drag an obstacle with the mouse, or the ring at the goal.
+    """Plan a strip and keep it alive in the browser: drag an obstacle with the mouse, or the ring at the goal. Without
+    a name it is case-7.
 
     With Shift, or the arrow, an obstacle goes up and down; with Alt, or the ring about it, it turns. The card says how
     long a tick takes, how clear the strip is, and whether it is certified. The server listens on this machine only;
