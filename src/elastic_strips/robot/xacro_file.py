@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import BinaryIO
 
 from lxml import etree
 
@@ -89,6 +90,7 @@ def _expanded(source: Path, mappings: dict[str, str], folders: list[Path]) -> by
     with _LOCK, redirect_stderr(said), redirect_stdout(said):
         usual = arguments._eval_find
         arguments._eval_find = arguments._eval_dict["find"] = _finder(folders, usual)
+        vars(xacro)["open"] = _opened
         try:
             document: bytes = xacro.process_file(str(source), mappings=mappings, verbosity=1).toxml(encoding="utf-8")
         except Exception as error:  # of xacro, expat, what an expression raises, what an include cannot open
@@ -102,9 +104,17 @@ def _expanded(source: Path, mappings: dict[str, str], folders: list[Path]) -> by
             raise RobotError(f"{where}: xacro cannot expand it{inside}: {_words(error)}") from None
         finally:
             arguments._eval_find = arguments._eval_dict["find"] = usual
+            del vars(xacro)["open"]
     for line in filter(None, (line.strip() for line in said.getvalue().splitlines()[:20])):
         _log.warning("%s: xacro: %s", source, shortened(line, 300))
     return document
+
+
+def _opened(path: str) -> BinaryIO:
+    """A file that xacro reads: a regular one, of a size that is accepted; xacro itself says that there is none."""
+    if not os.path.exists(path):
+        return open(path, "rb")
+    return io.BytesIO(read_input(path, "xacro file", _MAX_BYTES, RobotError))
 
 
 class _NoPackage(LookupError):

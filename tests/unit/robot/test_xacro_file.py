@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from pathlib import Path
 
 import pytest
@@ -124,3 +125,18 @@ def test_a_package_that_is_not_found_is_said_once(tmp_path):
     assert str(caught.value).count("package 'nowhere' not found") == 1
     assert "<class" not in str(caught.value)
     assert "robot.urdf.xacro:5: " in str(caught.value)
+
+
+def test_included_files_are_regular_and_no_larger_than_the_first(tmp_path):
+    """Others would be waited for, or fill the memory; one that is missing may be optional."""
+    file = write(tmp_path)
+    part = file.parent / "arm.xacro"
+    part.unlink()
+    with part.open("wb") as stream:
+        stream.truncate(9_000_000)
+    with pytest.raises(RobotError, match=r"arm\.xacro: the xacro file has .* bytes"):
+        es.load_robot(file, base="fixed")
+    text = ROBOT.format(include="arm.xacro").replace("<xacro:include", "<xacro:include optional='true'")
+    part.unlink()
+    file.write_text(re.sub(r"  <xacro:segment.*\n", "", text))
+    assert es.load_robot(file, base="omni").joint_names == ()
