@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.option(
     "--scene", "scene_file", required=True, metavar="FILE", type=options.FILE,
     help="The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene; "
-    "OctoMap's .bt or .ot.",
+    "OctoMap's .bt or .ot; a Nav2 map's .yaml.",
 )  # fmt: skip
 @options.base_option()
 @robot_options
