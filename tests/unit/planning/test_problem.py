@@ -214,7 +214,7 @@ def test_a_failed_plan_says_what_is_in_the_way_and_what_to_try(silvermate):
     broken = report.report.certificate.broken
     assert broken is not None
     assert report.report.status is DeformStatus.BROKEN or report.report.ticks
-    for word in ("no way for the base", "last in the way", " mm)", "timeout", "bounds=", "clearance", "seed"):
+    for word in ("no way for the base", "last in the way", " mm deep in ", "timeout", "bounds=", "clearance", "seed"):
         assert word in report.reason, word
     assert any(name in report.reason for name in ("front", "back", "side"))
 
