@@ -49,6 +49,8 @@ class _Wheels:
 def _read_wheels(robot: RobotModel) -> _Wheels:
     """The driven wheels of a robot's URDF: two continuous joints named ``*wheel*``, about ±y, mirror images in y.
 
+    Where none is named so, two of those that are not planned.
+
     Raises:
         ParameterError: no URDF, no such pair, pairs that differ, or a wheel without a round shape.
     """
@@ -63,10 +65,10 @@ def _read_wheels(robot: RobotModel) -> _Wheels:
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     wheels, others = [], []
-    for joint in root.findall("joint"):
+    turning = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
+    named = [joint for joint in turning if "wheel" in joint.get("name").lower()]
+    for joint in named or [joint for joint in turning if joint.get("name") in robot.locked]:
         name = joint.get("name")
-        if joint.get("type") != "continuous" or "wheel" not in name.lower():
-            continue
         pose = data.oMi[model.getJointId(name)]
         element = joint.find("axis")
         local = [1.0, 0.0, 0.0] if element is None else floats(element, "xyz", 3, path, f"joint {name!r}", "1 0 0")

@@ -143,6 +143,13 @@ def test_wheels_of_a_description(tmp_path):
     np.testing.assert_allclose(MotionLimits.for_robot(cart(tmp_path, uneven)).drive_speed, 0.7)
 
 
+def test_wheels_that_are_not_called_so(tmp_path):
+    called = [{**wheel, "name": f"drivewhl_{side}_joint"} for wheel, side in zip(PAIR, "lr", strict=True)]
+    limits = MotionLimits.for_robot(cart(tmp_path, called))
+    assert (limits.track, limits.wheel_radius) == (0.5, 0.1)
+    np.testing.assert_allclose(limits.drive_speed, 0.9)
+
+
 def test_the_radius_of_a_mesh(tmp_path):
     trimesh.creation.cylinder(radius=0.12, height=0.03).export(tmp_path / "tyre.stl")
     mesh = '<mesh filename="tyre.stl" scale="0.5 0.5 0.5"/>'
