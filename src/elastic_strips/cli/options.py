@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from elastic_strips.trajectory import MotionLimits
     from elastic_strips.viewer import Viewer
 
-    _TextType, _SpeedType = click.ParamType[str], click.ParamType[tuple[str, float]]
+    _TextType, _ValueType = click.ParamType[str], click.ParamType[tuple[str, float]]
 else:  # of click 8.1 it cannot be told of what
-    _TextType = _SpeedType = click.ParamType
+    _TextType = _ValueType = click.ParamType
 
 EXIT_DONE, EXIT_NOT_DONE = 0, 3
 """Exit codes: certified or reached; or not."""
@@ -89,10 +89,17 @@ class Finite(click.FloatRange):
 _POSITIVE = Finite(0.0, min_open=True)
 
 
-class Speed(_SpeedType):
-    """``NAME=VALUE``: a joint, and how fast it may be."""
+class JointValue(_ValueType):
+    """``NAME=VALUE``: a joint and a number.
+
+    Args:
+        number: the type of that.
+    """
 
     name = "text"
+
+    def __init__(self, number: Finite) -> None:
+        self._number = number
 
     def convert(
         self, value: str | tuple[str, float], param: click.Parameter | None, ctx: click.Context | None
@@ -101,8 +108,8 @@ class Speed(_SpeedType):
             return value
         name, found, number = value.rpartition("=")
         if not found or not name.strip():
-            self.fail(f"{value!r} has to be NAME=VALUE, such as arm_5_joint=1.5", param, ctx)
-        return name.strip(), float(_POSITIVE(number, param, ctx))
+            self.fail(f"{value!r} has to be NAME=VALUE, such as arm_5_joint=0.2", param, ctx)
+        return name.strip(), float(self._number(number, param, ctx))
 
 
 class LateChoice(_TextType):
@@ -232,7 +239,7 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
     ):
         with_limits = click.option(name, type=_POSITIVE, metavar="VALUE", help=help)(with_limits)
     return click.option(
-        "--joint-speed", multiple=True, type=Speed(), metavar="NAME=VALUE",
+        "--joint-speed", multiple=True, type=JointValue(_POSITIVE), metavar="NAME=VALUE",
         help="Largest speed of a joint [rad/s or m/s]; the URDF's by default. May be given again.",
     )(with_limits)  # fmt: skip
 

@@ -11,33 +11,13 @@ import click
 from elastic_strips.catalogue import is_known
 
 from . import output
-from .options import Finite
+from .options import Finite, JointValue
 
 if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions, RobotModel
     from elastic_strips.sim.scenarios import Scenario
 
-    _ValueType = click.ParamType[tuple[str, float]]
-else:  # of click 8.1 it cannot be told of what
-    _ValueType = click.ParamType
-
 _NAMED = 12
-
-
-class JointValue(_ValueType):
-    """``NAME=VALUE``: a joint and a finite number."""
-
-    name = "text"
-
-    def convert(
-        self, value: str | tuple[str, float], param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        if isinstance(value, tuple):
-            return value
-        name, found, number = value.rpartition("=")
-        if not found or not name.strip():
-            self.fail(f"{value!r} has to be NAME=VALUE, such as arm_5_joint=0.2", param, ctx)
-        return name.strip(), Finite()(number, param, ctx)
 
 
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -65,7 +45,7 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
     )  # fmt: skip
     pairs = click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups.")
     still = click.option(
-        "--lock", multiple=True, metavar="NAME=VALUE", type=JointValue(),
+        "--lock", multiple=True, metavar="NAME=VALUE", type=JointValue(Finite()),
         help="A joint to hold still [rad or m], besides wheels and grippers that mimic. May be given again.",
     )  # fmt: skip
     planned = click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; no others then.")
