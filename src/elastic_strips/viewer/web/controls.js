@@ -70,25 +70,42 @@ let plain = 0;
 function simplify(object, path) {
   const old = object.material;
   if (!plain || !old) return;
-  if (path[0] === "robot" || path[0] === "ghosts") fewer(object.geometry);
+  if (path[0] === "robot") fewer(object.geometry, 12);
+  if (path[0] === "ghosts") fewer(object.geometry, 6);
   if (path[0] === "ghosts") place({ path: path.join("/"), matrices: object.instanceMatrix.array.slice(0, 16 * object.count) });
   if (object.userData.veil && object.userData.veil.visible) {
     object.userData.veil.visible = false;
     object.material = new T.MeshBasicMaterial({ color: old.color, opacity: 0.2, transparent: true, depthWrite: false });
+    old.dispose();
   } else if (old.isMeshStandardMaterial && path[0] !== "lights") {
-    const { color: c, opacity, transparent, vertexColors, depthWrite } = old;
+    const { color: c, opacity, transparent, depthWrite } = old;
     const side = ["obstacles", "predictions"].includes(path[0]) ? T.FrontSide : old.side;  // closed ones
-    object.material = new T.MeshLambertMaterial({ color: c, opacity, transparent, side, vertexColors, depthWrite });
-  } else return;
-  old.dispose();
+    object.material = new T.MeshBasicMaterial({ color: c, opacity, transparent, side, vertexColors: true, depthWrite });
+    object.userData.painted = true;
+    old.dispose();
+  }
+  if (object.userData.painted) paint(object.geometry);
+}
+// Light and shade as colours of the vertices, once: light costs a processor a third of a picture. It turns with a body.
+function paint(geometry) {
+  const { normal, color } = geometry.attributes;
+  if (geometry.userData.painted || !normal) return;
+  geometry.userData.painted = true;
+  const whole = color && color.normalized ? 2 ** (8 * color.array.BYTES_PER_ELEMENT) - 1 : 1;  // of colours as whole numbers
+  const shades = new Float32Array(3 * normal.count), n = new T.Vector3(), from = new T.Vector3(-0.4, -0.45, 0.8).normalize();
+  for (let i = 0; i < normal.count; i++) {
+    const light = 0.56 + 0.12 * n.fromBufferAttribute(normal, i).z + 0.42 * Math.max(n.dot(from), 0);
+    for (let k = 0; k < 3; k++) shades[3 * i + k] = Math.min(light, 1) * (color ? color.array[color.itemSize * i + k] / whole : 1);
+  }
+  geometry.setAttribute("color", new T.BufferAttribute(shades, 3));
 }
 // Of a mesh's vertices that share a cell, and look the same way, only the first is kept.
-function fewer(geometry) {
+function fewer(geometry, cells) {  // so many in its radius
   if (geometry.userData.fewer || !geometry.index || geometry.index.count < 3 * 300) return;
   geometry.userData.fewer = true;
   geometry.computeBoundingSphere();
   const { position, normal, color } = geometry.attributes, faces = geometry.index.array, kept = [];
-  const cell = Math.max(geometry.boundingSphere.radius / 12, 0.02), first = new Map(), of = new Uint32Array(position.count);
+  const cell = Math.max(geometry.boundingSphere.radius / cells, 0.02), first = new Map(), of = new Uint32Array(position.count);
   for (let i = 0; i < of.length; i++) {
     const key = [position, normal, color].map((a, k) => a &&
       [a.getX(i), a.getY(i), a.getZ(i)].map((x) => Math.round(x / [cell, 1, 0.1][k]))).join();
