@@ -97,7 +97,7 @@ def _expanded(source: Path, mappings: dict[str, str], folders: list[Path]) -> by
             macros = [(m.body.getAttribute("name"), m.history[-1][-1]) for m in reversed(xacro.macrostack or [])]
             files = dict.fromkeys(str(f) for f in [*(f for _, f in macros), *reversed(xacro.filestack or [])] if f)
             where = _place(error, tuple(files)) or next(iter(files), str(source))
-            within = [f"macro {name!r}" for name, _ in macros]
+            within = list(dict.fromkeys(f"macro {name!r}" for name, _ in macros))[:4]  # one that calls itself: once
             if where.removeprefix(str(source))[:1] not in ("", ":"):
                 within.append(f"of {source}")
             inside = f" ({', '.join(within)})" if within else ""

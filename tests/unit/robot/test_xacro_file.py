@@ -119,6 +119,18 @@ def test_an_error_in_a_macro_names_its_file_line_and_macro(tmp_path):
         es.load_robot(file, base="fixed")
 
 
+def test_a_macro_that_calls_itself_is_named_once(tmp_path):
+    file = tmp_path / "endless.xacro"
+    file.write_text(
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="again"><xacro:again/>'
+        "</xacro:macro><xacro:again/></robot>"
+    )
+    with pytest.raises(RobotError, match="endless") as caught:
+        es.load_robot(file, base="fixed")
+    assert str(caught.value).count("macro 'again'") <= 2
+    assert len(str(caught.value)) < 1000
+
+
 def test_a_package_that_is_not_found_is_said_once(tmp_path):
     with pytest.raises(RobotError) as caught:
         es.load_robot(write(tmp_path, "$(find nowhere)/arm.xacro"), base="fixed")
