@@ -127,7 +127,7 @@ def page(robot: str, obstacles: int, movers: int, seconds: float, json_file: str
     row("pictures a second", f"{figures['pictures_per_s']:.1f}")
     row("between pictures", times(figures["between_pictures_ms"]))
     row("ticks a second", f"{figures['ticks_per_s']:.0f}")
-    row("plainness", f"{figures['plainness']} of 3")
+    row("plainness", f"{figures['plainness']} of 4")
     output.write_document("figures", json_file, figures)
 
 

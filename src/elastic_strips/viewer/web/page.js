@@ -109,7 +109,7 @@ const room = (object, name, size, count) => {
 };
 function place(cmd) {
   const object = at(cmd.path + "/<object>");
-  if (plain > 2 && names(cmd.path)[0] === "ghosts") cmd = { ...cmd, matrices: thinned(cmd.matrices, 6) };
+  if (plain > 2 && names(cmd.path)[0] === "ghosts") cmd = { ...cmd, matrices: thinned(cmd.matrices, plain > 3 ? 3 : 6) };
   const count = cmd.matrices.length / 16;
   if (cmd.names) object.userData.names = cmd.names;
   const matrices = room(object, "instanceMatrix", 16, count);
