@@ -65,7 +65,7 @@ added = (path) => {
 };
 
 // Where a picture takes long it is drawn plainer, step by step, until it is quick enough.
-const SLOW = 45;  // [ms] a picture
+const SLOW = 32;  // [ms] a picture; the browser adds half as much
 let plain = 0;
 function simplify(object, path) {
   const old = object.material;
