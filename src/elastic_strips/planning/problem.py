@@ -201,8 +201,9 @@ def check_kinds(robot: RobotModel, scene: Scene) -> None:
 
 
 def check_endpoints(
-    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams
-) -> tuple[Array, Array]:
+    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams,
+    deformer: Deformer | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
     """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
 
     A warning is logged for what is very far away or large: lengths are in metres.
@@ -212,6 +213,7 @@ def check_endpoints(
         scene: the obstacles, as they stand.
         start, goal: configurations (nq,).
         params: with the clearances to keep.
+        deformer: a workspace of the robot to use again, where this is asked often; nothing of it is kept.
 
     Returns:
         Start and goal as arrays.
@@ -223,7 +225,7 @@ def check_endpoints(
     """
     check_kinds(robot, scene)
     ends = _checked_ends(robot, start, goal, params)
-    for near in nearest_things(robot, scene, ends, Deformer(robot, params).workspace):
+    for near in nearest_things(robot, scene, ends, (deformer or Deformer(robot, params)).workspace):
         near.check(params)
     return ends
 

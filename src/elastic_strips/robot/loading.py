@@ -25,9 +25,7 @@ from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
-_LARGE = (
-    20.0  # [m] a part of a robot is no longer, and of a mesh in millimetres hardly any is so short when read as metres
-)
+_LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
 _HOMES = ("home", "default", "half_sitting", "standing")
 

@@ -76,7 +76,7 @@ class LiveStrip:
         check_number("rate", rate, low=1.0, high=1000.0, unit="Hz")
         check_number("speed", speed, above=0.0, high=100.0, unit="m/s")
         self._robot, self._scene, self._params = robot, scene, params
-        self._deformer = Deformer(robot, params)
+        self._deformer, self._ends = Deformer(robot, params), Deformer(robot, params)
         self._period, self._speed = 1.0 / rate, speed
         self._report = self._deformer.step(strip, scene)
         self._viewer = viewer
@@ -282,7 +282,7 @@ class LiveStrip:
         """Where its start or goal touches something nothing helps but to move either: the strip stays as it is."""
         begin = time.perf_counter()
         try:
-            check_endpoints(self._robot, scene, strip.q[0], strip.q[-1], self._deformer.params)
+            check_endpoints(self._robot, scene, strip.q[0], strip.q[-1], self._deformer.params, self._ends)
         except ConfigurationError as error:
             certificate = self._deformer.certify(strip, scene)
             clearance, seconds = self._deformer.workspace.obstacles.least_clearance(), time.perf_counter() - begin

@@ -286,7 +286,10 @@ viewer.handle_command = (cmd) => {
       cmd.paths.forEach((p, i) => viewer.set_transform(names(p), cmd.matrices.subarray(16 * i, 16 * i + 16)));
       break;
     case "hud": card(cmd); break;
-    case "camera": look(cmd.points, cmd.direction); break;
+    case "camera":
+      look(cmd.points, cmd.direction);
+      if (document.body.dataset.ended && newest) { delete document.body.dataset.ended; write_card(newest); }  // another picture
+      break;
     case "captions": captions = cmd.cards.length ? cmd : null; caption = -1; break;
     case "no_animation": animator.pause(); animator.clear(); byId("es-play").style.display = "none"; break;
     case "set_animation":
