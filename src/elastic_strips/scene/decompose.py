@@ -1,18 +1,24 @@
-"""Scene room, decomposition: a triangle mesh becomes convex pieces that together hold its whole surface.
+"""Scene room, decomposition: a triangle mesh becomes convex pieces that together hold its surface and its inside.
 
 Distances to a triangle soup are hollow: a robot deep inside a closed mesh would look free. So meshes become solids:
 
-1. A mesh falls apart into its connected bodies. A closed body that is convex is one piece, exactly.
-2. A flat body becomes one thin plate per triangle, `PLATE` thick on either side.
-3. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore
-   each small piece of surface is given to the piece that it sticks out of least, and that piece grows to hold it: **the
-   pieces together hold every point of the surface** (to rounding, `TOLERANCE`). They may stick out of the mesh by
-   V-HACD's voxel or what its pieces had cut off: up to 2.5 % of a closed body's diagonal was measured (ring, torus,
-   L-profile), more where a body has holes in its surface, which the pieces bridge. Inside, thin gaps between pieces may
-   remain below the surface.
+1. A mesh falls apart into its connected bodies. A closed body that is convex, but for dents of 0.1 % of its size, is
+   one piece: its convex hull, or, of more than 3,000 corners, a slightly larger one
+   (:func:`elastic_strips.hulls.few_corners`).
+2. A flat body becomes thin plates, `PLATE` thick on either side: one where it is convex, else one per triangle, or per
+   cube of space where there are many.
+3. A small body, of less than `SMALL` of the mesh's diagonal, becomes its convex hull.
+4. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore they
+   grow (:mod:`elastic_strips.scene.covering`) until **together they hold every point of the surface, and of a closed
+   body every point inside** (to rounding, `TOLERANCE`). They may stick out of the mesh by V-HACD's voxel or what its
+   pieces had cut off: up to 3 % of a closed body's diagonal was measured (ring, torus, L-profile), more where a body
+   has holes in its surface, which the pieces bridge.
+5. Of more than `MANY` bodies those near each other are taken together, as their common hull; the log says how large
+   these are.
 
 A mesh that is not watertight is decomposed in the same way; the inside of an open body is free where it is reached from
-the outside. The result is deterministic, and is kept in memory: the same mesh is decomposed once per process.
+the outside. Triangles without an area are bars, unless they lie along an edge of another one. The result is
+deterministic, and is kept in memory: the same mesh is decomposed once per process.
 """
 
 from __future__ import annotations
@@ -23,7 +29,6 @@ import logging
 import threading
 from collections import OrderedDict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +36,11 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.files import read_input
-from elastic_strips.hulls import convex_hull
+from elastic_strips.hulls import convex_hull, few_corners
+from elastic_strips.progress import LoggedProgress
 
+from .covering import grown_pieces, surface_cells
 from .parts import MIN_THICKNESS, flatness
-
-if TYPE_CHECKING:
-    import trimesh
 
 # trimesh is imported where it is used: it takes half a second, and only scenes with meshes need it.
 _log = logging.getLogger(__name__)
@@ -47,14 +51,28 @@ TOLERANCE = 1e-7
 PLATE = 1e-3
 """A flat body becomes a plate that reaches this far [m] to either side."""
 
+SMALL = 0.02
+"""A body whose diagonal is at most this share of the mesh's becomes its convex hull."""
+
+MANY = 1_000
+"""Of more bodies those near each other are taken together."""
+
 _MAX_MESH_BYTES = 200_000_000
 _MAX_FACES = 500_000
-_MAX_FLAT_FACES = 2_000
+_MAX_PLATES = 200  # of a flat body, one per triangle
 _SUFFIXES = (".dae", ".obj", ".ply", ".stl")
 
-_RESOLUTION = 50_000  # voxels of V-HACD
+_RESOLUTION, _COARSE = 50_000, 10_000  # voxels of V-HACD, of few bodies and of more
+_FEW = 3  # bodies
 _MAX_HULLS = 32
-_SPLIT = 1.0 / 32.0  # surface pieces are smaller than this share of the body's size
+_MOST_CORNERS = 600  # of one of V-HACD's pieces, which stick out of the body anyway
+_MANY_FACES = 50_000  # with more, V-HACD gets the body with vertices that are near each other taken together
+_CLUSTER = 1.0 / 200.0  # of the body's diagonal
+_MERGE = 1e-8  # [m] vertices nearer than this are one
+_DENT = 1e-3  # of a body's diagonal: dents that may be filled where it counts as convex
+_DEEP = 0.02  # of a body's diagonal: what is so far beyond a plane is no dent
+_SAME_AREA = 1e-2  # by which the areas of a convex body and of its hull may differ
+_THIN = 1e-12  # [m] height of a triangle that counts as without an area
 _KEPT = 32  # meshes in memory
 
 _Faces = NDArray[np.int64]
@@ -122,89 +140,213 @@ def _decompose(vertices: Array, faces: _Faces) -> list[Array]:
         raise SceneError(f"the mesh has {len(faces)} triangles; at most {_MAX_FACES} are accepted: simplify it first")
     mesh = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.nondegenerate_faces(height=1e-12))
-    if len(mesh.faces) == 0:
+    points, triangles = np.array(mesh.vertices), np.array(mesh.faces)
+    kept = np.asarray(trimesh.triangles.nondegenerate(points[triangles], areas=None, height=_THIN), dtype=bool)
+    if not kept.any():
         raise SceneError(f"the mesh has no triangle with an area ({len(faces)} triangles given)")
-    labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
+    solid = trimesh.Trimesh(points, triangles[kept], process=False)
+    labels = trimesh.graph.connected_component_labels(solid.face_adjacency, node_count=len(solid.faces))
+    bars = _bars(points, triangles[kept], triangles[~kept])
+    triangles = np.vstack((triangles[kept], bars))
+    labels = np.concatenate((labels, labels.max() + 1 + np.arange(len(bars))))
+    del mesh, solid
+    groups, alone = _grouped(points, triangles, labels)
+    closed = _closed(triangles, groups)
+    order = np.argsort(groups, kind="stable")
+    bodies = np.split(triangles[order], np.flatnonzero(np.diff(groups[order])) + 1)
+    whole = float(np.linalg.norm(np.ptp(points[triangles.ravel()], axis=0)))
+    progress = LoggedProgress(f"making convex pieces of a mesh of {len(faces)} triangles", "bodies", len(bodies))
     pieces: list[Array] = []
-    for label in range(int(labels.max()) + 1):
-        body = mesh.submesh([np.flatnonzero(labels == label)], append=True, repair=False)
-        assert isinstance(body, trimesh.Trimesh)
-        pieces += _body(np.array(body.vertices), np.array(body.faces), body)
+    waiting: list[tuple[Array, _Faces, bool]] = []
+    for k, body in enumerate(bodies):
+        used, local = np.unique(body, return_inverse=True)
+        corners, local = points[used], local.reshape(body.shape)
+        found = _simple_body(corners, local, bool(closed[k]), whole, bool(alone[k]))
+        if found is None:
+            waiting.append((corners, local, bool(closed[k])))
+        else:
+            pieces += found
+            progress.step()
+    for corners, local, tight in waiting:
+        pieces += _decomposed(corners, local, tight, _RESOLUTION if len(waiting) <= _FEW else _COARSE)
+        progress.step()
     return pieces
 
 
-def _body(vertices: Array, faces: _Faces, body: trimesh.Trimesh) -> list[Array]:
-    """Pieces of one connected body."""
+def _bars(points: Array, faces: _Faces, thin: _Faces) -> _Faces:
+    """Triangles without an area that lie along no edge of another one: (B, 3), from end to end."""
+    if not len(thin):
+        return np.zeros((0, 3), dtype=np.int64)
+    sides = np.stack([thin, np.roll(thin, -1, axis=1)], axis=2)  # (F, 3, 2)
+    lengths = np.linalg.norm(points[sides[..., 0]] - points[sides[..., 1]], axis=2)
+    longest = np.sort(sides[np.arange(len(thin)), lengths.argmax(axis=1)], axis=1)
+    longest = longest[lengths.max(axis=1) > 0.0]
+    keys = np.unique(_edge_keys(faces, len(points)))
+    own = np.unique(longest[:, 0] * len(points) + longest[:, 1])
+    first, second = np.divmod(own[~np.isin(own, keys)], len(points))
+    if len(first):
+        _log.warning("%d triangles of a mesh have no area and lie along no other one: they are taken as bars, %g m "
+                     "thick", len(first), 2.0 * PLATE)  # fmt: skip
+    return np.column_stack((first, second, second)).astype(np.int64)
+
+
+def _edge_keys(faces: _Faces, count: int) -> _Faces:
+    """One number per edge (3 F,), the same from both sides."""
+    edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
+    return edges[:, 0] * count + edges[:, 1]
+
+
+def _closed(faces: _Faces, groups: _Faces) -> NDArray[np.bool_]:
+    """Whether in each group each edge belongs to two triangles."""
+    keys, body = _edge_keys(faces, int(faces.max()) + 1), np.tile(groups, 3)
+    order = np.lexsort((keys, body))
+    keys, body = keys[order], body[order]
+    starts = np.flatnonzero(np.concatenate(([True], (keys[1:] != keys[:-1]) | (body[1:] != body[:-1]))))
+    twice = np.diff(np.append(starts, len(keys))) == 2
+    closed = np.ones(int(groups.max()) + 1, dtype=bool)
+    np.logical_and.at(closed, body[starts], twice)
+    return closed
+
+
+def _grouped(points: Array, faces: _Faces, labels: _Faces) -> tuple[_Faces, NDArray[np.bool_]]:
+    """Number (F,) of the group that each triangle belongs to, and of each group whether it is one body.
+
+    Each body is its own, unless there are more than `MANY`: then bodies are together whose boxes have their middle in
+    one cube of space, of such a size that few enough are left; larger bodies stay alone.
+    """
+    count = int(labels.max()) + 1
+    if count <= MANY:
+        return labels, np.ones(count, dtype=bool)
+    order = np.argsort(labels, kind="stable")
+    starts = np.searchsorted(labels[order], np.arange(count))
+    corners = points[faces[order]]
+    low = np.minimum.reduceat(corners.min(axis=1), starts)
+    high = np.maximum.reduceat(corners.max(axis=1), starts)
+    size, middle = np.linalg.norm(high - low, axis=1), 0.5 * (low + high) - low.min(axis=0)
+    edge = SMALL * float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
+    while True:
+        cell = np.column_stack((np.floor(middle / edge).astype(np.int64), np.where(size > edge, np.arange(count), -1)))
+        _, group = np.unique(cell, axis=0, return_inverse=True)
+        group = group.ravel()
+        if group.max() < MANY:
+            break
+        edge *= 1.25
+    _log.warning("a mesh of %d bodies: those within %.2g m are taken together, as %d convex hulls; give a mesh each to "
+                 "what is to be told apart", count, edge, int(group.max()) + 1)  # fmt: skip
+    return group[labels], np.bincount(group) == 1
+
+
+def _simple_body(corners: Array, faces: _Faces, closed: bool, whole: float, alone: bool) -> list[Array] | None:
+    """Pieces of a body that is flat, small or convex, or of several; None for another one."""
+    size = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    if flatness(corners) < MIN_THICKNESS:
+        return _plates(corners, faces)
+    if alone and size > SMALL * whole and not (closed and _convex(corners, faces)):
+        return None
+    return [few_corners(corners, "Mesh piece", SceneError)[0]]
+
+
+def _convex(corners: Array, faces: _Faces) -> bool:
+    """Whether a closed body is convex: it lies along a hull that holds it, and has its area."""
+    from scipy.spatial import QhullError, cKDTree  # late: slow to import
+
+    if _dented(corners, faces):
+        return False
+    try:
+        few, sticks_out = few_corners(corners, "Mesh piece", SceneError)
+        hull = convex_hull(few)
+    except QhullError:
+        return False
+    sides = corners[faces]
+    normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    if abs(0.5 * float(lengths.sum()) - hull.area) > _SAME_AREA * hull.area:
+        return False
+    size = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    middle, planes = few.mean(axis=0), np.unique(hull.equations, axis=0)
+    normals /= lengths[:, None]
+    normals *= np.where(np.sum(normals * (sides.mean(axis=1) - middle), axis=1) < 0.0, -1.0, 1.0)[:, None]
+    along = np.sum(normals * (sides[:, 0] - middle), axis=1)
+    tree = cKDTree(np.column_stack((planes[:, :3], -(planes[:, 3] + planes[:, :3] @ middle) / size)))
+    left = np.arange(len(faces))
+    for near in (1, min(8, len(planes))):  # the planes of the hull that are most like the triangle's own
+        _, found = tree.query(np.column_stack((normals[left], along[left] / size)), k=near)
+        plane = planes[found.reshape(len(left), -1)]
+        depth = -(np.einsum("fni,fki->fkn", sides[left], plane[..., :3]) + plane[..., None, 3])
+        left = left[depth.max(axis=2).min(axis=1) > _DENT * size + sticks_out]
+        if not len(left):
+            return True
+    return False
+
+
+def _dented(corners: Array, faces: _Faces) -> bool:
+    """Whether much of a body is beyond the planes of its triangles, as far as some of both are looked at."""
+    some = corners[faces[:: 1 + len(faces) // 400]]
+    normals = np.cross(some[:, 1] - some[:, 0], some[:, 2] - some[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    beyond = normals @ corners[:: 1 + len(corners) // 2000].T - np.sum(normals * some[:, 0], axis=1)[:, None]
+    either = np.minimum(beyond.max(axis=1), -beyond.min(axis=1))  # a surface may be inside out
+    return bool(np.mean(either > _DEEP * float(np.linalg.norm(np.ptp(corners, axis=0)))) > 0.2)
+
+
+def _plates(corners: Array, faces: _Faces) -> list[Array]:
+    """Thin plates of a flat body, or of bars."""
+    if len(faces) <= _MAX_PLATES:
+        return [_plate(corners[face]) for face in faces]
+    middle = corners.mean(axis=0)
+    across = np.linalg.svd((corners - middle).T @ (corners - middle))[0]
+    flat = (corners - middle) @ across[:, :2]
+    sides = flat[faces]
+    first, second = sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]
+    area = 0.5 * float(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).sum())
+    if abs(area - convex_hull(flat).volume) <= _DENT * area:
+        outline = corners[convex_hull(flat).vertices]
+        return [few_corners(_plate(outline), "Mesh piece", SceneError)[0]]
+    return [_plate(points) for points in surface_cells(corners, faces)]
+
+
+def _plate(corners: Array) -> Array:
+    """Points about flat ones (V, 3), `PLATE` to either side; to all sides where they lie on a line."""
+    _, size, across = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
+    if len(size) > 1 and size[1] > MIN_THICKNESS:
+        return np.vstack((corners + PLATE * across[2], corners - PLATE * across[2]))
+    return (corners[:, None] + PLATE * np.array([(-1, -1, 1), (1, -1, -1), (-1, 1, -1), (1, 1, 1)])[None]).reshape(
+        -1, 3
+    )
+
+
+def _decomposed(vertices: Array, faces: _Faces, closed: bool, resolution: int) -> list[Array]:
+    """Pieces of a body that is neither flat nor convex."""
     import trimesh
 
-    if flatness(vertices) < MIN_THICKNESS:
-        return _plates(vertices, faces)
-    if body.is_watertight and _fills_hull(vertices, faces, abs(float(body.volume))):
-        return [vertices]
     hulls = []
+    coarse = trimesh.Trimesh(*_clustered(vertices, faces), process=False)
     for found in trimesh.decomposition.convex_decomposition(
-        body, resolution=_RESOLUTION, maxConvexHulls=_MAX_HULLS, asyncACD=False
+        coarse, resolution=resolution, maxConvexHulls=_MAX_HULLS, asyncACD=False
     ):
         corners = np.asarray(found["vertices"], dtype=np.float64)
         if len(corners) >= 4 and np.isfinite(corners).all() and flatness(corners) >= MIN_THICKNESS:
             hulls.append(corners)
     if not hulls:
         _log.warning("no convex decomposition of a body of %d triangles: its convex hull is used", len(faces))
-        return [vertices]
-    return _covering(vertices, faces, hulls)
+        return [few_corners(vertices, "Mesh piece", SceneError)[0]]
+    grown, stuck_out = grown_pieces(vertices, faces, hulls, closed=closed)
+    _log.debug("%d pieces; the body stuck out of V-HACD's pieces by up to %.3g m", len(grown), stuck_out)
+    return [few_corners(piece, "Mesh piece", SceneError, most=_MOST_CORNERS)[0] for piece in grown]
 
 
-def _fills_hull(vertices: Array, faces: _Faces, volume: float) -> bool:
-    """Whether the closed body is convex: all of its faces lie on its hull, and the volume is the hull's."""
-    from scipy.spatial import QhullError  # late: slow to import
-
-    try:
-        hull = convex_hull(vertices)
-    except QhullError:
-        return False
-    if abs(volume - hull.volume) > 1e-4 * hull.volume:
-        return False
-    depth = -(vertices[faces].mean(axis=1) @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
-    return bool(depth.max() <= 1e-3 * np.ptp(vertices, axis=0).max())
-
-
-def _plates(vertices: Array, faces: _Faces) -> list[Array]:
-    """One thin prism per triangle of a flat body."""
-    if len(faces) > _MAX_FLAT_FACES:
-        raise SceneError(
-            f"a flat body has {len(faces)} triangles; at most {_MAX_FLAT_FACES} are accepted: give it a thickness, "
-            "or simplify it"
-        )
-    corners = vertices[faces]  # (F, 3, 3)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal *= (PLATE / np.linalg.norm(normal, axis=1))[:, None]
-    return [np.vstack([abc + n, abc - n]) for abc, n in zip(corners, normal, strict=True)]
-
-
-def _covering(vertices: Array, faces: _Faces, hulls: list[Array]) -> list[Array]:
-    """Grow ``hulls`` until they hold the surface: each small triangle goes to the hull that it sticks out of least."""
-    import trimesh
-
-    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    split = trimesh.remesh.subdivide_to_size(vertices, faces, max_edge=_SPLIT * size, max_iter=20)
-    points, triangles = np.asarray(split[0]), np.asarray(split[1])
-    owner = np.zeros(len(triangles), dtype=np.int64)
-    least = np.full(len(triangles), np.inf)
-    for k, corners in enumerate(hulls):
-        equations = convex_hull(corners).equations
-        out = np.full(len(points), -np.inf)
-        for rows in range(0, len(points), 50_000):
-            block = slice(rows, rows + 50_000)
-            out[block] = (points[block] @ equations[:, :3].T + equations[:, 3]).max(axis=1)
-        excess = out[triangles].max(axis=1)
-        better = excess < least
-        owner[better], least[better] = k, excess[better]
-    grown = []
-    for k, corners in enumerate(hulls):
-        mine = triangles[owner == k]
-        if len(mine):  # a piece that no surface belongs to lies inside or in the corners that V-HACD made up
-            corners = np.vstack([corners, points[np.unique(mine)]])
-        grown.append(corners)
-    _log.debug("%d pieces; the surface stuck out of V-HACD's pieces by up to %.3g m", len(grown), max(0.0, least.max()))
-    return grown
+def _clustered(vertices: Array, faces: _Faces) -> tuple[Array, _Faces]:
+    """A body as it is; of very many triangles one of fewer, whose voxels are much the same."""
+    if len(faces) <= _MANY_FACES:
+        return vertices, faces
+    low = vertices.min(axis=0)
+    edge = _CLUSTER * float(np.linalg.norm(vertices.max(axis=0) - low))
+    cube = np.floor((vertices - low) / edge).astype(np.int64)
+    size = cube.max(axis=0) + 1
+    _, first, number = np.unique(
+        (cube[:, 0] * size[1] + cube[:, 1]) * size[2] + cube[:, 2], return_index=True, return_inverse=True
+    )
+    few = number.ravel()[faces]
+    few = few[(few[:, 0] != few[:, 1]) & (few[:, 1] != few[:, 2]) & (few[:, 2] != few[:, 0])]
+    _, once = np.unique(np.sort(few, axis=1) @ np.array([len(first) ** 2, len(first), 1]), return_index=True)
+    return vertices[first], few[once]
