@@ -61,6 +61,8 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
         scipy.spatial.QhullError: the points are flat.
         InputError: (of the type ``error``) as :func:`convex_shape`.
     """
+    from scipy.spatial import QhullError  # late: slow to import
+
     if len(points) <= most:
         return points, 0.0
     middle = points.mean(axis=0)
@@ -74,9 +76,13 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
     planes = _planes(coarse)
     touching = _outermost(scaled, planes[:, :3])
     fine = np.vstack((coarse, scaled[np.unique(touching)]))
-    sides, some = _planes(fine), max(1, len(points) // _MOST_EXACT)
-    if np.count_nonzero(_largest(scaled[::some], sides) > _ROUNDING) * some <= _MOST_EXACT:
-        few = np.vstack((fine, scaled[_largest(scaled, sides) > _ROUNDING]))
+    some = max(1, len(points) // _MOST_EXACT)
+    if np.count_nonzero(_largest(scaled[::some], planes) > _ROUNDING) * some <= 2 * _MOST_EXACT:
+        outside = _largest(scaled, planes) > _ROUNDING
+        few = np.vstack((fine, scaled[outside])) if np.count_nonzero(outside) <= _MOST_EXACT else scaled
+    else:
+        few = scaled
+    if len(few) < len(scaled):
         few = few[convex_hull(few).vertices]
         if len(few) <= most:
             return (few * size) @ axes + middle, 0.0
@@ -86,7 +92,10 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
     allowed = _STICKS_OUT * MOST_CORNERS / most * float(np.linalg.norm(size))
     for k in range(_CUTS + 1):
         reach = np.sum(normals * local[touching], axis=1) + _ROUNDING * np.abs(local).max()
-        corners = _cut_out(normals, reach, coarse.mean(axis=0) * size)
+        try:
+            corners = _cut_out(normals, reach, coarse.mean(axis=0) * size)
+        except QhullError:  # not seen either
+            return points, 0.0
         away = _ways_to(inside, corners)
         sticks_out = np.linalg.norm(away, axis=1)
         far = sticks_out > allowed
@@ -94,7 +103,9 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
             break
         normals = np.vstack((normals, away[far] / sticks_out[far][:, None]))
         touching = np.concatenate((touching, _outermost(local, normals[len(touching) :])))
-    if len(corners) > most or _largest(local, _planes(corners)).max() > 0.0:
+    sides = _planes(corners)
+    out = np.sum(sides[:, :3] * local[_outermost(local, sides[:, :3])], axis=1) + sides[:, 3]
+    if len(corners) > most or out.max() > 0.0:
         return points, 0.0  # not seen: then it is the hull itself
     return corners @ axes + middle, float(sticks_out.max()) + _TIP
 
@@ -104,28 +115,41 @@ def _planes(points: Array) -> Array:
     return np.unique(convex_hull(points).equations, axis=0)  # triangles of one flat face share its plane exactly
 
 
-def _blocks(points: Array, planes: Array) -> list[Array]:
-    """The points in blocks whose products with all planes are no more than some 30 MB."""
-    return np.array_split(points, 1 + len(points) * len(planes) // 4_000_000)
-
-
 def _outermost(points: Array, directions: Array) -> Indices:
-    """The number (K,) of the point that is outermost in each direction (K, 3)."""
+    """The number (K,) of the point that is outermost in each direction (K, 3).
+
+    Points are looked at by cubes of space, and only those whose box reaches as far as what has been found.
+    """
+    low, size = points.min(axis=0), np.ptp(points, axis=0)
+    count = int(np.clip(np.sqrt(len(points) / 1000.0), 1, 20))
+    cube = np.minimum((points - low) * (count / np.where(size > 0.0, size, 1.0)), count - 1).astype(np.intp)
+    cube = (cube[:, 0] * count + cube[:, 1]) * count + cube[:, 2]
+    order = np.argsort(cube, kind="stable")
+    sorted_points, cube = points[order], cube[order]
+    starts = np.flatnonzero(np.concatenate(([True], cube[1:] != cube[:-1])))
+    ends = np.append(starts[1:], len(cube))
+    low, high = np.minimum.reduceat(sorted_points, starts), np.maximum.reduceat(sorted_points, starts)
+    reach = directions @ (0.5 * (low + high)).T + np.abs(directions) @ (0.5 * (high - low)).T  # (K, cubes)
+    reach += 1e-12 * np.abs(reach).max()
     best, found = np.full(len(directions), -np.inf), np.zeros(len(directions), dtype=np.intp)
-    begin = 0
-    for block in _blocks(points, directions):
-        along = directions @ block.T
-        at = along.argmax(axis=1)
-        value = along[np.arange(len(directions)), at]
-        better = value > best
-        best[better], found[better] = value[better], begin + at[better]
-        begin += len(block)
+    first = reach.argmax(axis=1)  # the likeliest cube, then those that may have more
+    wanted = np.zeros(reach.shape, dtype=bool)
+    wanted[np.arange(len(directions)), first] = True
+    for _ in range(2):
+        for k in np.flatnonzero(wanted.any(axis=0)):
+            asking = np.flatnonzero(wanted[:, k])
+            along = directions[asking] @ sorted_points[starts[k] : ends[k]].T
+            at = along.argmax(axis=1)
+            value = along[np.arange(len(asking)), at]
+            better = value > best[asking]
+            best[asking[better]], found[asking[better]] = value[better], order[starts[k] + at[better]]
+        wanted = ~wanted & (reach > best[:, None])
     return found
 
 
 def _largest(points: Array, planes: Array) -> Array:
     """How far (V,) [m] each point lies outside of the farthest of planes (K, 4); negative inside of all."""
-    blocks = _blocks(points, planes)
+    blocks = np.array_split(points, 1 + len(points) * len(planes) // 1_000_000)  # each stays in the processor's cache
     return np.concatenate([(block @ planes[:, :3].T + planes[:, 3]).max(axis=1) for block in blocks])
 
 

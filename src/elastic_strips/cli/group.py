@@ -13,6 +13,7 @@ import click
 
 from elastic_strips._version import __version__
 from elastic_strips.errors import ElasticStripsError, nearest_name
+from elastic_strips.progress import LOGGER
 
 from . import interruptible_imports, output
 
@@ -92,6 +93,11 @@ def cli(verbose: bool) -> None:
     if verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
         return
+    if sys.stderr.isatty():
+        progress = logging.getLogger(LOGGER)
+        progress.setLevel(logging.INFO)
+        progress.propagate = False
+        progress.addHandler(logging.StreamHandler())
     handler = logging.StreamHandler()
     handler.addFilter(lambda record: record.name not in _REPORTED_BY_COMMANDS)
     warning = click.style("warning:", fg="yellow") if output.in_colour(sys.stderr) else "warning:"

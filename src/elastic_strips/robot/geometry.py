@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.hulls import convex_hull
+from elastic_strips.progress import LoggedProgress
 
 from .coal_shapes import SIGNS, ShapeKind, box_about, contains, convex_from_vertices, shape_of, support_points
 
@@ -118,7 +119,9 @@ def link_geometries(model: pin.Model, collision: pin.GeometryModel) -> list[Link
     """
     pieces: list[LinkGeometry] = []
     meshes = False
+    progress = LoggedProgress("making convex hulls of the robot's meshes", "shapes", len(collision.geometryObjects))
     for obj in collision.geometryObjects:
+        progress.step()
         shape, T = obj.geometry, np.array(obj.placement.homogeneous)
         link = model.frames[obj.parentFrame].name if obj.parentFrame < len(model.frames) else obj.name
         points, _ = support_points(shape)

@@ -141,11 +141,13 @@ def _decompose(vertices: Array, faces: _Faces) -> list[Array]:
     mesh = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     points, triangles = np.array(mesh.vertices), np.array(mesh.faces)
+    triangles = triangles[np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]]  # each once
     kept = np.asarray(trimesh.triangles.nondegenerate(points[triangles], areas=None, height=_THIN), dtype=bool)
     if not kept.any():
         raise SceneError(f"the mesh has no triangle with an area ({len(faces)} triangles given)")
     solid = trimesh.Trimesh(points, triangles[kept], process=False)
     labels = trimesh.graph.connected_component_labels(solid.face_adjacency, node_count=len(solid.faces))
+    labels = _joined_shells(triangles[kept], labels.astype(np.int64))
     bars = _bars(points, triangles[kept], triangles[~kept])
     triangles = np.vstack((triangles[kept], bars))
     labels = np.concatenate((labels, labels.max() + 1 + np.arange(len(bars))))
@@ -196,13 +198,34 @@ def _edge_keys(faces: _Faces, count: int) -> _Faces:
     return edges[:, 0] * count + edges[:, 1]
 
 
+def _joined_shells(faces: _Faces, labels: _Faces) -> _Faces:
+    """Labels (F,) of bodies, where those that are closed together, such as the two halves of a box with a wall between
+    them, are one: three triangles share an edge there, and the bodies are told apart by edges of two."""
+    from scipy.sparse import coo_matrix  # late: slow to import
+    from scipy.sparse.csgraph import connected_components
+
+    alone = _closed(faces, labels)
+    if alone.all():
+        return labels
+    open_faces = np.flatnonzero(~alone[labels])
+    keys, body = _edge_keys(faces[open_faces], int(faces.max()) + 1), np.tile(labels[open_faces], 3)
+    order = np.argsort(keys, kind="stable")
+    keys, body = keys[order], body[order]
+    same = np.flatnonzero(keys[1:] == keys[:-1])
+    links = coo_matrix((np.ones(len(same)), (body[same], body[same + 1])), shape=(len(alone), len(alone)))
+    joined = connected_components(links, directed=False)[1].astype(np.int64)[labels]
+    together = _closed(faces, joined)
+    numbers = np.where(together[joined], joined, labels + joined.max() + 1)
+    return np.unique(numbers, return_inverse=True)[1].ravel().astype(np.int64)
+
+
 def _closed(faces: _Faces, groups: _Faces) -> NDArray[np.bool_]:
-    """Whether in each group each edge belongs to two triangles."""
+    """Whether in each group each edge belongs to two triangles at least."""
     keys, body = _edge_keys(faces, int(faces.max()) + 1), np.tile(groups, 3)
     order = np.lexsort((keys, body))
     keys, body = keys[order], body[order]
     starts = np.flatnonzero(np.concatenate(([True], (keys[1:] != keys[:-1]) | (body[1:] != body[:-1]))))
-    twice = np.diff(np.append(starts, len(keys))) == 2
+    twice = np.diff(np.append(starts, len(keys))) >= 2
     closed = np.ones(int(groups.max()) + 1, dtype=bool)
     np.logical_and.at(closed, body[starts], twice)
     return closed
