@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 @click.option(
     "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
 )
+@click.option(
+    "--start-depth", type=options.Finite(0.0, 0.05), default=0.0, metavar="M",
+    help="A start that touches by at most so much [m] is left along growing distance, and certified from where it is "
+    "free: the result has both parts, and is not certified as a whole.",
+)  # fmt: skip
 @options.json_option("Write the result.")
 @click.option(
     "--trajectory", "trajectory_file", metavar="FILE", type=options.OutputFile(),
@@ -45,6 +50,7 @@ def run(
     base: str | None,
     seed: int | None,
     timeout: float,
+    start_depth: float,
     json_file: str | None,
     trajectory_file: str | None,
     limits: options.GivenLimits,
@@ -69,7 +75,8 @@ def run(
     where robot and scene may be paths: of a URDF or xacro file, and of a scene file, MoveIt's .scene, OctoMap's .bt or
     .ot, or a Nav2 map's .yaml.
 
-    Exit code 0: certified. 2: wrong input. 3: blocked or broken, or no trajectory was found; it is printed why.
+    Exit code 0: certified. 2: wrong input. 3: blocked or broken, certified only from where a start that touches is
+    free, or no trajectory was found; it is printed why.
     """
     from elastic_strips.io.trajectory_file import check_trajectory_file
     from elastic_strips.sim.scenarios import get_scenario, result_document, run_scenario
@@ -87,7 +94,9 @@ def run(
         def watch(report: DeformReport) -> None:
             bar.step(f"{report.status.value}, clearance of the nodes {report.node_clearance:.3f} m")
 
-        result = run_scenario(problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch)
+        result = run_scenario(
+            problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch, start_depth=start_depth
+        )
     _summary(result)
     if json_file is not None:
         output.write_document("result", json_file, result_document(result))
@@ -108,7 +117,7 @@ def _write_timed(result: RunResult, file: str, limits: MotionLimits | None) -> b
     from elastic_strips.trajectory import RetimingError, retime
 
     if not result.certified:
-        output.say("no trajectory: the strip is not certified")
+        output.say("no trajectory: the strip is not certified" + ("" if result.departure is None else " as a whole"))
         return False
     try:
         trajectory = retime(result.report.strip, limits=limits)
@@ -123,6 +132,8 @@ def _write_timed(result: RunResult, file: str, limits: MotionLimits | None) -> b
 def _summary(result: RunResult) -> None:
     report = result.report
     verdict = "certified" if result.certified else report.status.value
+    if result.departure is not None:
+        verdict = "not certified" if result.departure.rest is None else "left contact, certified from where it is free"
     output.say(
         f"{result.scenario.name} · {result.robot.name} · preset {result.params.preset}: ",
         output.verdict(verdict, result.certified),

@@ -15,17 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import GoalError
+from elastic_strips.errors import GoalError, ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, OrientationConstraint, Strip
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, OrientationConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
-from elastic_strips.validation import check_count
+from elastic_strips.validation import check_count, check_number
 
 from .goals import Goal, goal_configurations, is_goal_region
 from .homotopy.alternatives import AlternativesSearch
 from .initial_strip import rows_along
-from .problem import Deadline, PlanningProblem
+from .leaving import MOST_DEPTH, Departure, joined, leave_contact
+from .problem import ARM, Deadline, PlanningProblem, check_kinds, one_configuration
 from .report import PlanReport
 from .search import PlanSearch
 
@@ -53,6 +54,7 @@ def plan_report(
     grid: bool = True,
     backward: bool = True,
     constraint: OrientationConstraint | None = None,
+    start_depth: float = 0.0,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
     """Plan an initial strip, or several that pass the obstacles on different sides, and report how it went.
@@ -84,6 +86,9 @@ def plan_report(
             the grid always go forwards; those of OMPL, the last resort, may back up.
         constraint: what every configuration on the way, between the nodes too, has to satisfy within its tolerance,
             such as a hand that stays level; not beside a deformer, which brings its own.
+        start_depth: [m] a start that touches by at most so much is left along growing distance, and what is planned
+            and certified begins where the robot is free: see ``departure`` of the report, which is then not certified
+            as a whole. With 0 such a start is refused. One strip only, and no constraint.
         watch: called with every tick's report.
 
     Raises:
@@ -91,10 +96,24 @@ def plan_report(
         ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
             satisfy the constraint; names the pair, or the distance.
         GoalError: no configuration reaches the goal, or none that touches nothing.
-        ParameterError: a count, seed, timeout or bounds outside their range, or a path of another
+        ParameterError: a count, seed, timeout, bounds or start_depth outside their range, or a path of another
             shape.
     """
     count = check_count("count", count, low=1)
+    start_depth = check_number("start_depth", start_depth, low=0.0, high=MOST_DEPTH, unit="m")
+    if start_depth > 0.0:
+        if count > 1 or constraint is not None or (isinstance(deformer, Deformer) and deformer.constraint is not None):
+            raise ParameterError(f"start_depth={start_depth:g} is for one strip (count=1) without a constraint")
+        check_kinds(robot, scene)
+        asked = deformer.params if isinstance(deformer, Deformer) else params
+        asked = asked or (DeformParams() if robot.space.planar else ARM)
+        departure = leave_contact(robot, scene, one_configuration(robot, start, "start"), start_depth, asked)
+        if departure is not None:
+            report = plan_report(
+                robot, scene, departure.strip.q[-1], goal, seed=seed, params=params, timeout=timeout, work=work,
+                bounds=bounds, deformer=deformer, line=line, path=path, grid=grid, backward=backward, watch=watch,
+            )  # fmt: skip
+            return _after(report, departure, deformer or Deformer(robot, asked))
     if is_goal_region(goal):
         deadline = Deadline(timeout, work)
         asked = deformer.params if isinstance(deformer, Deformer) else params
@@ -135,6 +154,20 @@ def plan_report(
     if report is None and problem.region is None:
         report = search.of_the_joints()
     return report or search.with_ompl() or search.failed()
+
+
+def _after(report: PlanReport, departure: Departure, deformer: Deformer) -> PlanReport:
+    """A plan from where the robot is free, with the way there before it: as a whole it is not certified."""
+    first = len(departure.strip) - 1
+    whole, initial = joined(departure, report.strip), joined(departure, report.initial)
+    assessed = replace(deformer.assess(whole, report.report.scene), status=DeformStatus.BROKEN)
+    left = replace(departure, rest=report.strip if report.certified else None)
+    said = "certified" if report.certified else "not certified"
+    reason = f"{left}; {said} from node {first} on: {report.reason}"
+    return replace(
+        report, strip=whole, initial=initial, certified=False, reason=reason, departure=left,
+        report=replace(assessed, reason=reason),
+    )  # fmt: skip
 
 
 def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce) -> Array:
@@ -180,6 +213,7 @@ def plan(
     timeout: float = 10.0,
     bounds: npt.ArrayLike | None = None,
     constraint: OrientationConstraint | None = None,
+    start_depth: float = 0.0,
 ) -> Strip:
     """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else the
     grid's or OMPL's path.
@@ -188,11 +222,13 @@ def plan(
     report on it says where it is broken; :func:`plan_report` has the details.
 
     Args:
-        robot, scene, start, goal, seed, params, timeout, bounds, constraint: as in :func:`plan_report`.
+        robot, scene, start, goal, seed, params, timeout, bounds, constraint, start_depth: as in :func:`plan_report`;
+            the beginning of a strip from a start that touches is not certified, and every report on it says so.
 
     Raises:
         RobotError, SceneError, ConfigurationError, GoalError, ParameterError: as :func:`plan_report`.
     """
     return plan_report(
-        robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds, constraint=constraint
-    ).strip
+        robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds, constraint=constraint,
+        start_depth=start_depth,
+    ).strip  # fmt: skip

@@ -25,6 +25,7 @@ from elastic_strips.validation import check_count
 from elastic_strips.work import seconds_counted
 
 from .grid_path import FLOOR
+from .leaving import MOST_DEPTH
 
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
@@ -233,15 +234,22 @@ def check_endpoints(
 def _checked_ends(
     robot: RobotModel, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams
 ) -> tuple[Array, Array]:
-    ends = []
-    for what, given in (("start", start), ("goal", goal)):
-        q = robot.check_q(given, what=what)
-        if q.ndim != 1:
-            raise ConfigurationError(f"{what} has shape {q.shape}; it must be one configuration ({robot.nq},)")
-        ends.append(q)
+    ends = [one_configuration(robot, given, what) for what, given in (("start", start), ("goal", goal))]
     if robot.space.planar:
         _check_distance(float(np.hypot(*(ends[1] - ends[0])[:2])), params)
     return ends[0], ends[1]
+
+
+def one_configuration(robot: RobotModel, given: npt.ArrayLike, what: str) -> Array:
+    """A sound configuration (nq,).
+
+    Raises:
+        ConfigurationError: it is not sound, or several.
+    """
+    q = robot.check_q(given, what=what)
+    if q.ndim != 1:
+        raise ConfigurationError(f"{what} has shape {q.shape}; it must be one configuration ({robot.nq},)")
+    return q
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,8 +266,10 @@ class Near:
         """Refuse what touches, or is nearer than the parameters have it."""
         clearance = float(getattr(params, self.bound))
         if self.distance < 0:
+            slight = self.what == "start" and -self.distance < MOST_DEPTH
+            way = "; start_depth=… [m] has a start left that touches by so much (--start-depth)" if slight else ""
             raise ConfigurationError(
-                f"{self.what} is in collision: {self.one!r} is {-self.distance * 1000:.1f} mm deep in {self.two!r}"
+                f"{self.what} is in collision: {self.one!r} is {-self.distance * 1000:.1f} mm deep in {self.two!r}{way}"
             )
         if self.distance <= clearance:
             raise ConfigurationError(

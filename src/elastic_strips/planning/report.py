@@ -9,6 +9,7 @@ from elastic_strips.summary import Summary
 
 from .homotopy.alternatives import Alternative
 from .homotopy.classes import ObstacleCluster
+from .leaving import Departure
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -30,6 +31,9 @@ class PlanReport(Summary):
         alternatives: where several strips were asked for, those of different classes that were certified, the cheapest
             first: ``strip`` is that of the first.
         clusters: of obstacles, among which the classes are.
+        departure: where the start touches and may (``start_depth``), how it is left: that part of the strip is not
+            certified, so that ``certified`` is False; ``departure.rest`` is the certified strip that follows it, or
+            None. Else None.
     """
 
     strip: Strip
@@ -44,13 +48,15 @@ class PlanReport(Summary):
     timings: dict[str, float] = field(default_factory=dict)
     alternatives: tuple[Alternative, ...] = ()
     clusters: tuple[ObstacleCluster, ...] = ()
+    departure: Departure | None = None
 
     def _summary(self) -> dict[str, object]:
         several = {"costs": [round(a.cost, 3) for a in self.alternatives]} if self.alternatives else {}
+        parts = {} if self.departure is None else {"rest certified": self.departure.rest is not None}
         return {
-            "certified": self.certified, "method": self.method, "reason": self.reason, "robot": self.strip.robot.name,
-            "nodes": len(self.strip), **several, "attempts": self.attempts, "ticks": self.ticks,
-            "seconds": self.seconds,
+            "certified": self.certified, **parts, "method": self.method, "reason": self.reason,
+            "robot": self.strip.robot.name, "nodes": len(self.strip), **several, "attempts": self.attempts,
+            "ticks": self.ticks, "seconds": self.seconds,
         }  # fmt: skip
 
     def _measured(self) -> dict[str, object]:

@@ -16,7 +16,7 @@ from elastic_strips.catalogue import PRESETS
 from elastic_strips.collision import BrokenSegment
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from elastic_strips.io.obstacle_document import obstacle_documents
-from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
+from elastic_strips.planning import Departure, check_endpoints, ompl_path, plan_report, straight_line
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
@@ -42,6 +42,8 @@ class RunResult(Summary):
         ticks: all ticks; tick_seconds: the duration of each.
         time_to_certified: time until the first certified strip [s], or None.
         frames: strips along the deformation, for animation (first and last included).
+        departure: how a start that touches is left, before the strip; else None. Then the strip and its certificate are
+            from where the robot is free, and the result is not certified as a whole.
     """
 
     scenario: Scenario
@@ -57,6 +59,7 @@ class RunResult(Summary):
     tick_seconds: Array
     time_to_certified: float | None
     frames: tuple[Strip, ...] = field(default_factory=tuple)
+    departure: Departure | None = None
 
     def _summary(self) -> dict[str, object]:
         return {
@@ -75,8 +78,8 @@ class RunResult(Summary):
 
     @property
     def certified(self) -> bool:
-        """Whether the strip is certified and its hulls connected."""
-        return self.report.usable
+        """Whether the strip is certified and its hulls connected, and begins at the start."""
+        return self.report.usable and self.departure is None
 
 
 def run_scenario(
@@ -88,6 +91,7 @@ def run_scenario(
     overrides: Mapping[str, object] | None = None,
     watch: Callable[[DeformReport], object] | None = None,
     timeout: float = 20.0,
+    start_depth: float = 0.0,
 ) -> RunResult:
     """Plan an initial strip, deform it to rest and measure it.
 
@@ -99,6 +103,7 @@ def run_scenario(
         overrides: further parameter overrides.
         watch: called with every tick's report.
         timeout: longest planning [s].
+        start_depth: [m] a start that touches by at most so much is left first: see :func:`plan_report`.
 
     Raises:
         InputError: start or goal in collision, unknown parameters, …
@@ -129,17 +134,21 @@ def run_scenario(
 
     try:
         if isinstance(params, PaperParams):
-            initial, report, method, reason, first = _run_paper(scenario, robot, params, seed, note, timeout)
+            if start_depth != 0.0:
+                raise ParameterError(f"start_depth={start_depth!r} is for the default preset")
+            outcome, departure = _run_paper(scenario, robot, params, seed, note, timeout), None
         else:
-            initial, report, method, reason, first = _run_default(scenario, robot, params, seed, note, timeout)
+            outcome, departure = _run_default(scenario, robot, params, seed, note, timeout, start_depth)
     except ConfigurationError as error:
         if scenario.name in str(error):
             raise
         raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
+    initial, report, method, reason, first = outcome
     return RunResult(
         scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
         passing_side=passing_side(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
         tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
+        departure=departure,
     )  # fmt: skip
 
 
@@ -166,17 +175,25 @@ _Outcome = tuple[Strip, DeformReport, str, str, float | None]
 
 def _run_default(
     scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
-    timeout: float,
-) -> _Outcome:  # fmt: skip
+    timeout: float, start_depth: float,
+) -> tuple[_Outcome, Departure | None]:  # fmt: skip
     start, goal = scenario.ends(robot)
     deformer = Deformer(robot, params)
-    planned = plan_report(robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note)
-    if not planned.certified:
-        return planned.initial, planned.report, planned.method, planned.reason, None
-    report = deformer.settle(planned.strip, scenario.scene, watch=note)
+    planned = plan_report(
+        robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note,
+        start_depth=start_depth,
+    )  # fmt: skip
+    departure, strip, before = planned.departure, planned.strip, planned.report
+    if departure is not None and departure.rest is not None:
+        strip = departure.rest
+        before = deformer.assess(strip, scenario.scene)
+    elif not planned.certified:
+        return (planned.initial, planned.report, planned.method, planned.reason, None), departure
+    report = deformer.settle(strip, scenario.scene, watch=note)
     if not report.certified:  # settling must not lose the certified strip
-        report = planned.report
-    return planned.initial, report, planned.method, report.reason, planned.seconds
+        report = before
+    reason = report.reason if departure is None else f"{departure}; from there on {report.reason}"
+    return (planned.initial, report, planned.method, reason, planned.seconds), departure
 
 
 def _run_paper(
@@ -299,6 +316,7 @@ def result_document(result: RunResult) -> Document:
         "passage": result.passing_side,
         "max_heading_step_rad": report.heading_step if isinstance(report, PaperReport) else None,
         "broken": None if result.certified or broken is None else _place(broken),
+        "departure": None if result.departure is None else result.departure.document(),
         "base": base.value,
         "strip": {"joint_names": list(robot.joint_names), "q": strip.q.tolist()},
         "locked": {name: float(value) for name, value in robot.locked.items()},
