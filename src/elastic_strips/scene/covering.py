@@ -47,7 +47,7 @@ class _Cells:
 
 
 def grown_pieces(vertices: Array, faces: _Faces, pieces: list[Array], *, closed: bool) -> tuple[list[Array], float]:
-    """Convex pieces that hold a body, and how far [m] it stuck out of the given ones at most.
+    """Points whose hulls hold a body, and how far [m] it stuck out of the given ones at most.
 
     Args:
         vertices: (V, 3) [m].
@@ -75,8 +75,7 @@ def grown_pieces(vertices: Array, faces: _Faces, pieces: list[Array], *, closed:
         mine = np.flatnonzero((owner == k) & (least > 0.0))
         which = _sorted_once(cells.members[_ranges(cells.starts[mine], counts[mine])])
         which = which[_outside(cells.points[which], plane) > 0.0]
-        corners = np.vstack((piece, cells.points[which]))
-        grown.append(corners[convex_hull(corners).vertices])
+        grown.append(np.vstack((piece, cells.points[which])))
     return grown, max(0.0, float(least.max(initial=0.0)))
 
 
@@ -190,20 +189,22 @@ def _enclosed(filled: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
     """
     from scipy import ndimage  # late: slow to import
 
-    label, _ = ndimage.label(~filled, structure=np.ones((3, 3, 3)))
+    label = np.zeros(filled.shape, dtype=np.int32)
+    ndimage.label(~filled, structure=np.ones((3, 3, 3)), output=label)
     outside = label == label[0, 0, 0]
-    size = np.array(filled.shape)
-    free = np.zeros(size + 1, dtype=bool)
-    for step in np.ndindex(2, 2, 2):
-        i, j, k = (slice(s, s + n) for s, n in zip(step, size, strict=True))
-        free[i, j, k] |= outside
+    free = np.zeros([n + 1 for n in filled.shape], dtype=bool)
+    nx, ny, nz = filled.shape
+    corner_views = [
+        (slice(i, i + nx), slice(j, j + ny), slice(k, k + nz)) for i in (0, 1) for j in (0, 1) for k in (0, 1)
+    ]
+    for view in corner_views:
+        free[view] |= outside
     number = np.cumsum(~free).reshape(free.shape) - 1
     cells, corners = [], []
-    for step in np.ndindex(2, 2, 2):
-        i, j, k = (slice(s, s + n) for s, n in zip(step, size, strict=True))
-        wanted = ~free[i, j, k] & ~outside
+    for view in corner_views:
+        wanted = ~free[view] & ~outside
         cells.append(np.flatnonzero(wanted))
-        corners.append(number[i, j, k][wanted])
+        corners.append(number[view][wanted])
     return np.concatenate(cells), np.concatenate(corners), np.argwhere(~free).astype(np.float64)
 
 

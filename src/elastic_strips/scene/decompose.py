@@ -7,7 +7,7 @@ Distances to a triangle soup are hollow: a robot deep inside a closed mesh would
    (:func:`elastic_strips.hulls.few_corners`).
 2. A flat body becomes thin plates, `PLATE` thick on either side: one where it is convex, else one per triangle, or per
    cube of space where there are many.
-3. A small body, of less than `SMALL` of the mesh's diagonal, becomes its convex hull.
+3. A small or thin body, of less than `SMALL` of the mesh's diagonal across, becomes its convex hull.
 4. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore they
    grow (:mod:`elastic_strips.scene.covering`) until **together they hold every point of the surface, and of a closed
    body every point inside** (to rounding, `TOLERANCE`). They may stick out of the mesh by V-HACD's voxel or what its
@@ -52,7 +52,8 @@ PLATE = 1e-3
 """A flat body becomes a plate that reaches this far [m] to either side."""
 
 SMALL = 0.02
-"""A body whose diagonal is at most this share of the mesh's becomes its convex hull."""
+"""A body that is at most this share of the mesh's diagonal across its longest direction becomes its convex hull, which
+sticks out of it by no more: it has points all along that direction."""
 
 MANY = 1_000
 """Of more bodies those near each other are taken together."""
@@ -63,8 +64,10 @@ _MAX_PLATES = 200  # of a flat body, one per triangle
 _SUFFIXES = (".dae", ".obj", ".ply", ".stl")
 
 _RESOLUTION, _COARSE = 50_000, 10_000  # voxels of V-HACD, of few bodies and of more
-_FEW = 3  # bodies
-_MAX_HULLS = 32
+_FEW, _SOME = 3, 12  # bodies
+_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
+"""Hulls and depth of V-HACD's recursion: the first; of more than some bodies by their share of the mesh's diagonal."""
+
 _MOST_CORNERS = 600  # of one of V-HACD's pieces, which stick out of the body anyway
 _MANY_FACES = 50_000  # with more, V-HACD gets the body with vertices that are near each other taken together
 _CLUSTER = 1.0 / 200.0  # of the body's diagonal
@@ -170,7 +173,7 @@ def _decompose(vertices: Array, faces: _Faces) -> list[Array]:
             pieces += found
             progress.step()
     for corners, local, tight in waiting:
-        pieces += _decomposed(corners, local, tight, _RESOLUTION if len(waiting) <= _FEW else _COARSE)
+        pieces += _decomposed(corners, local, tight, len(waiting), whole)
         progress.step()
     return pieces
 
@@ -261,10 +264,11 @@ def _grouped(points: Array, faces: _Faces, labels: _Faces) -> tuple[_Faces, NDAr
 
 def _simple_body(corners: Array, faces: _Faces, closed: bool, whole: float, alone: bool) -> list[Array] | None:
     """Pieces of a body that is flat, small or convex, or of several; None for another one."""
-    size = float(np.linalg.norm(np.ptp(corners, axis=0)))
     if flatness(corners) < MIN_THICKNESS:
         return _plates(corners, faces)
-    if alone and size > SMALL * whole and not (closed and _convex(corners, faces)):
+    centred = corners - corners.mean(axis=0)
+    across = np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0)
+    if alone and np.hypot(*np.sort(across)[:2]) > SMALL * whole and not (closed and _convex(corners, faces)):
         return None
     return [few_corners(corners, "Mesh piece", SceneError)[0]]
 
@@ -338,15 +342,18 @@ def _plate(corners: Array) -> Array:
     )
 
 
-def _decomposed(vertices: Array, faces: _Faces, closed: bool, resolution: int) -> list[Array]:
-    """Pieces of a body that is neither flat nor convex."""
+def _decomposed(vertices: Array, faces: _Faces, closed: bool, bodies: int, whole: float) -> list[Array]:
+    """Pieces of a body that is neither flat nor convex, one of several in a mesh of a diagonal ``whole`` [m]."""
     import trimesh
 
+    share = float(np.linalg.norm(np.ptp(vertices, axis=0))) / whole
+    most, depth = next((hulls, deep) for least, hulls, deep in _EFFORTS if bodies <= _SOME or share >= least)
     hulls = []
     coarse = trimesh.Trimesh(*_clustered(vertices, faces), process=False)
     for found in trimesh.decomposition.convex_decomposition(
-        coarse, resolution=resolution, maxConvexHulls=_MAX_HULLS, asyncACD=False
-    ):
+        coarse, resolution=_RESOLUTION if bodies <= _FEW else _COARSE, maxConvexHulls=most,
+        maxRecursionDepth=depth, asyncACD=False,
+    ):  # fmt: skip
         corners = np.asarray(found["vertices"], dtype=np.float64)
         if len(corners) >= 4 and np.isfinite(corners).all() and flatness(corners) >= MIN_THICKNESS:
             hulls.append(corners)

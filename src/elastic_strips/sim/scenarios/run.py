@@ -300,7 +300,7 @@ def result_document(result: RunResult) -> Document:
         "preset": result.params.preset,
         "robot": robot.name,
         "seed": result.seed,
-        "status": report.status.value,
+        "status": report.status.value if result.departure is None or not report.usable else "departed",
         "reason": result.reason,
         "certified": result.certified,
         "segments": [bool(s) for s in report.certificate.segments],
