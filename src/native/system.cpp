@@ -28,7 +28,7 @@ void difference_jacobians(const double* v, Block3& first, Block3& second) {
 }  // namespace
 
 double add_elastic(System& s, bool planar, const double* v, const double* weight) {
-  const int nv = s.nv, b = planar ? 3 : 0;
+  const int nv = static_cast<int>(s.nv), b = planar ? 3 : 0;
   const std::size_t block = static_cast<std::size_t>(nv) * nv;
   double energy = 0.0;
   for (std::size_t j = 0; j + 1 < s.nodes; ++j) {
@@ -64,7 +64,7 @@ double add_elastic(System& s, bool planar, const double* v, const double* weight
 }
 
 void add_row(System& s, std::size_t node, const double* row, double force, double stiffness) {
-  const int nv = s.nv;
+  const int nv = static_cast<int>(s.nv);
   double *f = s.force + node * nv, *D = s.diagonal + node * nv * nv;
   for (int r = 0; r < nv; ++r) {
     f[r] += force * row[r];
@@ -127,10 +127,10 @@ double add_self_repulsion(System& s, const SelfPairs& pairs, const Frames& frame
 }
 
 double add_posture(System& s, const double* coordinates, const double* target, const double* k_p,
-                   const std::uint8_t* circular, int base_nv) {
+                   const std::uint8_t* circular, std::size_t base_nv) {
   double energy = 0.0;
   for (std::size_t n = 0; n < s.nodes; ++n) {
-    for (int k = base_nv; k < s.nv; ++k) {
+    for (std::size_t k = base_nv; k < s.nv; ++k) {
       double off = coordinates[n * s.nv + k] - target[n * s.nv + k];
       if (circular[k - base_nv]) off = std::atan2(std::sin(off), std::cos(off));
       energy += 0.5 * k_p[k] * off * off;

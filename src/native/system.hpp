@@ -8,8 +8,7 @@ namespace strips {
 // Forces (N, nv), diagonal blocks (N, nv, nv) and those above (N-1, nv, nv); see System.
 struct System {
   double *force, *diagonal, *upper;
-  std::size_t nodes;
-  int nv;
+  std::size_t nodes, nv;
 };
 
 // Springs between neighbours along tangents v (N-1, nv) with stiffness `weight` (nv); returns their potential.
@@ -33,7 +32,7 @@ double add_self_repulsion(System& system, const SelfPairs& pairs, const Frames& 
 
 // Joints are pulled to where `target` (N, nv) has them by k_p (nv), continuous ones the shorter way; their potential.
 double add_posture(System& system, const double* coordinates, const double* target, const double* k_p,
-                   const std::uint8_t* circular, int base_nv);
+                   const std::uint8_t* circular, std::size_t base_nv);
 
 // Displacements (N, nv) of (D + K) delta = force, zero at both ends; false where the matrix is not positive definite.
 bool solve(const System& system, const double* damping, double* delta);

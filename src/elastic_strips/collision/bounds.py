@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, Indices, by_rows
 from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.coal_shapes import native_solid
@@ -109,8 +109,8 @@ class BodySet:
         if not self._kept:
             solids = [native_solid(geometry) for geometry in self.geometries]
             bodies = module.Bodies(
-                tree, solids, self.joint, self.rotation, self.translation, np.ascontiguousarray(self.ends),
-                self.radius, self.skin,
+                tree, solids, np.ascontiguousarray(self.joint, dtype=np.intp),
+                *by_rows(self.rotation, self.translation, self.ends, self.radius), self.skin,
             )  # fmt: skip
             self._kept.append(bodies)
         return self._kept[0]
@@ -233,7 +233,8 @@ class MotionBounds:
         support = self.bodies.tree.support[self.bodies.joint]
         one, two = support[pairs[:, 0]], support[pairs[:, 1]]
         only_one, only_two = one & ~two, two & ~one
-        return self.radius[:, pairs[:, 0]] * only_one.T + self.radius[:, pairs[:, 1]] * only_two.T
+        radius = self.radius[:, pairs[:, 0]] * only_one.T + self.radius[:, pairs[:, 1]] * only_two.T
+        return np.ascontiguousarray(radius)  # by rows, as the kernel reads them
 
 
 class Displacement:

@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, by_rows
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.collision.candidates import CandidateParts
 from elastic_strips.collision.narrowphase import native_part
@@ -123,7 +123,7 @@ class ValidityChecker:
         """Whether the configuration with these coordinates (nv,) is valid."""
         if self.native is None:
             return self(self.robot.space.from_coordinates(coordinates))
-        return self.native.valid(coordinates)
+        return self.native.valid(*by_rows(coordinates))
 
     def motion(self, a: Array, b: Array, step: float) -> bool:
         """Whether the motion between coordinates (nv,) is valid, but for its start: its end and places between.
@@ -132,7 +132,7 @@ class ValidityChecker:
         ``step`` [m], the middle first. It is no proof: the certificate is.
         """
         if self.native is not None:
-            return self.native.motion(a, b, step)
+            return self.native.motion(*by_rows(a, b), step)
         space = self.robot.space
         v = space.difference(a, b)
         count = max(1, math.ceil(float(self.bounds.travel(v[None]).max(initial=0.0)) / step))
@@ -154,7 +154,7 @@ class ValidityChecker:
             unit: (K,) how much of the last K coordinates one unit of a state is.
         """
         if self.native is not None:
-            self.native.chart(row, unit)
+            self.native.chart(*by_rows(row, unit))
             return self.native.motion_in_chart
         return _in_chart(self.motion, row, unit)
 

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array
 
@@ -54,7 +55,7 @@ class ReachResult(Summary):
         return {"reached": self.q is not None, "solutions": len(self.solutions), "reason": self.reason}
 
 
-class PoseSolver:
+class PoseSolver(OneThread):
     """Workspace: brings a frame of a robot to poses.
 
     Args:
@@ -109,6 +110,7 @@ class PoseSolver:
             rows[:, :2] = around[:2] - self.place(rows)[0][:, :2]  # below the target, wherever the arm holds the hand
         return rows
 
+    @exclusive
     def solve(
         self,
         rows: Array,

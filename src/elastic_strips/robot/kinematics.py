@@ -16,6 +16,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.summary import Summary
 from elastic_strips.work import count_work
 
@@ -138,7 +139,7 @@ class KinematicTree(Summary):
         return out
 
 
-class Kinematics:
+class Kinematics(OneThread):
     """Workspace: aligned joint placements and world Jacobian columns of many nodes.
 
     Args:
@@ -170,6 +171,7 @@ class Kinematics:
         if self.tree.space.planar:
             self.J[:, 2, 5] = 1.0
 
+    @exclusive
     def update(self, coordinates: Array, *, jacobians: bool = True) -> None:
         """Compute placements (and Jacobian columns) of the coordinate rows (N, nv)."""
         n = len(coordinates)
@@ -252,10 +254,6 @@ class Kinematics:
             point: (K, 3) world positions [m].
             direction: (K, 3) directions n, world frame.
         """
-        if self.native is not None:
-            rows = np.zeros((len(node), self.tree.space.nv))
-            self.native.directional(self.J, node, joint, point, direction, rows)
-            return rows
         wrench = np.empty((len(node), 6, 1))
         wrench[:, :3, 0] = direction
         wrench[:, 3, 0] = point[:, 1] * direction[:, 2] - point[:, 2] * direction[:, 1]

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.arrays import Array, Indices, Mask, by_rows
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.native import kernel
 from elastic_strips.summary import Summary
@@ -181,7 +181,7 @@ class ConfigurationSpace(Summary):
         module = kernel()
         if module is not None and a.ndim == 2 and a.shape == b.shape:
             v = np.empty(a.shape)
-            module.difference(self.planar, self.circular, a, b, v)
+            module.difference(self.planar, self.circular, *by_rows(a, b), v)
             return v
         v = np.subtract(b, a)
         n = self.base_nv
@@ -203,7 +203,7 @@ class ConfigurationSpace(Summary):
         module = kernel()
         if module is not None and a.ndim == 2 and a.shape == v.shape:
             out = np.empty(a.shape)
-            module.integrate(self.planar, self.circular, a, v, out)
+            module.integrate(self.planar, self.circular, *by_rows(a, v), out)
             return out
         out = np.add(a, v)
         if self.planar:

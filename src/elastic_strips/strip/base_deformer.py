@@ -22,6 +22,7 @@ from elastic_strips.collision import (
 from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
@@ -218,7 +219,7 @@ class Workspace:
         return self._strip
 
 
-class BaseDeformer(ABC, Generic[R]):
+class BaseDeformer(OneThread, ABC, Generic[R]):
     """Deforms strips of one robot; owns mutable buffers, so one per thread.
 
     Args:
@@ -236,6 +237,7 @@ class BaseDeformer(ABC, Generic[R]):
         self._rolling = False  # whether wheels have to follow the strip
         self._descends = False  # whether an iteration must not raise the energy
 
+    @exclusive
     def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> R:
         """One control tick: deform the strip away from the obstacles and certify it.
 
@@ -263,6 +265,7 @@ class BaseDeformer(ABC, Generic[R]):
     def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> R:
         """The report of a tick that made so many exact distance queries."""
 
+    @exclusive
     def settle(
         self,
         strip: Strip,
@@ -329,6 +332,7 @@ class BaseDeformer(ABC, Generic[R]):
         """A tick's report in ``settle``, with what it is to have of all ticks before."""
         return report
 
+    @exclusive
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it.
 
@@ -338,6 +342,7 @@ class BaseDeformer(ABC, Generic[R]):
         self._load(strip, scene)
         return self.workspace.certify(scene)
 
+    @exclusive
     def assess(self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None) -> R:
         """Report on a strip as it is: certificate, clearance, hulls; nothing moves.
 
@@ -350,6 +355,7 @@ class BaseDeformer(ABC, Generic[R]):
         result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
         return self._report(scene, result, 0, detail)
 
+    @exclusive
     def reset(self) -> None:
         """Forget all that is kept from tick to tick; for after an exception."""
         self.workspace.reset()

@@ -10,6 +10,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.collision import BodySet, Certificate, Forecast, MotionBounds, MotionCertifier
 from elastic_strips.errors import ParameterError
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
@@ -180,7 +181,7 @@ def joined(pieces: list[Trajectory]) -> Trajectory:
     return replace(last, time=rows("time"), coordinates=rows("coordinates"), v=rows("v"), a=rows("a"))
 
 
-class TrajectoryCertifier:
+class TrajectoryCertifier(OneThread):
     """Workspace: certifies trajectories of one robot against snapshots and their forecasts.
 
     Args:
@@ -200,10 +201,12 @@ class TrajectoryCertifier:
         bodies = BodySet.links(robot)
         self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)
 
+    @exclusive
     def reset(self) -> None:
         """Forget the obstacles; for after an exception."""
         self._certifier.reset()
 
+    @exclusive
     def certify(self, trajectory: Trajectory, scene: Scene, forecast: Forecast) -> Certificate:
         """Certify a trajectory, from its first sample until it has come to rest.
 
