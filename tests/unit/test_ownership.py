@@ -7,8 +7,9 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from threading import Event
 
 import numpy as np
@@ -133,6 +134,25 @@ def _workspaces(robot: RobotModel) -> list[OneThread]:
     ]  # fmt: skip
 
 
+@contextmanager
+def _another_inside(workspace: OneThread) -> Iterator[None]:
+    """Another thread is inside a workspace meanwhile."""
+    inside, done = Event(), Event()
+
+    def stay(_: OneThread) -> None:
+        inside.set()
+        assert done.wait(60.0)
+
+    with ThreadPoolExecutor(1) as pool:
+        staying = pool.submit(exclusive(stay), workspace)
+        assert inside.wait(60.0)
+        try:
+            yield
+        finally:
+            done.set()
+        staying.result()
+
+
 def test_every_workspace_turns_a_second_thread_away(silvermate: RobotModel) -> None:
     for workspace in _workspaces(silvermate):
         names = {
@@ -140,13 +160,11 @@ def test_every_workspace_turns_a_second_thread_away(silvermate: RobotModel) -> N
             if getattr(method, "__code__", None) is _ALONE
         }  # fmt: skip
         assert names, type(workspace).__name__
-        with ThreadPoolExecutor(1) as pool:
-            assert pool.submit(workspace._inside.acquire).result()
+        with _another_inside(workspace):
             for name in sorted(names):
                 method: Callable[..., object] = getattr(workspace, name)
                 with pytest.raises(ThreadError, match=f"{type(workspace).__name__}.{name}"):
                     method()
-            pool.submit(workspace._inside.release).result()
 
 
 class _Counter(OneThread):
@@ -177,9 +195,8 @@ def test_a_copy_is_a_workspace_of_its_own(silvermate: RobotModel) -> None:
         kin = Kinematics(silvermate.tree, 4)
     rows = silvermate.space.to_coordinates(silvermate.home_q)[None]
     copy = pickle.loads(pickle.dumps(kin))
-    with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(kin._inside.acquire).result()
+    with _another_inside(kin):
         copy.update(rows)
         with pytest.raises(ThreadError):
             kin.update(rows)
-        pool.submit(kin._inside.release).result()
+    kin.update(rows)

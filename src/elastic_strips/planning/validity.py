@@ -132,7 +132,8 @@ class ValidityChecker:
         ``step`` [m], the middle first. It is no proof: the certificate is.
         """
         if self.native is not None:
-            return self.native.motion(*by_rows(a, b), step)
+            a, b = by_rows(a, b)
+            return self.native.motion(a, b, step)
         space = self.robot.space
         v = space.difference(a, b)
         count = max(1, math.ceil(float(self.bounds.travel(v[None]).max(initial=0.0)) / step))
