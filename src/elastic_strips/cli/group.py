@@ -13,6 +13,7 @@ import click
 
 from elastic_strips._version import __version__
 from elastic_strips.errors import ElasticStripsError, nearest_name
+from elastic_strips.files import command_files
 
 from . import interruptible_imports, output
 
@@ -88,7 +89,9 @@ class LateGroup(click.Group):
 )
 @click.version_option(__version__, prog_name="elastic-strips")
 @click.option("-v", "--verbose", is_flag=True, help="Log what the library does to standard error.")
-def cli(verbose: bool) -> None:
+@click.pass_context
+def cli(context: click.Context, verbose: bool) -> None:
+    context.with_resource(command_files())
     if verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
         return

@@ -310,19 +310,39 @@ def sensors_of(text: str | None, robot: str) -> SensorConfig | None:
 
 
 def check_outputs(scenario: str, *files: str | None) -> None:
-    """Check that every output can be written, and none would overwrite the scenario or another output.
+    """Check that every output can be written, and none would overwrite another output, the scenario or another file
+    that the command was given, by whatever name.
 
     Raises:
         InputError: a file that cannot be written, or that is named twice.
     """
-    taken = {Path(scenario).absolute()}
-    for name in files:
-        if name is None or name == output.STDOUT:
-            continue
-        path = check_writable(name).absolute()
-        if path in taken:
-            raise InputError(f"{name}: is named twice; each output needs a file of its own")
-        taken.add(path)
+    context = click.get_current_context(silent=True)
+    outputs = [check_writable(name) for name in files if name is not None and name != output.STDOUT]
+    named = _texts(context.params) if context is not None else []
+    for name in files:  # what is left is no output
+        if name in named:
+            named.remove(name)
+    given = [name for name in [scenario, *named] if os.path.isfile(name)]
+    for k, path in enumerate(outputs):
+        if any(_same(path, Path(other)) for other in [*given, *outputs[:k]]):
+            raise InputError(f"{path}: is named twice; each output needs a file of its own")
+
+
+def _texts(value: object) -> list[str]:
+    """All texts and paths in the values of a command's parameters: some of them may be files."""
+    if isinstance(value, (str, Path)):
+        return [str(value)]
+    if isinstance(value, Mapping):
+        return [text for each in value.values() for text in _texts(each)]
+    return [text for each in value for text in _texts(each)] if isinstance(value, (tuple, list)) else []
+
+
+def _same(one: Path, two: Path) -> bool:
+    """Whether two names are of one file, or would be."""
+    try:
+        return os.path.samefile(one, two)
+    except OSError:  # one of them is not there yet
+        return os.path.realpath(one) == os.path.realpath(two)
 
 
 class LateProgress:

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ElasticStripsError, InputError, missing_extra, nearest_name
-from elastic_strips.files import check_input, open_input
+from elastic_strips.files import check_input, note_input, open_input
 from elastic_strips.scene.quantities import rotation_of
 from elastic_strips.validation import check_array
 
@@ -159,6 +159,8 @@ class BagReader:
         self._base, self._world = base_frame, world_frame
         if os.path.isdir(self.path):
             check_input(self.path / "metadata.yaml", "bag", _MAX_BYTES, BagError)
+            for file in self.path.iterdir():  # that rosbags opens by itself
+                note_input(file)
         else:
             self._check_head()
         self.topics: dict[str, BagTopic] = {}

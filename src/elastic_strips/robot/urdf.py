@@ -18,7 +18,7 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.errors import RobotError, nearest_name
-from elastic_strips.files import check_input, read_input
+from elastic_strips.files import check_input, note_input, read_input
 from elastic_strips.summary import shortened
 
 _log = logging.getLogger(__name__)
@@ -260,6 +260,7 @@ def _check_mesh(shape: etree._Element, source: Path, folders: list[Path], what: 
     if found.suffix.lower() not in _MESH_SUFFIXES:
         hint = nearest_name(found.suffix.lower(), _MESH_SUFFIXES)
         raise fault(source, shape, f"{what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}")
+    note_input(found.with_suffix(".mtl"))  # the colours of an .obj
     if not check_input(found, "mesh file", _MAX_MESH_BYTES, RobotError):
         raise fault(source, shape, f"{what}: mesh file {found} is empty")
     shape.set("filename", f"file://{found}")
@@ -335,7 +336,10 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
     parents = _check_tree(root, links, source)
     limits, mimic, followers, continuous = _check_joints(root, joints, source, mends)
     _check_inertials(root, source, mends)
-    _check_geometry(root, source, search_folders(source, package_dirs), mends)
+    folders = search_folders(source, package_dirs)
+    _check_geometry(root, source, folders, mends)
+    for texture in root.iter("texture"):
+        note_input(resolve_mesh(texture.get("filename", ""), source, folders) or source)
     _check_materials(root, mends)
     if not re.fullmatch(r"1\.[0-2]", root.get("version", "1.0")):
         mends.add("version of URDF that is not known (1.0 to 1.2 are), passed over", root.attrib.pop("version"))
