@@ -21,6 +21,7 @@ from .browser import Browser
 ENDINGS = (".gif", ".mp4", ".webm")
 _BARE = "for (const e of document.querySelectorAll('.dg, #es-play, #es-bar')) e.style.visibility = 'hidden'; void 0"
 _AT = "animator.pause(); animator.seek({0}); animator.display_progress({0}); viewer.render(); void 0"
+_CODECS = {".mp4": "libx264", ".webm": "libvpx-vp9"}  # a WebM holds no H.264
 _LONGEST = 5000  # pictures of a film
 
 
@@ -99,12 +100,25 @@ def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
         writer = (
             imageio.get_writer(there, duration=10 * round(100 / fps), loop=0)
             if gif
-            else imageio.get_writer(there, fps=fps, quality=8, macro_block_size=2)
+            else imageio.get_writer(there, fps=fps, quality=8, macro_block_size=2, codec=_CODECS[ending])
         )
         with writer:
-            yield _Frames(path, lambda frame: writer.append_data(frame))  # its own type says less than it takes
+            film = _Frames(path, lambda frame: writer.append_data(frame))  # its own type says less than it takes
+            yield film
+        if not gif and _pictures(there) < film.count:  # ffmpeg ends without a word where the disk is full
+            raise InputError(f"{path}: cannot write: ffmpeg's film lacks pictures; is the disk full?")
         data = there.read_bytes()
     atomic_write(path, data)
+
+
+def _pictures(film: Path) -> int:
+    """How many pictures a film has; none where it cannot be read."""
+    import imageio_ffmpeg
+
+    try:
+        return imageio_ffmpeg.count_frames_and_secs(str(film))[0]
+    except (OSError, RuntimeError):
+        return 0
 
 
 def _check_film(path: str | os.PathLike[str], fps: float) -> tuple[Path, str]:
@@ -127,11 +141,13 @@ def _check_film(path: str | os.PathLike[str], fps: float) -> tuple[Path, str]:
 class _Frames:
     def __init__(self, path: Path, append: Callable[[NDArray[np.uint8]], object]) -> None:
         self.path = path
+        self.count = 0
         self._append = append
 
     def add(self, picture: bytes) -> None:
         from PIL import Image
 
+        self.count += 1
         self._append(np.asarray(Image.open(BytesIO(picture)).convert("RGB")))
 
 
