@@ -21,6 +21,9 @@ distances were bounded, and how many measured."""
 coal_version: str
 """Of the headers that it was compiled with."""
 
+class NoDepth(FloatingPointError):
+    """Coal finds no depth of two shapes that penetrate, at any tolerance."""
+
 class Solid:
     pass
 
