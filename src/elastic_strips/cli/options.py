@@ -316,16 +316,20 @@ def check_outputs(scenario: str, *files: str | None) -> None:
     Raises:
         InputError: a file that cannot be written, or that is named twice.
     """
+    os.getcwd()  # names are of the working folder: where that was removed it is said at once
     context = click.get_current_context(silent=True)
-    outputs = [check_writable(name) for name in files if name is not None and name != output.STDOUT]
     named = _texts(context.params) if context is not None else []
     for name in files:  # what is left is no output
         if name in named:
             named.remove(name)
-    given = [name for name in [scenario, *named] if os.path.isfile(name)]
-    for k, path in enumerate(outputs):
-        if any(_same(path, Path(other)) for other in [*given, *outputs[:k]]):
-            raise InputError(f"{path}: is named twice; each output needs a file of its own")
+    taken = [name for name in [scenario, *named] if os.path.isfile(name)]
+    for name in files:
+        if name is None or name == output.STDOUT:
+            continue
+        if any(_same(name, other) for other in taken):
+            raise InputError(f"{name}: is named twice; each output needs a file of its own")
+        check_writable(name)
+        taken.append(name)
 
 
 def _texts(value: object) -> list[str]:
@@ -337,12 +341,14 @@ def _texts(value: object) -> list[str]:
     return [text for each in value for text in _texts(each)] if isinstance(value, (tuple, list)) else []
 
 
-def _same(one: Path, two: Path) -> bool:
+def _same(one: str, two: str) -> bool:
     """Whether two names are of one file, or would be."""
     try:
         return os.path.samefile(one, two)
-    except OSError:  # one of them is not there yet
+    except FileNotFoundError:  # one of them is not there yet
         return os.path.realpath(one) == os.path.realpath(two)
+    except (OSError, ValueError):  # no file name
+        return False
 
 
 class LateProgress:

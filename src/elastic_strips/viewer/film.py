@@ -116,7 +116,7 @@ def _pictures(film: Path) -> int:
     import imageio_ffmpeg
 
     try:
-        return imageio_ffmpeg.count_frames_and_secs(str(film))[0]
+        return imageio_ffmpeg.count_frames_and_secs(str(film))[0] or 0
     except (OSError, RuntimeError):
         return 0
 
