@@ -32,7 +32,7 @@ from elastic_strips.scene.quantities import (
 )
 
 from .nodes import Node
-from .point_cloud import read_points
+from .point_cloud import LARGE_MESH, read_points, warn_of_units
 
 MAX_ROWS = 4_000_000
 """Most poses of moving pieces that a record's world is made of: their number times the control rows."""
@@ -187,7 +187,9 @@ def _mesh(node: Node, entries: dict[str, Node], common: Document) -> Obstacle:
         if "faces" in entries:
             entries["faces"].fail("belongs to 'vertices', not to a mesh 'file'")
         scale = entries["scale"].number(low=1e-9, high=1e9, unit="") if "scale" in entries else 1.0
-        return given.checked(Mesh.from_file, _file(given), scale=scale, **common)
+        mesh = given.checked(Mesh.from_file, _file(given), scale=scale, **common)
+        warn_of_units(f"{_file(given)}", mesh.spec["vertices"], LARGE_MESH)
+        return mesh
     if "scale" in entries:
         entries["scale"].fail("belongs to a mesh 'file', not to 'vertices'")
     faces = _needed(node, entries, "faces").rows(3)
