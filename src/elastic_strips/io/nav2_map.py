@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import ScenarioError, missing_extra
 from elastic_strips.files import read_input
 from elastic_strips.scene import Box, Obstacle, Scene, Voxels
@@ -51,19 +51,21 @@ class MapArea:
     low: float
     high: float
 
-    def holds(self, points: ArrayLike) -> Array:
+    def holds(self, points: ArrayLike) -> Mask:
         """Which points (N, 2) of the world [m] are inside, as booleans (N,)."""
         local = (np.asarray(points, dtype=float) - self.T_world_map[:2, 3]) @ self.T_world_map[:2, :2]
-        return ((local >= 0.0) & (local <= self.size)).all(axis=1)
+        return np.all((local >= 0.0) & (local <= self.size), axis=1)
 
     def edges(self) -> list[Obstacle]:
         """Four boxes around it: who leaves the map meets one of them."""
         (x, y), z = self.size.tolist(), 0.5 * (self.low + self.high) - self.T_world_map[2, 3]
         height, far = self.high - self.low, 0.5 * _EDGE
         boxes = {
-            "left": ((_EDGE, y + 2.0 * _EDGE), (-far, 0.5 * y)), "right": ((_EDGE, y + 2.0 * _EDGE), (x + far, 0.5 * y)),
-            "lower": ((x, _EDGE), (0.5 * x, -far)), "upper": ((x, _EDGE), (0.5 * x, y + far)),
-        }  # fmt: skip
+            "left": ((_EDGE, y + 2.0 * _EDGE), (-far, 0.5 * y)),
+            "right": ((_EDGE, y + 2.0 * _EDGE), (x + far, 0.5 * y)),
+            "lower": ((x, _EDGE), (0.5 * x, -far)),
+            "upper": ((x, _EDGE), (0.5 * x, y + far)),
+        }
         quat = quaternion_of(self.T_world_map[:3, :3])
         made: list[Obstacle] = []
         for name, (size, at) in boxes.items():

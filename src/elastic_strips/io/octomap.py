@@ -93,10 +93,13 @@ def octree_obstacles(
         SceneError: damaged data, or another kind of tree.
     """
     file = Path(where)
+    if data[:10] == b"# Octomap ":  # as messages were before 2013
+        binary, kind, _, resolution, begin = _header(file, data)
+        data = data[begin:]
     check_number(f"{where}: resolution", resolution, low=_LEAST_EDGE, high=_MOST_EDGE, unit="m", error=SceneError)
     if kind not in _COLOURS and not binary:
         _fail(file, f"trees of the kind {kind[:40]!r} are not read; valid: {', '.join(_COLOURS)}")
-    most = min(_MAX_NODES, len(data))
+    most = min(_MAX_NODES, len(data))  # a node has at least two bytes
     full, free, _ = (
         _read_bt(file, data, 0, most) if binary else _read_ot(file, data, 0, most, _COLOURS[kind], 0.0)
     )  # fmt: skip
@@ -199,7 +202,9 @@ def _header(file: Path, data: bytes) -> tuple[bool, str, int, float, int]:
             except ValueError:
                 resolution = math.nan
             if not _LEAST_EDGE <= resolution <= _MOST_EDGE:
-                _fail(file, f"the header's res is {res[:40]!r}; an edge of {_LEAST_EDGE:g} … {_MOST_EDGE:g} m is needed")
+                _fail(
+                    file, f"the header's res is {res[:40]!r}; an edge of {_LEAST_EDGE:g} … {_MOST_EDGE:g} m is needed"
+                )
             return _HEADS[first], kind, int(size), resolution, at
         if words and not words[0].startswith("#"):
             entries[words[0]] = " ".join(words[1:])
