@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
 from . import options, output
 from .robot_options import robot_options
+from .scene_options import SCENE_FILES, scene_options
 
 if TYPE_CHECKING:
+    from elastic_strips.arrays import Array
     from elastic_strips.collision import PathCertificate
+    from elastic_strips.io import SceneFile, SceneOptions
     from elastic_strips.robot import LoadOptions, RobotModel
 
 
@@ -19,10 +23,9 @@ if TYPE_CHECKING:
 @click.argument("path", metavar="PATH", type=options.FILE)
 @click.option("--robot", required=True, metavar=options.ROBOT_FILES, type=options.ROBOT, help="Whose path it is.")
 @click.option(
-    "--scene", "scene_file", required=True, metavar="FILE", type=options.FILE,
-    help="The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene; "
-    "OctoMap's .bt or .ot; a Nav2 map's .yaml.",
+    "--scene", "scene_files", required=True, multiple=True, metavar="FILE", type=options.FILE, help=SCENE_FILES,
 )  # fmt: skip
+@scene_options
 @options.base_option()
 @robot_options
 @click.option(
@@ -42,8 +45,9 @@ if TYPE_CHECKING:
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
 def certify(
-    path: str, robot: str, scene_file: str, base: str | None, described: LoadOptions, clearance: float,
-    self_clearance: float, interpolation: str, repaired: str | None, proof: str | None, json_file: str | None,
+    path: str, robot: str, scene_files: tuple[str, ...], reading: SceneOptions, base: str | None,
+    described: LoadOptions, clearance: float, self_clearance: float, interpolation: str, repaired: str | None,
+    proof: str | None, json_file: str | None,
 ) -> int:  # fmt: skip
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
 
@@ -52,18 +56,22 @@ def certify(
 
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
     """
+    from elastic_strips.collision import Verdict, prove
     from elastic_strips.collision import certify as certify_path
-    from elastic_strips.collision import prove
     from elastic_strips.collision.path_certificate import as_arcs
-    from elastic_strips.io import load_path, read_world, write_path
+    from elastic_strips.io import load_path, read_scene_file, write_path
     from elastic_strips.robot import load_robot
     from elastic_strips.strip import DeformParams, repair
 
     options.check_outputs(path, repaired, proof, json_file)
     model = load_robot(robot, base=base, **described)
-    world = read_world(scene_file)
-    scene = world.at(world.scene.time)
     given = load_path(path, model)
+    found_scene = read_scene_file(scene_files, robot=model, q=given.q[0], options=reading)
+    world = found_scene.world
+    scene = world.at(world.scene.time)
+    if found_scene.held:
+        model = found_scene.held_by(model)
+        output.say(("note:", output.NOTE), f" {model.name} holds {', '.join(found_scene.held_names)}")
     timed = given.times is not None and bool(world.names_moving)
     if timed and (repaired or proof):
         raise click.UsageError(
@@ -73,6 +81,8 @@ def certify(
         model, world if timed else scene, given.q, clearance=clearance, self_clearance=self_clearance,
         interpolation=interpolation, times=given.times if timed else None,
     )  # fmt: skip
+    if found.certified and (left := _left_map(model, found_scene, given.q)):
+        found = replace(found, verdict=Verdict.UNKNOWN, reason=left)
     for note in given.notes:
         output.say(("note:", output.NOTE), f" {note}")
     if world.names_moving and not timed:
@@ -84,8 +94,9 @@ def certify(
         if not done:
             params = DeformParams(clearance=clearance, self_clearance=self_clearance)
             mended = repair(model, scene, q, params=params)
-            done, q, interpolation = mended.certified, mended.strip.q, "arc"
-            said = "certified" if done else f"not certified: {mended.reason}"
+            left = _left_map(model, found_scene, mended.strip.q)
+            done, q, interpolation = mended.certified and left is None, mended.strip.q, "arc"
+            said = "certified" if done else f"not certified: {left or mended.reason}"
             output.say(
                 "repaired: ",
                 output.verdict(said, done),
@@ -108,6 +119,16 @@ def certify(
                 output.say(f"  {what:6} {name}")
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
+
+
+def _left_map(robot: RobotModel, scene: SceneFile, q: Array) -> str | None:
+    """What to say of a path whose base stands where no map shows anything; None where it does not."""
+    base = robot.space.to_coordinates(q)[:, :2].tolist() if robot.space.planar else [[0.0, 0.0]]
+    beyond = scene.outside(base)
+    if not len(beyond):
+        return None
+    x, y = base[beyond[0]]
+    return f"configuration {beyond[0]} at ({x:.3g}, {y:.3g}) is outside of the map, of which nothing is known"
 
 
 def _document(robot: RobotModel, found: PathCertificate, notes: tuple[str, ...]) -> dict[str, object]:
