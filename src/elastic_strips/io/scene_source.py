@@ -20,7 +20,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.robot.reach import highest_reach
 from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.scene.motion import Keyframes, Motion, Twist, UnknownMotion
-from elastic_strips.scene.quantities import check_pose, pose_of, quaternion_of, rotation_of
+from elastic_strips.scene.quantities import check_pose, pose_of, quaternion_of
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_choice, check_number, shown
 
@@ -38,6 +38,7 @@ _SUFFIXES = {
     ".scene": MOVEIT, ".bt": OCTREE, ".ot": OCTREE,
     **dict.fromkeys((".pcd", ".ply", ".xyz", ".txt", ".csv", ".npy"), CLOUD),
 }  # fmt: skip
+_HALF_TURN = 1e-6  # of the product of two quaternions, below which they are half a turn apart
 _MESHES = (".stl", ".obj", ".dae")
 _LISTED = (".csv", ".npy")
 OF_KIND: Mapping[str, tuple[str, ...]] = {
@@ -291,11 +292,25 @@ def _turned(obstacle: Obstacle, pose: Array) -> Motion:
     if isinstance(motion, UnknownMotion):
         return motion
     if isinstance(motion, Keyframes):
-        quats = motion.quats  # where there are none, the obstacle keeps its own orientation
-        if quats is not None:
-            quats = np.array([quaternion_of(turn @ rotation_of(quat)) for quat in quats])
-        return Keyframes(motion.times, motion.positions @ turn.T + pose[:3, 3], quats=quats, loop=motion.loop)
+        times, at, quats = motion.times, motion.positions @ turn.T + pose[:3, 3], motion.quats
+        if quats is not None:  # else the obstacle keeps its own orientation
+            half = np.flatnonzero(np.abs((quats[1:] * quats[:-1]).sum(axis=1)) < _HALF_TURN)
+            if len(half):  # which way round must not depend on rounding: a keyframe in the middle says it
+                middle = quats[half] + quats[half + 1]
+                middle /= np.linalg.norm(middle, axis=1)[:, None]
+                quats = np.insert(quats, half + 1, middle, axis=0)
+                at = np.insert(at, half + 1, 0.5 * (at[half] + at[half + 1]), axis=0)
+                times = np.insert(times, half + 1, 0.5 * (times[half] + times[half + 1]))
+            quats = _product(quaternion_of(turn), quats)
+        return Keyframes(times, at, quats=quats, loop=motion.loop)
     raise SceneError(f"obstacle {obstacle.name!r}: a motion of type {type(motion).__name__} cannot be placed elsewhere")
+
+
+def _product(first: Array, quats: Array) -> Array:
+    """The quaternions (N, 4) of turns that are followed by the turn ``first`` (4,)."""
+    v, w = first[:3], first[3]
+    turned = w * quats[:, :3] + quats[:, 3:] * v + np.cross(v, quats[:, :3])
+    return np.column_stack((turned, w * quats[:, 3] - quats[:, :3] @ v))
 
 
 def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:

@@ -109,8 +109,8 @@ def test_a_yaw_of_more_than_a_turn_is_taken_and_said(tmp_path, caplog, turns):
 
 
 HEADERS = [
-    b"P5\r\n# made\r\n3 4\r\n255\r\n", b"P5\r3 4\r255\r", b"P5 3 4 255\r\n", b"P5\n3 4\n255# made\n", b"P5\n#a\r#b\n3 4\n255\n",
-    b"P5\n3 4\n255 # made\n", b"P5 3 # three\n4\t255 ",
+    b"P5\r\n# made\r\n3 4\r\n255\r\n", b"P5\r3 4\r255\r", b"P5 3 4 255\r\n", b"P5\n3 4\n255# made\n",
+    b"P5\n#a\r#b\n3 4\n255\n", b"P5\n3 4\n255 # made\n", b"P5 3 # three\n4\t255 ",
 ]  # fmt: skip
 
 
