@@ -40,6 +40,7 @@ from .scene_source import (
 
 _log = logging.getLogger(__name__)
 VERSION = 1
+_MOST_FILES = 100  # of a scene
 _DEEPEST = 8  # scene files that name each other
 _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
@@ -133,6 +134,9 @@ def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, readi
     if here in reading.within or len(reading.within) >= _DEEPEST:
         chain = " → ".join(Path(name).name for name in (*reading.within, here))
         raise SceneError(f"{path}: scene files name each other: {chain}")
+    reading.read.append(here)
+    if len(reading.read) > _MOST_FILES:
+        raise SceneError(f"{path}: the scene has more than {_MOST_FILES} files, which is the most that are read")
     inner = replace(reading, within=(*reading.within, here))
     if kind != OWN:
         return read_foreign(path, kind, root, options, inner)

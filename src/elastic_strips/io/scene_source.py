@@ -132,11 +132,13 @@ class Reading:
         robot: whose arm walls of maps have to be as high as.
         q: (nq,) where it stood when clouds were seen.
         within: files that are being read, of which this one is a part.
+        read: all files of the scene so far.
     """
 
     robot: RobotModel | None = None
     q: Array | None = None
-    within: tuple[str, ...] = field(default=())
+    within: tuple[str, ...] = ()
+    read: list[str] = field(default_factory=list)
 
 
 def kind_of(path: Path) -> tuple[str, Node | None]:

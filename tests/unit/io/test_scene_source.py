@@ -96,6 +96,15 @@ def test_scene_files_that_name_each_other_are_refused(folder):
         read_scene(folder / "a.yaml")
 
 
+def test_no_scene_has_files_without_end(folder):
+    """Few lines that name each other's files many times."""
+    for k in range(6):
+        (folder / f"n{k}.yaml").write_text("sources:\n" + f"- n{k + 1}.yaml\n" * 9)
+    (folder / "n6.yaml").write_text("obstacles: []\n")
+    with pytest.raises(SceneError, match="more than 100 files"):
+        read_scene(folder / "n0.yaml")
+
+
 @pytest.mark.parametrize(
     ("entry", "what"),
     [
