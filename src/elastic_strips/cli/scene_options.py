@@ -34,9 +34,7 @@ class Pose(click.ParamType):
         number = options.Finite()
         found = tuple(float(number(word.strip(), param, ctx)) for word in value.split(","))
         if len(found) not in (3, 4, 7):
-            self.fail(
-                f"{value!r} has {len(found)} numbers; 3, 4 or 7 are needed", param, ctx
-            )
+            self.fail(f"{value!r} has {len(found)} numbers; 3, 4 or 7 are needed", param, ctx)
         return found
 
 

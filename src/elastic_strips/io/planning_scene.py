@@ -385,7 +385,10 @@ class _Reader:
     def _octomap(self, node: Node) -> list[Obstacle]:
         """The obstacles of an octomap with its pose."""
         entries = node.mapping(what="an octomap")
-        tree = entries["octomap"].mapping(what="an octomap") if _given(entries, "octomap") else {}
+        if not _given(entries, "octomap"):
+            return []
+        inner = entries["octomap"]
+        tree = inner.mapping(what="an octomap")
         values = tree["data"].value if "data" in tree else None
         if not values:
             return []
@@ -396,8 +399,8 @@ class _Reader:
         data = (np.array(values, dtype=np.int64) & 255).astype(np.uint8).tobytes()
         T = self._placed(node, entries) @ (_pose(entries["origin"]) if _given(entries, "origin") else np.eye(4))
         return node.checked(
-            octree_obstacles, data, str(node.source.path), binary=node["octomap"]["binary"].boolean(),
-            kind=tree["id"].text(), resolution=tree["resolution"].finite(), at=T,
+            octree_obstacles, data, str(node.source.path), binary=inner["binary"].boolean(),
+            kind=inner["id"].text(), resolution=inner["resolution"].finite(), at=T,
         )  # fmt: skip
 
     def _attached(self, node: Node) -> AttachedObject:

@@ -38,6 +38,7 @@ LARGE_CLOUD = 100.0
 LARGE_MESH = 10.0
 """The same of a mesh, which is one thing."""
 _LEAST_MARGIN = 1e-6  # [m]
+_FACES = re.compile(rb"^element\s+face\s+(\d{1,9})\s*$", re.MULTILINE)
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -98,6 +99,8 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
             raw = reader(data)
     except ValueError as error:
         raise SceneError(f"{file}{str(error)[:500]}") from None
+    if suffix == ".ply" and (faces := _FACES.search(data[:10_000])) and int(faces[1]):
+        _log.warning("%s: left out: %d faces; only the vertices are points. A mesh is read as one", file, int(faces[1]))
     if suffix == ".pcd" and (viewpoint := _viewpoint(data)):
         _log.warning("%s: left out: VIEWPOINT %s; the points are taken as they stand", file, viewpoint)
     points = np.ascontiguousarray(raw, dtype=np.float64) * scale

@@ -212,6 +212,12 @@ def test_an_octomap_of_a_message_is_whole_or_refused(tmp_path):
     path.write_text(json.dumps(document))
     with pytest.raises(SceneError, match="full-length"):
         read_scene(path)
+    for key in ("binary", "id", "resolution"):
+        document["world"]["octomap"]["octomap"] = {k: v for k, v in {**tree, "data": [2, 0]}.items() if k != key}
+        path.write_text(json.dumps(document))
+        with pytest.raises(SceneError, match=f"'{key}' is missing"):
+            read_scene(path)
+    document["world"]["octomap"]["octomap"] = tree
     tree["data"] = [3, 0, 1]
     path.write_text(json.dumps(document))
     with pytest.raises(SceneError, match="ends after"):

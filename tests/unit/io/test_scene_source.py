@@ -263,6 +263,17 @@ def test_points_that_are_none_and_millimetres_are_said(tmp_path, caplog):
     assert "millimetres" not in caplog.text
 
 
+def test_the_faces_of_a_cloud_are_said(tmp_path, caplog):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    points = "end_header\n0 0 0\n1 0 0\n0 1 0\n"
+    for faces in ("", "element face 1\nproperty list uchar int vertex_indices\n"):
+        caplog.clear()
+        (tmp_path / "c.ply").write_text(head + faces + points + ("3 0 1 2\n" if faces else ""))
+        with caplog.at_level(logging.WARNING):
+            assert len(read_point_cloud(tmp_path / "c.ply").points) == 3
+        assert ("1 faces" in caplog.text) == bool(faces)
+
+
 def test_a_mesh_in_millimetres_is_said(tmp_path, caplog):
     corners = "v 0 0 0\nv 60 0 0\nv 0 60 0\nv 0 0 60\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
     (tmp_path / "cup.obj").write_text(corners)
