@@ -24,7 +24,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cone, ConvexHull, Cylinder, Mesh, Obstacle, Scene, Sphere
 from elastic_strips.scene.quantities import check_pose, pose_of, quaternion_of
 from elastic_strips.summary import Summary
-from elastic_strips.validation import shown
+from elastic_strips.validation import check_choice, shown
 
 from .moveit_scene import plane_slab
 from .nodes import MAX_YAML_BYTES, Node, Source, load_json, parse_yaml
@@ -168,6 +168,7 @@ def read_planning_scene(path: str | os.PathLike[str], *, planes: str = "blocked"
 
 def planning_scene_of(root: Node, *, planes: str = "blocked") -> PlanningScene:
     """The same of a document that is read already."""
+    check_choice("planes", planes, ("blocked", "free"), SceneError)
     if isinstance(root.value, dict) and isinstance(root.value.get("scene"), dict):
         root = root["scene"]
     return _Reader(root, planes).read()
@@ -212,7 +213,9 @@ class _Reader:
             for holder in (state, world)
             for node in _list(holder, "attached_collision_objects")
         ]  # fmt: skip
-        obstacles = [o for name, thing in self._objects.items() for o in self._made(name, thing, self._others(name))]
+        obstacles = [
+            o for name, thing in self._objects.items() for o in self._made(name, thing, set(self._objects) - {name})
+        ]
         taken = {o.name for o in obstacles}
         for one in octomap:
             name = one.name or "octomap"
@@ -367,9 +370,6 @@ class _Reader:
             for k, node in enumerate(given):
                 found.append((make(node), _pose(placed[k]) if k < len(placed) else np.eye(4), node))
         return found
-
-    def _others(self, name: str) -> set[str]:
-        return set(self._objects) - {name}
 
     def _made(self, name: str, thing: _Object, taken: set[str]) -> list[Obstacle]:
         """The obstacles of an object."""
