@@ -113,12 +113,16 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     return PointCloud(points, int(len(raw) - len(points)))
 
 
-def read_points(path: str | os.PathLike[str]) -> Array:
+def read_points(path: str | os.PathLike[str], *, scale: float = 1.0) -> Array:
     """Points (n, 3) that a scene file refers to: all of a .npy, .csv, .txt or .xyz file, those of a .ply or .pcd file.
 
     Each line of text holds three numbers, between commas in a .csv file and else between blanks; what follows ``#`` is
     a comment. Points of a .ply or .pcd file that are not finite are left out, and counted in a warning; another file
     must have none.
+
+    Args:
+        path: of the file.
+        scale: its numbers times that are metres.
 
     Raises:
         SceneError: no such file, another kind, damaged, or what it holds does not fit.
@@ -129,7 +133,7 @@ def read_points(path: str | os.PathLike[str]) -> Array:
     if suffix not in suffixes:
         raise SceneError(f"{file}: files of kind {file.suffix!r} are not read{nearest_name(file.suffix, suffixes)}")
     if suffix in (".ply", ".pcd"):
-        cloud = read_point_cloud(file)
+        cloud = read_point_cloud(file, scale=scale)
         warn_of_dropped(str(file), cloud)
         return cloud.points
     if suffix == ".npy":
@@ -150,6 +154,8 @@ def read_points(path: str | os.PathLike[str]) -> Array:
         if not len(points):
             raise SceneError(f"{file}: the file holds no points")
     points = check_points(str(file), points, (None, 3))
+    if scale != 1.0:
+        points = check_points(str(file), points * scale, (None, 3))
     warn_of_units(str(file), points, LARGE_CLOUD)
     return points
 

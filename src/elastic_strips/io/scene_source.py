@@ -255,7 +255,7 @@ def _cloud(path: Path, options: SceneOptions, pose: Array | None, reading: Readi
         )
     scale = check_number("scale", options.get("scale", 1.0), above=0.0, error=SceneError)
     if path.suffix.lower() in _LISTED:
-        cloud = PointCloud(read_points(path) * scale, 0)
+        cloud = PointCloud(read_points(path, scale=scale), 0)
     else:
         cloud = read_point_cloud(path, scale=scale)
         warn_of_dropped(str(path), cloud)
