@@ -443,7 +443,7 @@ def _robot(node: Node) -> str:
 
 def _scene(node: Node) -> SceneFile:
     """What a scenario's ``scene`` says: a scene, a file, a file with how it is read, or a list of these."""
-    reading = Reading(within=(os.path.realpath(node.source.path),))
+    reading = Reading()
     if isinstance(node.value, list):
         parts = [_source(item, reading) for item in node.items()]
         return bounded(node.checked(joined, parts, World(Scene([]))))
