@@ -88,8 +88,11 @@ def test_times_count_where_something_moves(folder, capsys):
     assert call(folder / "soon.json", *_robot(folder, "moves.yaml")) == 3
     assert "ball" in capsys.readouterr().out
     assert call(folder / "late.json", *_robot(folder, "moves.yaml")) == 0
-    assert call(folder / "beside.csv", *_robot(folder, "moves.yaml")) == 0
-    assert "no times in the path: what moves counts as it stands at 0 s" in capsys.readouterr().out
+    assert call(folder / "beside.csv", *_robot(folder, "moves.yaml")) == 2
+    assert "ball" in capsys.readouterr().err
+    assert call(folder / "beside.csv", *_robot(folder, "moves.yaml"), "--at", 0, "--json", folder / "a.json") == 0
+    assert any("ball" in note for note in json.loads((folder / "a.json").read_text())["notes"])
+    assert call(folder / "soon.json", *_robot(folder, "moves.yaml"), "--at", 2) == 3
     assert call(folder / "soon.json", *_robot(folder, "moves.yaml"), "--repair", folder / "r.csv") == 2
     assert not (folder / "r.csv").exists()
 

@@ -35,26 +35,33 @@ if TYPE_CHECKING:
 @click.option(
     "--interpolation", type=options.LateChoice("collision.path_certificate", "INTERPOLATIONS"), default="line",
     show_default=True,
-    help="How a base goes between two configurations: x, y and yaw linearly, or on an arc as wheels do. Joints go "
-    "linearly.",
+    help="Between two configurations. line: base and joints go linearly; arc: a base on an arc, as wheels do. Where an "
+    "angle's values change by more than half a turn, they do not say which way: values (linearly by the numbers) and "
+    "shortest do.",
+)  # fmt: skip
+@click.option(
+    "--at", "moment", metavar="SECONDS", type=options.Finite(-1e9, 1e9),
+    help="Take what moves, appears or vanishes as it stands then, whatever the path's times.",
 )  # fmt: skip
 @click.option("--repair", "repaired", metavar="FILE", type=options.OutputFile(), help="Push it free; write that path.")
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
 def certify(
     path: str, robot: str, scene_file: str, base: str | None, described: LoadOptions, clearance: float,
-    self_clearance: float, interpolation: str, repaired: str | None, proof: str | None, json_file: str | None,
+    self_clearance: float, interpolation: str, moment: float | None, repaired: str | None, proof: str | None,
+    json_file: str | None,
 ) -> int:  # fmt: skip
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
 
     PATH is a JointTrajectory (JSON or YAML, also what MoveIt prints), CSV, NPZ, or what OMPL prints. A path with times
-    is certified against the obstacles that move, where the scene has some.
+    is certified against the obstacles that move, appear and vanish, where the scene has some; a path without times
+    needs --at then.
 
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
     """
     from elastic_strips.collision import certify as certify_path
     from elastic_strips.collision import prove
-    from elastic_strips.collision.path_certificate import as_arcs
+    from elastic_strips.collision.path_certificate import changes
     from elastic_strips.io import load_path, read_world, write_path
     from elastic_strips.robot import load_robot
     from elastic_strips.strip import DeformParams, repair
@@ -62,60 +69,70 @@ def certify(
     options.check_outputs(path, repaired, proof, json_file)
     model = load_robot(robot, base=base, **described)
     world = read_world(scene_file)
-    scene = world.at(world.scene.time)
     given = load_path(path, model)
-    timed = given.times is not None and bool(world.names_moving)
-    if timed and (repaired or proof):
-        raise click.UsageError(
-            "--repair and --proof are of obstacles that stand still; these move with the path's times"
-        )
+    moving = changes(world)
+    if moving and moment is None:
+        said = f"{', '.join(moving[:3])} move, appear or vanish with the time; "
+        if given.times is None:
+            raise click.UsageError(
+                f"{said}{path} has no times: give it some, or --at SECONDS for the scene as it is then"
+            )
+        if repaired or proof:
+            raise click.UsageError(f"{said}--repair and --proof are of obstacles that stand still: give --at SECONDS")
+    timed = bool(moving) and moment is None
+    scene = world.at(world.scene.time if moment is None else moment)
     found = certify_path(
-        model, world if timed else scene, given.q, clearance=clearance, self_clearance=self_clearance,
+        model, world if timed else scene, given, clearance=clearance, self_clearance=self_clearance,
         interpolation=interpolation, times=given.times if timed else None,
     )  # fmt: skip
     for note in given.notes:
         output.say(("note:", output.NOTE), f" {note}")
-    if world.names_moving and not timed:
-        output.say(("note:", output.NOTE), f" no times in the path: what moves counts as it stands at {scene.time:g} s")
     output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
-    document = _document(model, found, given.notes)
-    done, q = found.certified, given.q
+    document = _document(model, found, given.notes, interpolation)
+    done, mended_path = found.certified, None
     if repaired is not None:
         if not done:
             params = DeformParams(clearance=clearance, self_clearance=self_clearance)
-            mended = repair(model, scene, q, params=params)
-            done, q, interpolation = mended.certified, mended.strip.q, "arc"
+            mended = repair(model, scene, given.q, params=params)
+            done, mended_path, interpolation = mended.certified, mended.strip, "arc"
             said = "certified" if done else f"not certified: {mended.reason}"
             output.say(
                 "repaired: ",
                 output.verdict(said, done),
-                f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations",
+                f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations"
+                f"{', angles the shorter way' * bool(model.space.turning.any())}",
             )
             document["repair"] = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
-        output.say(f"path    {write_path(repaired, model, q)}")
+        short = given.q if interpolation == "shortest" else given
+        output.say(f"path    {write_path(repaired, model, short if mended_path is None else mended_path)}")
     if proof is not None:
         made = None
         if done:
-            rows, _, _ = as_arcs(model, model.space.to_coordinates(q), interpolation)
-            made = prove(model, scene, rows, clearance=clearance, self_clearance=self_clearance)
+            made = prove(
+                model, scene, given if mended_path is None else mended_path, clearance=clearance,
+                self_clearance=self_clearance, interpolation=interpolation,
+            )  # fmt: skip
         if made is None:
             output.say(("no proof", output.BAD), ": the path is not certified" + (", or too narrowly" if done else ""))
             done = False
         else:
-            output.say(f"proof   {made.save(proof)}, {len(made.span)} intervals")
-            document["proof"] = {"intervals": len(made.span), **made.digests}
+            output.say(f"proof   {made.save(proof)}, {len(made.span)} intervals, angles {made.header['way']}")
+            document["proof"] = {"intervals": len(made.span), "way": made.header["way"], **made.digests}
             for what, name in made.digests.items():
                 output.say(f"  {what:6} {name}")
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
 
 
-def _document(robot: RobotModel, found: PathCertificate, notes: tuple[str, ...]) -> dict[str, object]:
+def _document(
+    robot: RobotModel, found: PathCertificate, notes: tuple[str, ...], interpolation: str
+) -> dict[str, object]:
     """The answer as JSON has it."""
     broken = found.broken
     least = found.least if found.least is None or math.isfinite(found.least) else None
     return {
-        "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name, "notes": list(notes),
+        "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name,
+        "notes": [*notes, *found.notes], "interpolation": interpolation,
         "clearance_m": found.clearance, "self_clearance_m": found.self_clearance, "least_clearance_m": least,
         "segments": list(found.segments), "seconds": found.seconds,
         "broken": None if broken is None else {

@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision.path_rows import PathLike, path_rows
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.files import atomic_write, check_writable, open_input, read_input_text, write_json
 from elastic_strips.robot import RobotModel
@@ -53,11 +54,13 @@ class PathFile(Summary):
         q: (N, nq) configurations.
         times: (N,) when each is reached [s], or None.
         notes: what was assumed, and what was left out.
+        rows: (N, nv) values of the coordinates as the file has them, or None where it has (cos, sin) of angles.
     """
 
     q: Array
     times: Array | None
     notes: tuple[str, ...]
+    rows: Array | None = None
 
     def _summary(self) -> dict[str, object]:
         timed = {} if self.times is None else {"seconds": float(self.times[-1] - self.times[0])}
@@ -96,21 +99,22 @@ def load_path(path: str | os.PathLike[str], robot: RobotModel) -> PathFile:
 
 
 def write_path(
-    path: str | os.PathLike[str], robot: RobotModel, q: npt.ArrayLike, times: npt.ArrayLike | None = None
+    path: str | os.PathLike[str], robot: RobotModel, q: PathLike, times: npt.ArrayLike | None = None
 ) -> Path:
     """Write a path for :func:`load_path`: as CSV, or as a JointTrajectory where the name ends in ``.json``.
 
     Args:
         path: the file.
         robot: whose path it is.
-        q: (N, nq) configurations.
+        q: configurations (N, nq), or rows (N, nv), or what has either. Angles are written as values that run on, so
+            that they go the way that the path goes.
         times: (N,) when each is reached [s], or None.
 
     Raises:
         ConfigurationError: configurations that do not fit the robot.
         InputError: the file cannot be written.
     """
-    rows = robot.space.to_coordinates(robot.check_q(q, what="path"))
+    rows = path_rows(robot, q).within_limits(robot)
     names = [*(("x", "y", "yaw") if robot.space.planar else ()), *robot.joint_names]
     when = None if times is None else np.asarray(times, dtype=float)
     if Path(path).suffix.lower() == ".json":
@@ -140,6 +144,7 @@ def _trajectory(root: Node, robot: RobotModel, source: Source) -> PathFile:
             poses = np.array([_planar(p["transforms"].items()[0]) for p in base["points"].items()])
             if len(poses) != len(rows):
                 base.fail(f"has {len(poses)} points, the joints' trajectory {len(rows)}")
+            poses[:, 2] = np.unwrap(poses[:, 2])  # quaternions go the shorter way
             names, rows = ["x", "y", "yaw", *names], np.hstack((poses, rows))
     return _placed(robot, names, rows, times, source)
 
@@ -291,7 +296,8 @@ def _placed(
         source.fail(f"has {rows.shape[1]} columns for {len(names)} names")
     b = robot.space.base_nv
     if names is None:
-        if rows.shape[1] == robot.nq != robot.nv:
+        values = None if rows.shape[1] == robot.nq != robot.nv else rows
+        if values is None:
             q = rows
         elif rows.shape[1] == robot.nv:
             q = robot.space.from_coordinates(rows)
@@ -325,11 +331,11 @@ def _placed(
             notes += _held_otherwise(robot, names, rows)
         if missing:
             notes.append(f"at home, as the file does not name them: {', '.join(missing)}")
-        q = robot.space.from_coordinates(coordinates)
+        q, values = robot.space.from_coordinates(coordinates), coordinates
     if times is not None and (len(times) != len(rows) or not np.isfinite(times).all() or (np.diff(times) < 0.0).any()):
         source.fail(f"has {len(times)} times for {len(rows)} configurations, or they decrease")
     try:
         q = robot.check_q(q, what="path")
     except ConfigurationError as problem:
         source.fail(str(problem))
-    return PathFile(q, times, tuple(notes))
+    return PathFile(q, times, tuple(notes), values)

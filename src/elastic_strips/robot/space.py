@@ -142,6 +142,12 @@ class ConfigurationSpace(Summary):
         """Number of the base's degrees of freedom: 3 for a planar root, else 0."""
         return 3 if self.planar else 0
 
+    @property
+    def turning(self) -> Mask:
+        """(nv,) whether a coordinate is an angle that turns without end: the base's yaw, and circular joints."""
+        base = np.array([False, False, True]) if self.planar else np.zeros(0, dtype=bool)
+        return np.concatenate((base, self.circular))
+
     def to_coordinates(self, q: Array) -> Array:
         """Configurations (…, nq) to coordinate rows (…, nv)."""
         q = np.asarray(q, dtype=float)
