@@ -192,9 +192,10 @@ def _apart(
 
 @dataclass(frozen=True, slots=True)
 class _Broken:
-    """Where on the refined path something is not proven, what it is, and among what."""
+    """The segment of the refined path, the place on it, what is not proven there, and among what."""
 
-    at: float
+    j: int
+    place: float
     segment: BrokenSegment
     scene: Scene | World
 
@@ -248,7 +249,7 @@ class _Work:
             states, broken = self._certified(tools, part, self.arcs.known[chunk], scene, self.needed)
             self.bad.update((first + np.flatnonzero(states)).tolist())
             if broken is not None:
-                self.broken.append(_Broken(first + broken.segment, broken, scene))
+                self.broken.append(_Broken(first + broken.segment, 0.5, broken, scene))
 
     def _certified(
         self, tools: _Tools, rows: Array, known: npt.NDArray[np.bool_], scene: Scene, clearance: float
@@ -287,7 +288,7 @@ class _Work:
                 open_, broken = self._open(ends, there, world, t0, t1)
                 if broken is not None:
                     self.bad.add(j)
-                    self.broken.append(_Broken(j + 0.5 * (low + high), broken, world))
+                    self.broken.append(_Broken(j, 0.5 * (low + high), broken, world))
                     break
                 if open_:
                     middle = 0.5 * (low + high)
@@ -350,13 +351,13 @@ class _Work:
         def answer(
             verdict: Verdict, reason: str, broken: BrokenSegment | None, found: _Found | None, place: float = 0.0
         ) -> PathCertificate:
-            shown = verdict is Verdict.REFUTED and found is not None
-            time = None if when is None or not shown else float(np.interp(place, np.arange(len(when)), when))
+            shown = found if verdict is Verdict.REFUTED else None
+            time = None if when is None or shown is None else float(np.interp(place, np.arange(len(when)), when))
             return PathCertificate(
                 verdict, self.clearance, self.self_clearance, least, segments, broken,
-                q=self.robot.space.from_coordinates(found.row) if shown else None,
-                place=place - broken.segment if shown and broken else None, time=time,
-                distance=found.distance if shown else None, reason=reason + assumed, notes=notes,
+                q=None if shown is None else self.robot.space.from_coordinates(shown.row),
+                place=None if shown is None or broken is None else place - broken.segment, time=time,
+                distance=None if shown is None else shown.distance, reason=reason + assumed, notes=notes,
                 seconds=perf_counter() - began,
             )  # fmt: skip
 
@@ -367,7 +368,7 @@ class _Work:
         self.broken.sort(key=lambda entry: entry.order)
         worst, found = None, None
         for entry in self.broken[:_LOOKED]:
-            deepest = self._deepest(int(entry.at), entry.scene, when)
+            deepest = self._deepest(entry, when)
             if found is None or deepest.order < found.order:
                 worst, found = entry, deepest
             if deepest.certain:
@@ -377,7 +378,7 @@ class _Work:
             return answer(Verdict.UNKNOWN, f"segment {j}: {why}{others}", half_turn(self.bodies, j), None)
         assert worst is not None
         assert found is not None
-        j = int(worst.at)
+        j = worst.j
         place = whole[j] + (whole[j + 1] - whole[j]) * found.place
         segment = min(int(place), int(whole[-1]) - 1)
         broken = BrokenSegment(
@@ -403,16 +404,19 @@ class _Work:
     def _seen(scene: Scene | World) -> float:
         return scene.time if isinstance(scene, Scene) else scene.scene.time
 
-    def _deepest(self, j: int, scene: Scene | World, when: Array | None) -> _Found:
+    def _deepest(self, broken: _Broken, when: Array | None) -> _Found:
         """The worst configuration of a segment of the refined path, among many."""
+        j, scene = broken.j, broken.scene
         moments = None if when is None else np.interp(self.arcs.whole[j : j + 2], np.arange(len(when)), when)
-        part = np.linspace(0.0, 1.0, _SAMPLES)
+        part = np.sort(np.append(np.linspace(0.0, 1.0, _SAMPLES), broken.place))  # what is there for a moment only
         best: _Found | None = None
         for _ in range(3):  # ever closer about the worst so far
-            if self.arcs.known[j]:
-                samples = self.robot.space.interpolate(self.rows[j][None], self.rows[j + 1][None], part)
-            else:
+            if not self.arcs.known[j]:
                 part, samples = np.array([0.0, 1.0]), self.rows[j : j + 2]
+            else:
+                samples = self.robot.space.interpolate(self.rows[j][None], self.rows[j + 1][None], part)
+                if self.arcs.bow:  # the path itself is a line
+                    samples[:, :2] = self.rows[j, :2] + part[:, None] * (self.rows[j + 1, :2] - self.rows[j, :2])
             if isinstance(scene, Scene):
                 pieces = [(slice(None), scene, {})]
             else:
@@ -428,7 +432,7 @@ class _Work:
                 found = self._worst_of(samples[k], part[k], obstacles, margins)
                 if best is None or found.order < best.order:
                     best = found
-            step = part[1] - part[0]
+            step = (part[-1] - part[0]) / (_SAMPLES - 1)
             assert best is not None
             part = np.linspace(max(best.place - step, 0.0), min(best.place + step, 1.0), _SAMPLES)
         assert best is not None
