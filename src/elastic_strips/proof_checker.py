@@ -33,7 +33,7 @@ FORMAT, VERSION = "elastic_strips.proof", 2
 ROUNDING = 1e-7  # [m] more than what floating point can add to any of these sums, as long as numbers are no larger than
 LARGEST, FARTHEST, RIGHT = 1e4, 1e6, 1e-12  # [m, rad] sizes and joints; [m] places; what rotations may be off
 HALF_TURN = np.pi - 1e-6  # a turn by more than this has no one direction
-MOST_BYTES, MOST_AT_ONCE = 400_000_000, 600_000  # of the file's arrays, unpacked; joints times intervals
+MOST_BYTES, MOST_AT_ONCE = 200_000_000, 600_000  # of the file's arrays, unpacked; joints times intervals
 SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "cone": 2, "ellipsoid": 3, "convex": 0}
 ROBOT = {"name": str, "columns": list, "planar": bool, "joints": list, "circular": list, "bodies": list, "pairs": list}
 JOINT = {"parent": int, "column": int, "slides": bool, "offset": list, "multiplier": object, "constant": object}
@@ -67,15 +67,15 @@ def table(parts: list[Part], kinds: Part, what: str) -> dict[str, list[Any]]:
     return {key: [p[key] for p in parts] for key in kinds}
 
 
-def numbers(value: object, shape: tuple[int | None, ...], what: str, most: float = LARGEST, kind: str = "fiu") -> Array:
+def numbers(value: object, shape: tuple[int | None, ...], what: str, most: float = LARGEST, kind: str = "fi") -> Array:
     """An array of finite numbers of this shape, none beyond ``most``; a size of None is any. (3, 3) is a rotation."""
     if not isinstance(value, np.ndarray):  # what JSON has: numbers all through, no text and no truth values
-        plain = {type(entry) for entry in np.array(value, dtype=object).ravel()} <= {int, float}
-        value, none = np.array(value if plain else ""), [n or 0 for n in shape]
+        kinds = {type(entry) for entry in np.array(value, dtype=object).ravel()}
+        value, none = np.array(value if kinds <= {int, float} else ""), [n or 0 for n in shape]
         value = value if value.size or np.prod(none) else np.zeros(none, dtype=int)
     fits = value.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, value.shape, strict=False))
-    good = fits and value.dtype.kind in kind and (np.abs(value.astype(float)) <= most).all()
-    demand(good, f"{what} is not an array {shape} of numbers up to {most:g}")
+    fits = fits and value.dtype.kind in kind and value.dtype.itemsize in (4, 8)
+    demand(fits and (np.abs(value.astype(float)) <= most).all(), f"{what}: no array {shape} of numbers up to {most:g}")
     if shape[-2:] == (3, 3):
         off = np.abs(value @ np.swapaxes(value, -1, -2) - np.eye(3)).max(initial=0.0)
         demand(off < RIGHT and (np.linalg.det(value) > 0).all(), f"{what} is no rotation")
@@ -141,14 +141,14 @@ class World:
         bodies = table(robot["bodies"], SHAPE | {"translation": list, "joint": int}, "bodies")["joint"]
         table(scene, SHAPE | {"translation": list}, "scene")
         self.joint: list[int] = bodies + [-1] * len(scene)  # -1 is the world
-        few = max(len(bodies), count) * len(self.joint) < 1e7
+        few = max(len(bodies), count) * (len(self.joint) + count) < 1e7
         demand(few and all(-1 <= j < count for j in bodies), "a body of no joint, or too many of them")
         self.shapes: list[Shape] = [Shape(b, f"shape {i}") for i, b in enumerate([*robot["bodies"], *scene])]
         above = np.zeros((count + 1, count), dtype=bool)  # the joints that carry a joint; the last row is the world's
         for j, parent in enumerate(self.parent):
             above[j], above[j, j] = above[parent], True
         self.carries: NDArray[np.bool_] = above[self.joint]  # (shapes, joints)
-        pairs = numbers(robot["pairs"], (None, 2), "pairs", kind="iu").astype(np.int64)
+        pairs = numbers(robot["pairs"], (None, 2), "pairs", kind="i").astype(np.int64)
         demand(((pairs >= 0) & (pairs < len(bodies))).all(), "a pair of no bodies")
         across = np.indices((len(bodies), len(scene))).reshape(2, -1).T + np.array([0, len(bodies)])
         self.pairs, self.across = np.vstack((across, pairs)), len(across)
@@ -237,7 +237,7 @@ def check(header: Part, rows: object, segment: object, pair: object, span: objec
     clearance, own = (float(numbers(header[key], (), key)) for key in ("clearance", "self_clearance"))
     path = Path(world, rows, header["way"])
     span, normal = numbers(span, (None, 2), "span"), numbers(normal, (None, 2, 3), "normal")
-    segment, pair = (numbers(k, (len(span),), "segment, pair", 1e9, "iu").astype(np.int64) for k in (segment, pair))
+    segment, pair = (numbers(k, (len(span),), "segment, pair", 1e9, "i").astype(np.int64) for k in (segment, pair))
     pairs, segments = len(world.pairs), len(path.v)
     demand(pairs and min(clearance, own) >= 0.0, "nothing has to stay apart, or by less than nothing")
     demand(len(normal) == len(span) >= segments * pairs, "intervals of unequal number, or too few")
@@ -270,7 +270,7 @@ def read(name: str) -> tuple[Part, dict[str, Any]]:
         parts = {n: file[n] for n in names}
     text = parts.pop("header")
     demand(text.dtype.kind == "U" and text.shape == () and text.nbytes <= MOST_BYTES // 4, "no header")
-    once = json.JSONDecoder(object_pairs_hook=lambda p: dict(p) if len(dict(p)) == len(p) else demand(0, f"twice: {p}"))
+    once = json.JSONDecoder(object_pairs_hook=lambda p: dict(p) if len(dict(p)) == len(p) else demand(0, "a key twice"))
     return once.decode(str(text)), parts
 
 
