@@ -45,7 +45,7 @@ def test_the_study_sees_what_a_blind_certificate_overlooks(study, monkeypatch):
 
 
 def test_ways_and_worlds_are_followed():
-    found = path_study.ways(18, 3)
+    found = path_study.ways(9, 4)
     assert found.wrong == []
     assert {kind for kind, _, _ in found.counts} == {*WAYS, *WORLDS}
     for what in ("clear", "certified", "unknown", "no way said", "proofs"):
@@ -62,4 +62,4 @@ def test_the_study_sees_what_a_certificate_blind_to_time_overlooks(monkeypatch):
         return certify(robot, Scene(there), path, **given)
 
     monkeypatch.setattr(way_study, "certify", overlooking)
-    assert path_study.ways(36, 2, kinds=WORLDS).total("missed") > 0
+    assert path_study.ways(15, 2, kinds=WORLDS).total("missed") > 0

@@ -17,11 +17,12 @@ from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
+import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from attack import Figures
-from brute_force import link_distances, self_distances
+from brute_force import distance, link_poses
 from random_robots import random_urdf
 
 from elastic_strips import proof_checker as checker
@@ -64,13 +65,14 @@ class Walker:
         self.robot, model = robot, robot.model
         self.reach = sum(float(np.linalg.norm(model.jointPlacements[i].translation)) for i in range(1, model.njoints))
         self.reach += float(np.abs(np.clip(np.r_[robot.space.lower, robot.space.upper], -1.0, 1.0)).sum())  # slides
-        own = 0.0
-        for piece in robot.geometries:
-            piece.geometry.computeLocalAABB()
-            box = piece.geometry.aabb_local
-            far = np.linalg.norm(np.maximum(np.abs(np.array(box.min_)), np.abs(np.array(box.max_))))
-            own = max(own, float(far + np.linalg.norm(piece.placement[:3, 3])))
-        self.reach += own
+        self.shapes = [piece.geometry for piece in robot.geometries]
+        balls = [_ball(shape) for shape in self.shapes]
+        self.middles, self.radii = np.array([b[0] for b in balls]), np.array([b[1] for b in balls])
+        far = [
+            np.linalg.norm(p.placement[:3, :3] @ middle + p.placement[:3, 3]) + radius
+            for p, (middle, radius) in zip(robot.geometries, balls, strict=True)
+        ]
+        self.reach += float(max(far))
         self.slides = np.array([j.shortname().startswith("JointModelP") for j in model.joints[1:]])
 
     def walk(self, place: Place, v: Array, world: World, when: Array) -> Walk:
@@ -101,15 +103,43 @@ class Walker:
         return found
 
     def measure(self, q: Array, world: World, t: float, there: float) -> float:
-        """Distance [m] of the robot from what is there, less what that may have moved, and of its own links."""
-        least = float(self_distances(self.robot, q).min(initial=np.inf))
+        """Distance [m] of the robot from what is there, less what that may have moved, and of its own links.
+
+        Coal is asked about pairs in the order of their balls, until those are further apart than the nearest so far.
+        """
+        poses = link_poses(self.robot, q)
+        middles = np.einsum("gij,gj->gi", poses[:, :3, :3], self.middles) + poses[:, :3, 3]
+        pairs: list[tuple[float, float, coal.CollisionGeometry, Array, coal.CollisionGeometry, Array]] = []
+        for a, b in self.robot.self_pairs.tolist():
+            gap = float(np.linalg.norm(middles[a] - middles[b])) - self.radii[a] - self.radii[b]
+            pairs.append((gap, 0.0, self.shapes[a], poses[a], self.shapes[b], poses[b]))
         for obstacle in world.scene:
-            if world.exists(str(obstacle.name), there):
-                motion = obstacle.motion
-                margin = motion.max_speed * abs(t - world.scene.time) if isinstance(motion, UnknownMotion) else 0.0
-                d = link_distances(self.robot, Scene([obstacle.at(t)], time=t), q).min(initial=np.inf)
-                least = min(least, float(d) - margin)
+            if not world.exists(str(obstacle.name), there):
+                continue
+            motion = obstacle.motion
+            margin = motion.max_speed * abs(t - world.scene.time) if isinstance(motion, UnknownMotion) else 0.0
+            pose = obstacle.at(t).pose
+            for part in obstacle.parts:
+                assert part.geometry is not None
+                T = pose @ part.T_obstacle_part
+                middle, radius = _ball(part.geometry)
+                gaps = np.linalg.norm(middles - (T[:3, :3] @ middle + T[:3, 3]), axis=1) - self.radii - radius - margin
+                pairs += [
+                    (float(gap), margin, self.shapes[g], poses[g], part.geometry, T) for g, gap in enumerate(gaps)
+                ]
+        least = np.inf
+        for gap, margin, one, T_one, two, T_two in sorted(pairs, key=lambda pair: pair[0]):
+            if gap >= least:
+                break
+            least = min(least, distance(one, T_one, two, T_two)[0] - margin)
         return least
+
+
+def _ball(shape: coal.CollisionGeometry) -> tuple[Array, float]:
+    """A ball about the box about a shape: its middle (3,), and radius."""
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
 
 
 def _speed(obstacle: Obstacle) -> float:
