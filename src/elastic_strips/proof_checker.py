@@ -60,7 +60,7 @@ def demand(holds: object, message: str) -> None:
         raise Refused(message)
 
 
-def table(parts: list[Part], kinds: Part, what: str) -> dict[str, list[Any]]:
+def table(parts: list[Part], kinds: Part, what: str) -> Part:
     """The values by key of parts that have these keys and no others, of these very types (object: a number)."""
     demand(all(type(p) is dict and p.keys() == kinds.keys() for p in parts), f"{what}: other keys than {list(kinds)}")
     demand(all(k in (object, type(p[key])) for p in parts for key, k in kinds.items()), f"{what}: of another type")
@@ -259,7 +259,7 @@ def check(header: Part, rows: object, segment: object, pair: object, span: objec
     return float(spare[k])
 
 
-def read(name: str) -> tuple[Part, dict[str, Any]]:
+def read(name: str) -> tuple[Part, Part]:
     """Header and arrays of a file; nothing is unpacked before it is known how large it is."""
     names = ("header", "rows", "segment", "pair", "span", "normal")
     with np.load(name, allow_pickle=False) as file:
