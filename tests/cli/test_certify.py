@@ -10,7 +10,7 @@ import pytest
 
 from elastic_strips import proof_checker
 from elastic_strips.cli import main
-from elastic_strips.collision import certify
+from elastic_strips.collision import certify, path_digest
 from elastic_strips.io import load_path, read_scene, write_path
 from elastic_strips.robot import RobotModel
 
@@ -73,6 +73,7 @@ def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     assert certify(silvermate, read_scene(folder / "scene.yaml"), q, clearance=0.01).certified
     answer = json.loads((folder / "a.json").read_text())
     assert answer["repair"]["certified"]
+    assert answer["proof"]["path"] == path_digest(silvermate, load_path(repaired, silvermate), "arc")
     assert proof_checker.main([str(proof), "--path", answer["proof"]["path"]]) == 0
     assert "PROVEN: clear by 0.01 m of obstacles" in capsys.readouterr().out
     assert proof_checker.main([str(proof), "--scene", "0" * 32]) == 3
@@ -95,6 +96,45 @@ def test_times_count_where_something_moves(folder, capsys):
     assert call(folder / "soon.json", *_robot(folder, "moves.yaml"), "--at", 2) == 3
     assert call(folder / "soon.json", *_robot(folder, "moves.yaml"), "--repair", folder / "r.csv") == 2
     assert not (folder / "r.csv").exists()
+
+
+TURNS = """<robot name="turns"><link name="base"/>
+  <link name="arm"><collision><origin xyz="0.4 0 0"/><geometry><box size="0.6 0.06 0.06"/></geometry></collision></link>
+  <joint name="pan" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint></robot>
+"""
+
+
+def test_which_way_an_angle_goes_is_asked_for_and_proven(folder, capsys):
+    (folder / "turns.urdf").write_text(TURNS)
+    (folder / "post.yaml").write_text(
+        "obstacles:\n  - {shape: box, name: post, size: [0.1, 0.1, 1], at: [0.55, 0, 0]}\n"
+    )
+    (folder / "long.csv").write_text("pan\n3.0\n-3.0\n")
+    (folder / "turn.csv").write_text("pan\n0.5\n5.5\n")
+    robot = ["--robot", folder / "turns.urdf", "--base", "fixed", "--scene", folder / "post.yaml"]
+    for file, by_values in (("long.csv", 3), ("turn.csv", 0)):
+        proof = folder / f"{file}.npz"
+        assert call(folder / file, *robot, "--json", folder / "a.json", "--proof", proof) == 3
+        answer = json.loads((folder / "a.json").read_text())
+        assert answer["verdict"] == "unknown"
+        assert answer["interpolation"] == "line"
+        assert not proof.exists()
+        assert call(folder / file, *robot, "--interpolation", "values", "--proof", proof) == by_values
+        capsys.readouterr()
+        if by_values == 0:
+            name = proof_checker.path_digest(np.loadtxt(folder / file, skiprows=1, ndmin=2), "values")
+            assert proof_checker.main([str(proof), "--path", name]) == 0
+    assert call(folder / "long.csv", *robot, "--interpolation", "shortest", "--json", folder / "a.json") == 0
+    assert any("pan" in note for note in json.loads((folder / "a.json").read_text())["notes"])
+
+
+def test_what_appears_is_seen_from_the_command(folder):
+    late = SCENE.replace("at: [2.0, 0.35, 0.5]", "at: [2.0, 0.0, 0.5], appears: 1.0")
+    (folder / "late.yaml").write_text(late)
+    assert call(folder / "soon.json", *_robot(folder, "late.yaml")) == 3
+    assert call(folder / "through.csv", *_robot(folder, "late.yaml")) == 2  # it has no times
+    assert call(folder / "through.csv", *_robot(folder, "late.yaml"), "--at", 0.5) == 0
+    assert call(folder / "soon.json", *_robot(folder, "late.yaml"), "--at", 1.5) == 3
 
 
 def test_a_base_goes_on_lines_or_arcs(folder, capsys, silvermate):
