@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict
@@ -17,6 +18,7 @@ from elastic_strips.catalogue import find_robot, is_known
 from elastic_strips.errors import RobotError, nearest_name
 
 from .coal_shapes import ShapeKind, shape_of, vertices
+from .mimic import Following, with_followers
 from .model import RobotModel, check_joint_names
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
@@ -65,20 +67,21 @@ def load_robot(
         srdf: SRDF file with the link pairs to ignore, named postures (``group_state``: see ``RobotModel.home`` and
             ``RobotModel.state``) and groups of joints; by default the named robot's own.
         control_points: name → frame, or name → (frame, offset [m]); by default the joints' origins and the hand.
-        joints: the joints to plan; all others are held still at home. Neither joints that mimic another nor those
-            that are mimicked: a planned joint moves alone.
-        group: an SRDF group of which the joints are planned, instead of ``joints``; but for those that others mimic.
+        joints: the joints to plan; all others are held still at home, but for those that mimic a planned one: they
+            follow it (``RobotModel.followers``), and their limits are its limits, too.
+        group: an SRDF group of which the joints are planned, instead of ``joints``.
         locked: joint → value [rad or m] held still, besides what is held still anyway: what ``joints`` or ``group``
-            do not name; without these wheels, casters, joints that mimic another, joints that others mimic, and what
-            is neither lift nor arm of TIAGo. Joints that mimic a locked one are held where that puts them, unless they
-            are given a value here.
+            do not name; without these wheels, casters, joints that others mimic unless they carry more than those (a
+            lift is planned, a gripper held), and what is neither lift nor arm of TIAGo. Joints that mimic a locked one
+            are held where that puts them, and what a locked one mimics is held where that puts it, unless they are
+            given a value here.
         package_dirs: folders to search for ``package://`` meshes and for a xacro file's ``$(find …)``.
         mappings: arguments of a xacro file, by name.
 
     Raises:
         RobotError: an unknown name, or one that several robots share; an unknown joint or group, or a joint that is
-            both planned and locked; a fault in a file. The message names file, element and alternatives; the file is
-            the expanded one of a xacro file.
+            both planned and locked, or locked though it follows a planned one; a fault in a file. The message names
+            file, element and alternatives; the file is the expanded one of a xacro file.
         MissingExtraError: a xacro file, and xacro is not installed.
     """
     text = str(name_or_path)
@@ -107,18 +110,23 @@ def load_robot(
     planned = _planned(source, semantics, joints, group, locked)
     try:
         model = pinocchio_model(source, planar=kind.planar)
-        collision = pinocchio_geometry(source, model, pin.COLLISION)
-        _check_shapes(collision, source)
         check_joint_names(model, locked or {}, "locked")
         resting = _resting(model, source)
-        unplanned = resting if planned is None else frozenset(model.names[1:]) - planned - {"root_joint"}
+        names, held = frozenset(model.names[1:]) - {"root_joint"}, _with_leaders(source, locked or {})
+        if planned is None:
+            planned = names - resting - set(held)
+        following = _following(source, planned, held)
+        unplanned = names - planned - set(following)
+        model, source = _with_followers(model, source, following)
+        collision = pinocchio_geometry(source, model, pin.COLLISION)
+        _check_shapes(collision, source)
 
         def build(home: Mapping[str, float]) -> RobotModel:
-            still = _still(source, unplanned, locked or {}, home)
+            still = _still(source, unplanned, held, home)
             return RobotModel.from_pinocchio(
                 model, collision, partial(_visual, source, model),
                 base=kind, name=name, locked=still,
-                home={j: v for j, v in home.items() if j not in still and model.existJointName(j)},
+                home={j: v for j, v in home.items() if j in planned},
                 disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
@@ -131,9 +139,11 @@ def load_robot(
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
     for joint, (leader, multiplier, offset) in source.followers.items():
         wanted = multiplier * robot.locked.get(leader, 0.0) + offset
-        if joint not in (locked or {}) and abs(robot.locked.get(joint, wanted) - wanted) > LIMIT_TOLERANCE:
-            _log.warning("%s: joint %r mimics %r, which puts it at %.6g, outside of its limits; it is held at %.6g",
-                         name, joint, leader, wanted, robot.locked[joint])  # fmt: skip
+        if abs(robot.locked.get(joint, wanted) - wanted) > LIMIT_TOLERANCE:
+            why = "it is locked" if joint in (locked or {}) else "that is outside of its limits: it is held"
+            _log.warning("%s: joint %r mimics %r, which puts it at %.6g, but %s at %.6g",
+                         name, joint, leader, wanted, why, robot.locked[joint])  # fmt: skip
+    _compare_states(name, semantics, robot.followers)
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning(
             "%s plans %d joints: slow to plan and to deform. Name those to plan with joints=[…] or group=…, or those "
@@ -156,8 +166,8 @@ def _planned(
             raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
         joints = []
         for joint in groups[group]:
-            if followers := source.followers_of(joint):
-                _log.warning("group %r: joint %r is held still, for %s would not follow", group, joint, _all(followers))
+            if why := _unwrapped(source, joint):
+                _log.warning("group %r: joint %r is held still: %s", group, joint, why)
             else:
                 joints.append(joint)
         if not joints:
@@ -167,22 +177,20 @@ def _planned(
     if isinstance(joints, str):
         raise RobotError(f"joints={joints!r} is one text; give a list of joint names")
     movable = set(source.joint_limits) | set(source.continuous)
-    planned = list(joints)
+    planned, following = list(joints), source.following()
     for joint in planned:
         if joint not in movable:
             hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
             raise RobotError(f"joints: cannot plan {joint!r}{hint}")
-        if followers := source.followers_of(joint):
+        if why := _unwrapped(source, joint):
+            raise RobotError(f"joints: cannot plan {joint!r}: {why}. Hold it still (locked={{{joint!r}: …}}, --lock)")
+        if joint in source.followers and following[joint].leader not in planned:
+            leader = following[joint].leader
             raise RobotError(
-                f"joints: cannot plan {joint!r}: {_all(followers)}, which <mimic> it, would not follow. Hold it still "
-                f"(locked={{{joint!r}: …}}, --lock), and they are held where it puts them"
+                f"joints: cannot plan {joint!r} alone: it has to <mimic> {leader!r}. Plan that one, and it follows; or "
+                f"hold that one still (locked={{{leader!r}: …}}, --lock), and it is held where that puts it"
             )
-        if joint in source.followers:
-            leader = source.followers[joint][0]
-            raise RobotError(
-                f"joints: cannot plan {joint!r}: it would not follow {leader!r}, which it has to <mimic>. Hold that "
-                f"one still (locked={{{leader!r}: …}}, --lock), or this one at a value of its own"
-            )
+    planned = [joint for joint in planned if joint not in source.followers]
     both = sorted(set(planned) & set(locked or {}))
     if both:
         raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
@@ -190,9 +198,99 @@ def _planned(
 
 
 def _resting(model: pin.Model, source: UrdfSource) -> frozenset[str]:
-    """The joints that are held still where nothing is said of any."""
-    leaders = {leader for leader, _, _ in source.followers.values()}
-    return frozenset(j for j in _wheels(model, source) | source.mimic | leaders if model.existJointName(j))
+    """The joints that are held still where nothing is said of any.
+
+    Of joints that others mimic, those that carry no more than these: grippers. A lift that carries an arm is planned.
+    """
+    wheels, following = _wheels(model, source), source.following()
+    resting, movable = wheels | source.mimic, {*source.joint_limits, *source.continuous}
+    held = set()
+    for leader in {follower.leader for follower in following.values()} - wheels:
+        own = [leader, *(name for name, follower in following.items() if follower.leader == leader)]
+        ids = [model.getJointId(name) for name in own if model.existJointName(name)]
+        carries = leader in movable and {model.names[k] for i in ids for k in model.subtrees[i]} - set(own) - resting
+        why = _unwrapped(source, leader)
+        if carries and why:
+            _log.warning("%s: joint %r is held still: %s", source.path, leader, why)
+        if why or not carries:
+            held.add(leader)
+    resting = resting | held
+    return frozenset(joint for joint in resting if model.existJointName(joint))
+
+
+def _unwrapped(source: UrdfSource, leader: str) -> str:
+    """Why joints cannot follow a leader all around; empty where they can, or none has to."""
+    if leader not in source.continuous:
+        return ""
+    for name, (first, multiplier, _) in source.following().items():
+        turns = name in source.continuous and multiplier == round(multiplier)
+        if first == leader and multiplier != 0.0 and not turns:
+            how = f"{multiplier:g} times" if name in source.continuous else "within limits"
+            return f"it is continuous, and {name!r}, which has to <mimic> it {how}, would not go around with it"
+    return ""
+
+
+def _with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, float]:
+    """Locked values, with those that the locked joints' leaders have to have.
+
+    Raises:
+        RobotError: there are none, or they are outside of the leader's limits.
+    """
+    found: dict[str, float] = {}
+    for first in locked:
+        name, value = first, locked[first]
+        while name in source.followers and source.followers[name][0] not in locked:
+            leader, multiplier, constant = source.followers[name]
+            where = f"locked: joint {first!r} at {locked[first]:.6g} mimics {leader!r}, which"
+            if multiplier == 0.0 or leader not in {*source.joint_limits, *source.continuous}:
+                if abs(value - constant) > LIMIT_TOLERANCE:
+                    raise RobotError(f"{where} holds it at {constant:.6g}")
+                break
+            name, value = leader, (value - constant) / multiplier
+            if not within_limits(value, source, leader):
+                low, high = source.joint_limits[leader]
+                raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
+            if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
+                raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
+    return {**found, **locked}
+
+
+def _following(source: UrdfSource, planned: frozenset[str], held: Mapping[str, float]) -> dict[str, Following]:
+    """The joints that follow planned ones.
+
+    Raises:
+        RobotError: one of them is to be held still.
+    """
+    following = {name: f for name, f in source.following().items() if f.leader in planned and f.multiplier != 0.0}
+    for name, follower in following.items():
+        if name in held:
+            raise RobotError(
+                f"locked: {name!r} follows {follower.leader!r}, which is planned: lock that one, or neither"
+            )
+    return following
+
+
+def _with_followers(
+    model: pin.Model, source: UrdfSource, following: Mapping[str, Following]
+) -> tuple[pin.Model, UrdfSource]:
+    """The model in which joints follow, and the description with the limits that they leave their leaders."""
+    if not following:
+        return model, source
+    model, limits = with_followers(model, following), dict(source.joint_limits)
+    for leader in {follower.leader for follower in following.values()} & set(limits):
+        k = model.joints[model.getJointId(leader)].idx_q
+        limits[leader] = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
+    return model, replace(source, joint_limits=limits)
+
+
+def _compare_states(robot: str, semantics: Srdf | None, followers: Mapping[str, Following]) -> None:
+    """Warn of states that have followers elsewhere than their leaders put them."""
+    for state, values in ({} if semantics is None else semantics.states).items():
+        for name, (leader, multiplier, constant) in followers.items():
+            wanted = multiplier * values.get(leader, np.nan) + constant
+            if name in values and abs(values[name] - wanted) > LIMIT_TOLERANCE:
+                _log.warning("%s: state %r has %r at %.6g; it follows %r, which puts it at %.6g",
+                             robot, state, name, values[name], leader, wanted)  # fmt: skip
 
 
 def _still(

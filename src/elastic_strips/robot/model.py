@@ -17,6 +17,7 @@ from elastic_strips.summary import Summary
 
 from .geometry import LinkGeometry, link_geometries, self_pairs
 from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
+from .mimic import Following, carrier_name, followers_of, repaired
 from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ class RobotModel(Summary):
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state, visual=lambda: self.collision_model)
+        repaired(self.model, self.tree.prismatic, self.tree.align[:, :, 2])
         for array in (self.home_q, self.space.lower, self.space.upper):
             array.setflags(write=False)
         shapes = [piece.geometry for piece in self.geometries]
@@ -97,8 +99,14 @@ class RobotModel(Summary):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Planned joints without the root."""
-        return tuple(self.model.names[i] for i in range(2 if self.space.planar else 1, self.model.njoints))
+        """Planned joints without the root, and without those that follow one of them."""
+        names, counts = self.model.names, self.model.nvs
+        return tuple(names[i] for i in range(2 if self.space.planar else 1, self.model.njoints) if counts[i])
+
+    @cached_property
+    def followers(self) -> Mapping[str, Following]:
+        """The joints that follow a planned one (``<mimic>``): name → (leader, multiplier, constant [rad or m])."""
+        return {name: f for name, f in followers_of(self.model).items() if name != carrier_name(f.leader)}
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
@@ -114,6 +122,8 @@ class RobotModel(Summary):
             return True
         return (
             self.model == other.model
+            and np.array_equal(self.tree.rate, other.tree.rate)  # Pinocchio does not compare them
+            and np.array_equal(self.tree.shift, other.tree.shift)
             and self.base_kind is other.base_kind
             and np.array_equal(self.self_pairs, other.self_pairs)
             and len(self.geometries) == len(other.geometries)
@@ -158,6 +168,12 @@ class RobotModel(Summary):
         elif (x, y, yaw) != (0.0, 0.0, 0.0):
             raise ConfigurationError(f"the base of {self.name!r} is fixed; x={x}, y={y}, yaw={yaw} must be 0")
         for name, value in named.items():
+            if name in self.followers:
+                leader, multiplier, constant = self.followers[name]
+                raise ConfigurationError(
+                    f"joint {name!r} of {self.name!r} follows {leader!r} ({multiplier:g} times its value plus "
+                    f"{constant:g}); give that one's value"
+                )
             if name not in self.joint_names:
                 raise ConfigurationError(f"{self.name!r} plans no joint {name!r}{nearest_name(name, self.joint_names)}")
             coordinates[self.space.base_nv + self.joint_names.index(name)] = value
@@ -322,12 +338,13 @@ class RobotModel(Summary):
 
         Args:
             model: a model whose joint 1 is ``JointModelPlanar``, or one with a fixed base. Sliding joints without
-                limits get ±1 km.
+                limits get ±1 km. Joints that follow another (``JointModelMimic``) move with it; they have no limits of
+                their own, so those of their leaders have to be as narrow as theirs.
             collision_model: its collision geometry.
             visual_model: its visual geometry, or what makes it; the collision geometry where None.
             base: base kind; None means omni for a planar root and fixed otherwise.
             name: the robot's name; the model's where None.
-            locked: joint → value of joints to hold still.
+            locked: joint → value of joints to hold still; joints that follow one of them are held where that puts them.
             home: joint → value of the home posture; the rest is neutral, within limits.
             disabled_pairs: pairs of link names whose collisions are ignored; None derives them by sampling.
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
@@ -336,8 +353,9 @@ class RobotModel(Summary):
             urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
 
         Raises:
-            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed
-                to the world beside a base that moves.
+            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, geometry that is fixed to
+                the world beside a base that moves, or a joint that follows another one and is locked, is elsewhere at
+                home, or cannot go around with it.
         """
         planar = model.njoints > 1 and model.joints[1].shortname() == "JointModelPlanar"
         kind = BaseKind.parse(base) if base is not None else (BaseKind.OMNI if planar else BaseKind.FIXED)
@@ -350,6 +368,8 @@ class RobotModel(Summary):
         check_joint_names(model, values, "locked")
         check_joint_names(model, home or {}, "home")
         reference = _reference_configuration(model, {**(home or {}), **values})
+        held = _followers_held(model, values, home or {})
+        values |= held
         ids = [model.getJointId(n) for n in values]
         reduced = _reduced(model, ids, reference)
         _bound_sliders(reduced)
@@ -360,6 +380,7 @@ class RobotModel(Summary):
             raise RobotError(f"robot {name or model.name!r} has no collision geometry, so nothing could be certified")
         if planar:
             _refuse_world_geometry(pieces)
+        _check_wrapping(reduced)
         q_home = _reference_configuration(reduced, dict(home or {}))
         pairs = self_pairs(reduced, pieces, q_home, disabled_pairs)
         convex = pin.GeometryModel()
@@ -406,6 +427,33 @@ class RobotModel(Summary):
 def _counted(names: tuple[str, ...]) -> str:
     """How many, and which."""
     return f"{len(names)}" + (f": {', '.join(names)}" if names else "")
+
+
+def _followers_held(model: pin.Model, locked: Mapping[str, float], home: Mapping[str, float]) -> dict[str, float]:
+    """Followers of joints that are locked, where those put them.
+
+    Raises:
+        RobotError: a follower that is to be locked, or to be elsewhere than its leader puts it at home.
+    """
+    held = {}
+    for name, (leader, multiplier, constant) in followers_of(model).items():
+        if name in locked:
+            raise RobotError(f"locked: {name!r} follows {leader!r}: lock that one, or neither")
+        if leader in locked:
+            held[name] = multiplier * locked[leader] + constant
+        elif name in home and not abs(home[name] - multiplier * home.get(leader, np.nan) - constant) <= LIMIT_TOLERANCE:
+            raise RobotError(f"home: {name!r} = {home[name]:.6g} is not where {leader!r}, which it follows, puts it")
+    return held
+
+
+def _check_wrapping(model: pin.Model) -> None:
+    """A turn of a continuous joint must leave its followers where they were."""
+    for name, (leader, multiplier, _) in followers_of(model).items():
+        if model.joints[model.getJointId(leader)].nq == 2 and multiplier != round(multiplier):
+            raise RobotError(
+                f"joint {name!r} follows {leader!r}, which is continuous, {multiplier:g} times: it would be elsewhere "
+                f"after a whole turn. Give {leader!r} limits, or lock it"
+            )
 
 
 def _bound_sliders(model: pin.Model) -> None:

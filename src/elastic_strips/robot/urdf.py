@@ -21,6 +21,8 @@ from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.files import check_input, read_input
 from elastic_strips.summary import shortened
 
+from .mimic import Following
+
 _log = logging.getLogger(__name__)
 _SHOWN = 12
 
@@ -310,9 +312,16 @@ class UrdfSource:
     prismatic: frozenset[str]
     collisions: dict[str, int]
 
-    def followers_of(self, joint: str) -> tuple[str, ...]:
-        """The joints that mimic a joint, sorted."""
-        return tuple(sorted(name for name, (leader, _, _) in self.followers.items() if leader == joint))
+    def following(self) -> dict[str, Following]:
+        """What each joint of ``followers`` does, by the first leader of its chain, which follows none itself."""
+        found = {}
+        for name in self.followers:
+            leader, multiplier, constant = self.followers[name]
+            while leader in self.followers:
+                leader, more, offset = self.followers[leader]
+                multiplier, constant = multiplier * more, multiplier * offset + constant
+            found[name] = Following(leader, multiplier, constant)
+        return found
 
 
 def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) -> UrdfSource:

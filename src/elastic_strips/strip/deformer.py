@@ -83,8 +83,7 @@ class Deformer(BaseDeformer[DeformReport]):
         b = space.base_nv
         lever = np.ones(space.nv)
         lever[b:] = params.joint_lever
-        sliding = robot.tree.prismatic[robot.tree.coordinate_index >= 0]
-        lever[b:][sliding] = 1.0
+        lever[b:][robot.tree.sliding] = 1.0
         if b:
             lever[2] = params.yaw_lever
         self.spacing_weight: Array = lever**2

@@ -362,7 +362,7 @@ def _ask_speeds(robot: RobotModel, joints: Sequence[str], wheels: Sequence[str])
 
 def sliding_joints(robot: RobotModel) -> Mask:
     """(n,) which planned joints slide, so that their coordinate is a length [m]."""
-    return robot.tree.prismatic[robot.tree.coordinate_index >= 0]
+    return robot.tree.sliding
 
 
 def _named(values: float | Mapping[str, float] | None, names: Sequence[str], what: str) -> dict[str, float]:
