@@ -66,7 +66,7 @@ COLUMN = """<robot name="column">
   <link name="gear"><collision><origin xyz="0 0.04 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
   <link name="pinion"><collision><origin xyz="0.03 0 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
   <joint name="a_stage" type="prismatic"><parent link="foot"/><child link="stage"/>
-    <origin xyz="0.1 0.02 0.5" rpy="0.05 -0.1 0.4"/><axis xyz="0.1 0 0.995"/>
+    <origin xyz="0.1 0.02 0.5" rpy="0.05 -0.1 0.4"/><axis xyz="0.6 0 0.8"/>
     <limit lower="0" upper="0.3" velocity="0.1" effort="10"/>
     <mimic joint="lift" multiplier="0.5" offset="0.01"/></joint>
   <joint name="lift" type="prismatic"><parent link="stage"/><child link="top"/>

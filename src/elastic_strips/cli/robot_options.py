@@ -46,7 +46,8 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
     pairs = click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups.")
     still = click.option(
         "--lock", multiple=True, metavar="NAME=VALUE", type=JointValue(Finite()),
-        help="A joint to hold still [rad or m], besides wheels and grippers that mimic. May be given again.",
+        help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
+        "given again.",
     )  # fmt: skip
     planned = click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; no others then.")
     return planned(still(pairs(folder(with_options))))
@@ -65,7 +66,8 @@ def load_robot(
         joints = model.joint_names
         output.say(
             f"{model.name} plans {len(joints)} joint{'s' * (len(joints) != 1)}: {_list(joints)}; "
-            f"locked: {_list(tuple(model.locked))}"
+            + (f"following: {_list(tuple(model.followers))}; " if model.followers else "")
+            + f"locked: {_list(tuple(model.locked))}"
         )
     return model
 

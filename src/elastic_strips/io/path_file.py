@@ -30,7 +30,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.files import atomic_write, check_writable, open_input, read_input_text, write_json
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import LIMIT_TOLERANCE
+from elastic_strips.robot.space import LIMIT_TOLERANCE, wrap_angle
 from elastic_strips.summary import Summary
 
 from .nodes import MAX_JSON_BYTES, Node, Source, load_json, parse_yaml
@@ -278,6 +278,27 @@ def _held_otherwise(robot: RobotModel, names: Sequence[str], rows: Array) -> lis
     return [f"held still (locked=, --lock) otherwise than in the file: {'; '.join(found)}"] if found else []
 
 
+def _check_followers(robot: RobotModel, names: Sequence[str], rows: Array, coordinates: Array, source: Source) -> None:
+    """Refuse columns of joints that follow planned ones (``<mimic>``) where they are not where those put them."""
+    for k, name in enumerate(names):
+        if name not in robot.followers:
+            continue
+        leader, multiplier, constant = robot.followers[name]
+        if leader not in names:
+            source.fail(f"names {name!r}, but not {leader!r}, which it follows: where that is, is not known")
+        i = robot.joint_names.index(leader)
+        off = np.abs(rows[:, k] - multiplier * coordinates[:, robot.space.base_nv + i] - constant)
+        if robot.space.circular[i]:
+            off = np.abs(wrap_angle(off))
+        worst = int(np.argmax(off))
+        if off[worst] > LIMIT_TOLERANCE:
+            wanted = multiplier * coordinates[worst, robot.space.base_nv + i] + constant
+            source.fail(
+                f"configuration {worst} has {name!r} at {rows[worst, k]:.6g}; it follows {leader!r}, which puts it at "
+                f"{wanted:.6g}"
+            )
+
+
 def _placed(
     robot: RobotModel, names: Sequence[str] | None, rows: Array, times: Array | None, source: Source
 ) -> PathFile:
@@ -307,7 +328,7 @@ def _placed(
         columns.update({name: b + k for k, name in enumerate(robot.joint_names)})
         taken = [(k, columns[name]) for k, name in enumerate(names) if name in columns]
         rates = [name for name in names if name in _RATES or any(name.removesuffix(s) in columns for s in _RATE_ENDS)]
-        left_out = [name for name in names if name not in columns and name not in rates]
+        left_out = [name for name in names if name not in (*columns, *robot.followers) and name not in rates]
         if not taken:
             source.fail(
                 f"names {', '.join(map(str, names))[:120]}; {robot.name!r} plans {', '.join(robot.joint_names)}"
@@ -317,6 +338,7 @@ def _placed(
         coordinates = np.tile(robot.space.to_coordinates(robot.home_q), (len(rows), 1))
         for k, column in taken:
             coordinates[:, column] = rows[:, k]
+        _check_followers(robot, names, rows, coordinates, source)
         missing = [name for name, column in columns.items() if column >= b and column not in {c for _, c in taken}]
         if set(rates) - set(columns):
             notes.append("velocities and accelerations are left out")

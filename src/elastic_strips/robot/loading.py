@@ -29,6 +29,7 @@ _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
 _LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
+_LARGEST_RATIO = 1e6  # of a follower's speed and its leader's, or the other way round
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -115,7 +116,7 @@ def load_robot(
         names, held = frozenset(model.names[1:]) - {"root_joint"}, _with_leaders(source, locked or {})
         if planned is None:
             planned = names - resting - set(held)
-        following = _following(source, planned, held)
+        following = _following(source, planned, locked or {})
         unplanned = names - planned - set(following)
         model, source = _with_followers(model, source, following)
         collision = pinocchio_geometry(source, model, pin.COLLISION)
@@ -140,8 +141,8 @@ def load_robot(
     for joint, (leader, multiplier, offset) in source.followers.items():
         wanted = multiplier * robot.locked.get(leader, 0.0) + offset
         if abs(robot.locked.get(joint, wanted) - wanted) > LIMIT_TOLERANCE:
-            why = "it is locked" if joint in (locked or {}) else "that is outside of its limits: it is held"
-            _log.warning("%s: joint %r mimics %r, which puts it at %.6g, but %s at %.6g",
+            why = "; it is locked" if joint in (locked or {}) else ", outside of its limits; it is held"
+            _log.warning("%s: joint %r mimics %r, which puts it at %.6g%s at %.6g",
                          name, joint, leader, wanted, why, robot.locked[joint])  # fmt: skip
     _compare_states(name, semantics, robot.followers)
     if len(robot.joint_names) > _MANY_JOINTS:
@@ -166,7 +167,7 @@ def _planned(
             raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
         joints = []
         for joint in groups[group]:
-            if why := _unwrapped(source, joint):
+            if why := _cannot_lead(source, joint):
                 _log.warning("group %r: joint %r is held still: %s", group, joint, why)
             else:
                 joints.append(joint)
@@ -182,7 +183,7 @@ def _planned(
         if joint not in movable:
             hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
             raise RobotError(f"joints: cannot plan {joint!r}{hint}")
-        if why := _unwrapped(source, joint):
+        if why := _cannot_lead(source, joint):
             raise RobotError(f"joints: cannot plan {joint!r}: {why}. Hold it still (locked={{{joint!r}: …}}, --lock)")
         if joint in source.followers and following[joint].leader not in planned:
             leader = following[joint].leader
@@ -209,7 +210,7 @@ def _resting(model: pin.Model, source: UrdfSource) -> frozenset[str]:
         own = [leader, *(name for name, follower in following.items() if follower.leader == leader)]
         ids = [model.getJointId(name) for name in own if model.existJointName(name)]
         carries = leader in movable and {model.names[k] for i in ids for k in model.subtrees[i]} - set(own) - resting
-        why = _unwrapped(source, leader)
+        why = _cannot_lead(source, leader)
         if carries and why:
             _log.warning("%s: joint %r is held still: %s", source.path, leader, why)
         if why or not carries:
@@ -218,13 +219,14 @@ def _resting(model: pin.Model, source: UrdfSource) -> frozenset[str]:
     return frozenset(joint for joint in resting if model.existJointName(joint))
 
 
-def _unwrapped(source: UrdfSource, leader: str) -> str:
-    """Why joints cannot follow a leader all around; empty where they can, or none has to."""
-    if leader not in source.continuous:
-        return ""
-    for name, (first, multiplier, _) in source.following().items():
-        turns = name in source.continuous and multiplier == round(multiplier)
-        if first == leader and multiplier != 0.0 and not turns:
+def _cannot_lead(source: UrdfSource, leader: str) -> str:
+    """Why joints cannot follow a leader wherever it goes; empty where they can, or none has to."""
+    for name, (first, multiplier, constant) in source.following().items():
+        if first != leader or multiplier == 0.0:
+            continue
+        if not (1.0 / _LARGEST_RATIO <= abs(multiplier) <= _LARGEST_RATIO and abs(constant) <= MAX_LENGTH):
+            return f"{name!r} has to <mimic> it {multiplier:g} times plus {constant:g}: neither gear nor lift does that"
+        if leader in source.continuous and not (name in source.continuous and multiplier == round(multiplier)):
             how = f"{multiplier:g} times" if name in source.continuous else "within limits"
             return f"it is continuous, and {name!r}, which has to <mimic> it {how}, would not go around with it"
     return ""
@@ -255,7 +257,7 @@ def _with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, 
     return {**found, **locked}
 
 
-def _following(source: UrdfSource, planned: frozenset[str], held: Mapping[str, float]) -> dict[str, Following]:
+def _following(source: UrdfSource, planned: frozenset[str], locked: Mapping[str, float]) -> dict[str, Following]:
     """The joints that follow planned ones.
 
     Raises:
@@ -263,7 +265,7 @@ def _following(source: UrdfSource, planned: frozenset[str], held: Mapping[str, f
     """
     following = {name: f for name, f in source.following().items() if f.leader in planned and f.multiplier != 0.0}
     for name, follower in following.items():
-        if name in held:
+        if name in locked:
             raise RobotError(
                 f"locked: {name!r} follows {follower.leader!r}, which is planned: lock that one, or neither"
             )

@@ -160,7 +160,7 @@ def _narrow(plain: pin.Model, model: pin.Model, leader: str, following: Mapping[
     if low is not None and high is not None:
         model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
     if speed[0] > 0.0:  # what the leader does not state is asked for, and not guessed of its followers
-        model.velocityLimit[joint.idx_v] = min(speed)
+        model.velocityLimit[joint.idx_v] = model.lowerVelocityLimit[joint.idx_v] = min(speed)  # as its reader sets both
 
 
 def repaired(model: pin.Model, slides: Mask, axes: Array) -> None:

@@ -82,8 +82,9 @@ class RobotModel(Summary):
             shape.computeLocalAABB()
 
     def _summary(self) -> dict[str, object]:
+        following = {"following": _counted(tuple(self.followers))} if self.followers else {}
         return {
-            "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names),
+            "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names), **following,
             "locked": _counted(tuple(self.locked)), "pieces": len(self.geometries), "self_pairs": len(self.self_pairs),
         }  # fmt: skip
 

@@ -206,14 +206,15 @@ def test_what_is_not_an_arm_is_locked_by_default(tmp_path):
         ({}, {}),
         ({"thumb": 0.3}, {"thumb": 0.3, "finger": -0.5}),
         ({"thumb": 0.3, "finger": 0.2}, {"thumb": 0.3, "finger": 0.2}),
-        ({"finger": 0.2}, {"finger": 0.2}),
+        ({"finger": 0.2}, {"finger": 0.2, "thumb": -0.05}),
         ({"hinge": 0.4}, {"hinge": 0.4}),
         ({"left_wheel_joint": 1.0}, {"left_wheel_joint": 1.0}),
     ],
 )
 def test_what_is_locked_is_locked_besides(tmp_path, locked, wanted):
     path = write(tmp_path, robot(BASE, link(), joint(), WHEEL, gripper()))
-    assert load_robot(path, locked=locked).locked == {"left_wheel_joint": 0.0, "thumb": 0.0, "finger": 0.1} | wanted
+    found = load_robot(path, locked=locked).locked
+    assert found == pytest.approx({"left_wheel_joint": 0.0, "thumb": 0.0, "finger": 0.1} | wanted)
 
 
 def test_what_mimics_follows_along_a_chain_and_from_home(tmp_path):
@@ -232,20 +233,19 @@ def test_a_follower_beyond_its_limits_is_warned_about(tmp_path, caplog):
     assert "'finger' mimics 'thumb', which puts it at 3, outside of its limits" in caplog.text
 
 
-def test_a_planned_joint_moves_alone(tmp_path, caplog):
-    """A mimicking joint would not follow, and the certified shape were one that the robot cannot have."""
+def test_a_joint_that_others_mimic_is_planned_with_them_where_it_is_named(tmp_path):
     path = write(tmp_path, robot(BASE, link(), joint(), gripper()))
     group = srdf(tmp_path, '<group name="hand"><joint name="thumb"/></group>',
-                 '<group name="all"><joint name="hinge"/><joint name="thumb"/></group>')  # fmt: skip
-    for options, words in (
-        ({"joints": ["hinge", "thumb"]}, "'thumb': 'finger', which <mimic> it"),
-        ({"joints": ["hinge", "finger"]}, "'finger': it would not follow 'thumb'"),
-        ({"srdf": group, "group": "hand"}, "no joint that can be planned"),
-    ):
-        with pytest.raises(RobotError, match=words):
-            load_robot(path, **options)
-    assert load_robot(path, srdf=group, group="all").joint_names == ("hinge",)
-    assert "'thumb' is held still, for 'finger' would not follow" in caplog.text
+                 '<group name="all"><joint name="hinge"/><joint name="thumb"/><joint name="finger"/></group>'
+                 )  # fmt: skip
+    three = {"joints": ["hinge", "thumb", "finger"]}
+    for options in ({"joints": ["hinge", "thumb"]}, three, {"srdf": group, "group": "all"}):
+        loaded = load_robot(path, **options)
+        assert set(loaded.joint_names) == {"hinge", "thumb"}
+        assert tuple(loaded.followers["finger"]) == ("thumb", -2.0, 0.1)
+    assert load_robot(path, srdf=group, group="hand").joint_names == ("thumb",)
+    with pytest.raises(RobotError, match="'thumb'"):
+        load_robot(path, joints=["hinge", "finger"])
 
 
 def test_joints_that_mimic_in_a_ring_are_refused(tmp_path):
