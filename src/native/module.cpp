@@ -169,10 +169,10 @@ void bind_robot(nb::module_& m) {
                              static_cast<int>(parents.size()),
                              numbers(parents),
                              numbers(motion),
+                             numbers(coordinate),
                              flags(prismatic),
                              flags(support),
                              reals(offset),
-                             numbers(coordinate),
                              reals(rate),
                              reals(shift)};
            });
@@ -181,10 +181,9 @@ void bind_robot(nb::module_& m) {
   });
   unlocked(tree, "directional",
            [](const Tree& tree, Reals J, Numbers node, Numbers joint, Reals point, Reals direction, Same<double> rows) {
-             for (std::size_t k = 0; k < node.size(); ++k) {
+             for (std::size_t k = 0; k < node.size(); ++k)
                add_directional(tree, J.data() + node.data()[k] * tree.motions() * 6, joint.data()[k],
                                point.data() + 3 * k, direction.data() + 3 * k, rows.data() + k * tree.nv);
-             }
            });
 
   nb::class_<Bodies> bodies(m, "Bodies");

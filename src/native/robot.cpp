@@ -25,10 +25,9 @@ double half_cot(double theta) {
 }  // namespace
 
 void place(const Tree& tree, const double* coordinates, std::size_t n, double* T, double* J, std::size_t capacity) {
-  const int motions = tree.motions();
   for (std::size_t node = 0; node < n; ++node) {
     const double* q = coordinates + node * tree.nv;
-    double* columns = J == nullptr ? nullptr : J + node * motions * 6;
+    double* columns = J == nullptr ? nullptr : J + node * tree.motions() * 6;
     for (int i = 1; i < tree.joints; ++i) {
       const std::int64_t m = tree.motion[i];
       double* out = T + (i * capacity + node) * 12;
@@ -62,15 +61,10 @@ void place(const Tree& tree, const double* coordinates, std::size_t n, double* T
       }
       std::copy(f, f + 12, out);
       if (columns != nullptr) {
-        double* column = columns + m * 6;
         const double ax = rate * f[2], ay = rate * f[6], az = rate * f[10], px = f[3], py = f[7], pz = f[11];
-        if (tree.prismatic[i]) {
-          const double row[6] = {ax, ay, az, 0.0, 0.0, 0.0};
-          std::copy(row, row + 6, column);
-        } else {
-          const double row[6] = {py * az - pz * ay, pz * ax - px * az, px * ay - py * ax, ax, ay, az};
-          std::copy(row, row + 6, column);
-        }
+        const double turns[6] = {py * az - pz * ay, pz * ax - px * az, px * ay - py * ax, ax, ay, az};
+        const double slides[6] = {ax, ay, az, 0.0, 0.0, 0.0};
+        std::copy_n(tree.prismatic[i] ? slides : turns, 6, columns + m * 6);
       }
     }
   }
@@ -106,8 +100,7 @@ void integrate(const Space& space, const double* a, const double* v, double scal
 
 double Bounds::travel(const Tree& tree, const double* v, std::size_t body) const {
   double sum = 0.0;
-  const int motions = tree.motions();
-  for (int m = 0; m < motions; ++m) sum += std::abs(v[tree.coordinate[m]]) * radius[m * bodies + body];
+  for (int m = 0; m < tree.motions(); ++m) sum += std::abs(v[tree.coordinate[m]]) * radius[m * bodies + body];
   return tree.planar ? sum + std::hypot(v[0], v[1]) : sum;
 }
 
@@ -116,15 +109,12 @@ double Bounds::tight(const Bodies& robot, const Frames& frames, std::size_t node
   const Tree& tree = robot.tree;
   Vec3 one, two;
   robot.ends_at(frames, node, body, one, two);
-  const double* J = frames.J + node * tree.motions() * 6;
-  const std::int64_t joint = robot.joint[body];
   double outer = 0.0, sum = 0.0;  // joints further out are larger motions: what they do adds to a lever
   for (int m = tree.motions() - 1; m >= 0; --m) {
-    const double r = radius[m * bodies + body], speed = std::abs(v[tree.coordinate[m]]);
-    if (!(tree.planar && m < 2) && tree.supports(joint, m)) {
-      const double* c = J + 6 * m;
+    const double r = radius[m * bodies + body], speed = std::abs(v[tree.coordinate[m]]), rate = std::abs(tree.rate[m]);
+    if (!(tree.planar && m < 2) && tree.supports(robot.joint[body], m)) {
+      const double* c = frames.J + (node * tree.motions() + m) * 6;
       const Vec3 linear(c[0], c[1], c[2]), angular(c[3], c[4], c[5]);
-      const double rate = std::abs(tree.rate[m]);
       double lever = rate;
       if (angular.cwiseAbs().maxCoeff() > 1e-9 * rate) {
         const double reach = std::sqrt(

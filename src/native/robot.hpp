@@ -17,14 +17,13 @@ struct Space {
   int base_nv() const { return planar ? 3 : 0; }
 };
 
-// Joints whose frames are turned so that each moves about or along its z, and their M motions; see KinematicTree.
+// Joints whose frames are turned so that each moves about or along its z, and their M motions; see KinematicTree. Joint
+// i does motion[i], -1 for the universe and a planar root; motion m is rate[m] * q[coordinate[m]] + shift[m].
 struct Tree : Space {
   int joints = 0;
-  std::vector<std::int64_t> parents, motion;     // -1 for the universe and a planar root
-  std::vector<std::uint8_t> prismatic, support;  // (joints), (joints, M)
-  std::vector<double> offset;                    // (joints, 4, 4)
-  std::vector<std::int64_t> coordinate;          // (M) that moves each motion: by rate * coordinate + shift
-  std::vector<double> rate, shift;               // (M) 1 and 0 but for joints that follow another
+  std::vector<std::int64_t> parents, motion, coordinate;  // (joints), (joints), (M)
+  std::vector<std::uint8_t> prismatic, support;           // (joints), (joints, M)
+  std::vector<double> offset, rate, shift;                // (joints, 4, 4), (M), (M)
 
   int motions() const { return static_cast<int>(coordinate.size()); }
   bool supports(std::int64_t joint, int m) const { return support[joint * motions() + m] != 0; }

@@ -77,8 +77,7 @@ void add_row(System& s, std::size_t node, const double* row, double force, doubl
 void add_directional(const Tree& tree, const double* J, std::int64_t joint, const double* p, const double* n,
                      double* row) {
   const double moment[3] = {p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]};
-  const int motions = tree.motions();
-  for (int m = 0; m < motions; ++m) {
+  for (int m = 0; m < tree.motions(); ++m) {
     if (!tree.supports(joint, m)) continue;
     const double* c = J + 6 * m;
     row[tree.coordinate[m]] +=

@@ -162,12 +162,12 @@ class KinematicTree(Summary):
     @property
     def multiplier(self) -> Array:
         """(njoints,) how fast each joint moves for each unit of its coordinate."""
-        return np.where(self.motion >= 0, self.rate[self.motion], 1.0)
+        return np.append(self.rate, 1.0)[self.motion]
 
     @property
     def constant(self) -> Array:
         """(njoints,) [rad or m] value of each joint where its coordinate is 0."""
-        return np.where(self.motion >= 0, self.shift[self.motion], 0.0)
+        return np.append(self.shift, 0.0)[self.motion]
 
     @property
     def sliding(self) -> Mask:
