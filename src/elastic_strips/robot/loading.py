@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -221,6 +222,7 @@ def _resting(model: pin.Model, source: UrdfSource) -> frozenset[str]:
 
 def _cannot_lead(source: UrdfSource, leader: str) -> str:
     """Why joints cannot follow a leader wherever it goes; empty where they can, or none has to."""
+    low, high = source.joint_limits.get(leader, (-math.inf, math.inf))
     for name, (first, multiplier, constant) in source.following().items():
         if first != leader or multiplier == 0.0:
             continue
@@ -229,6 +231,11 @@ def _cannot_lead(source: UrdfSource, leader: str) -> str:
         if leader in source.continuous and not (name in source.continuous and multiplier == round(multiplier)):
             how = f"{multiplier:g} times" if name in source.continuous else "within limits"
             return f"it is continuous, and {name!r}, which has to <mimic> it {how}, would not go around with it"
+        if name in source.joint_limits:
+            least, most = sorted((limit - constant) / multiplier for limit in source.joint_limits[name])
+            low, high = max(low, least), min(high, most)
+            if low > high:
+                return f"{name!r}, which has to <mimic> it, is within its own limits nowhere"
     return ""
 
 

@@ -153,10 +153,7 @@ def _narrow(plain: pin.Model, model: pin.Model, leader: str, following: Mapping[
                          max(low, least), min(high, most), name)  # fmt: skip
         low, high = max(low, least), min(high, most)
         if low > high:
-            raise RobotError(
-                f"joint {leader!r} cannot be planned: {name!r}, which follows it, is never within its own limits "
-                f"[{ends[0]:.6g}, {ends[1]:.6g}]. Hold it still (locked={{{leader!r}: …}}, --lock)"
-            )
+            raise RobotError(f"joint {leader!r}: {name!r}, which follows it, is within its own limits nowhere")
     if low is not None and high is not None:
         model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
     if speed[0] > 0.0:  # what the leader does not state is asked for, and not guessed of its followers

@@ -234,6 +234,11 @@ def test_a_leader_whose_followers_leave_nothing_is_refused(tmp_path):
     with pytest.raises(RobotError, match="'far'"):
         load_robot(path, base="fixed", joints=["lift"])
     assert load_robot(path, base="fixed").locked["far"] == 0.5
+    carrying = joint("elbow", "b", "arm", "revolute", TURNS)
+    path = write(
+        tmp_path, joint("lift", "base", "a"), joint("far", "a", "b", mimic='joint="lift" offset="3"'), carrying
+    )
+    assert load_robot(path, base="fixed").joint_names == ("elbow",)
 
 
 def test_lifts_are_planned_and_grippers_held_by_default(tmp_path):
