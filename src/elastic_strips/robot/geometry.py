@@ -59,6 +59,20 @@ class LinkGeometry:
     capsule: Capsule
 
 
+@dataclass(frozen=True, slots=True)
+class UncheckedPair:
+    """Two pieces of the robot that are not kept apart, and why not.
+
+    Attributes:
+        one, two: names of the pieces.
+        reason: why they are left out.
+    """
+
+    one: str
+    two: str
+    reason: str
+
+
 def link_labels(pieces: Sequence[LinkGeometry]) -> tuple[str, ...]:
     """What messages call each piece: the URDF's link where it is that link's only one, else the piece's own name."""
     covered = Counter(link for piece in pieces for link in piece.links)

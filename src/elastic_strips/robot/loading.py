@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict
@@ -13,11 +15,13 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.catalogue import find_robot, is_known
+from elastic_strips.catalogue import find_robot, is_known, is_ours
 from elastic_strips.errors import RobotError, nearest_name
 
 from .coal_shapes import ShapeKind, shape_of, vertices
+from .cover import sticks_out
 from .model import RobotModel, check_joint_names
+from .second_reader import differences
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
 from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
@@ -27,6 +31,12 @@ _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
 _LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
+_GROWN = 0.05  # [m] by which a piece of a drawn shape may reach out of it without a warning
+_SELDOM_PLANNED = (
+    "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
+    "ring_", "pinky", "little", "head", "neck", "eye",
+)  # fmt: skip
+"""In the names of joints that an arm's motion can do without."""
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -38,6 +48,7 @@ class LoadOptions(TypedDict, total=False):
     locked: Mapping[str, float]
     srdf: str | Path
     package_dirs: tuple[str | Path, ...]
+    visual_as_collision: Collection[str] | str
 
 
 def load_robot(
@@ -51,6 +62,7 @@ def load_robot(
     locked: Mapping[str, float] | None = None,
     package_dirs: tuple[str | Path, ...] = (),
     mappings: Mapping[str, str] | None = None,
+    visual_as_collision: Collection[str] | str = (),
 ) -> RobotModel:
     """Load a robot by name (``"silvermate"``, ``"tiago"``, ``"panda"``, …: ``robot_names()``) or from a URDF file.
 
@@ -74,6 +86,8 @@ def load_robot(
             are given a value here.
         package_dirs: folders to search for ``package://`` meshes and for a xacro file's ``$(find …)``.
         mappings: arguments of a xacro file, by name.
+        visual_as_collision: links whose visual shapes are taken as their collision shapes, meshes as convex hulls; or
+            ``"missing"``: all that are drawn and have no collision shape, of which nothing is proven otherwise.
 
     Raises:
         RobotError: an unknown name, or one that several robots share; an unknown joint or group, or a joint that is
@@ -86,14 +100,16 @@ def load_robot(
     by_path = path.suffix.lower() in (".urdf", ".xml", ".xacro") or "/" in text or os.path.exists(path)
     if is_known(text) or not text or not by_path:
         known = find_robot(text)
-        source = read_urdf(known.urdf, package_dirs=(*package_dirs, *known.package_dirs))
+        source = read_urdf(
+            known.urdf, package_dirs=(*package_dirs, *known.package_dirs), visual_as_collision=visual_as_collision
+        )
         kind, srdf = known.base if base is None else base, srdf or known.srdf
         home, hand, name = known.home, known.hand_frame, known.name
         if joints is None and group is None and known.planned is not None:
             joints = [joint for joint in known.planned if joint not in (locked or {})]
     else:
         urdf = expand_xacro(path, mappings, package_dirs) if path.suffix.lower() == ".xacro" else path
-        source = read_urdf(urdf, package_dirs=package_dirs)
+        source = read_urdf(urdf, package_dirs=package_dirs, visual_as_collision=visual_as_collision)
         kind, home, hand, name = (
             BaseKind.DIFF_DRIVE if base is None else base,
             {},
@@ -110,7 +126,9 @@ def load_robot(
         collision = pinocchio_geometry(source, model, pin.COLLISION)
         _check_shapes(collision, source)
         check_joint_names(model, locked or {}, "locked")
+        wheels = _wheels(model, source)
         resting = _resting(model, source)
+        drawn = _drawn(source, model)
         unplanned = resting if planned is None else frozenset(model.names[1:]) - planned - {"root_joint"}
 
         def build(home: Mapping[str, float]) -> RobotModel:
@@ -123,9 +141,12 @@ def load_robot(
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
+                held=_why_held(source, still, locked or {}, wheels, planned),
+                groups=None if semantics is None else semantics.groups, drawn=drawn, description=source,
             )  # fmt: skip
 
         robot = _at_home(build, home, semantics, source, resting)
+        robot = replace(robot, bare_links=_bare(source, robot, drawn))
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
@@ -135,10 +156,17 @@ def load_robot(
             _log.warning("%s: joint %r mimics %r, which puts it at %.6g, outside of its limits; it is held at %.6g",
                          name, joint, leader, wanted, robot.locked[joint])  # fmt: skip
     if len(robot.joint_names) > _MANY_JOINTS:
+        _log.warning("%s plans %d joints, which are many: slow to plan and to deform. %s",
+                     name, len(robot.joint_names), _what_to_lock(robot))  # fmt: skip
+    if robot.bare_links:
         _log.warning(
-            "%s plans %d joints: slow to plan and to deform. Name those to plan with joints=[…] or group=…, or those "
-            "to hold still with locked={…}", name, len(robot.joint_names),
+            "%s: %d links are drawn and have no collision shape, so nothing is proven of them: %s. "
+            'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
+            name, len(robot.bare_links), _all(robot.bare_links, 40),
         )  # fmt: skip
+    _say_what_grew(robot, source.from_visual)
+    if not is_ours(source.path):  # those are compared by the tests
+        _say_what_differs(source, model, name)
     return robot
 
 
@@ -329,8 +357,83 @@ def _check_size(shape: pin.GeometryObject, points: Array) -> None:
         )  # fmt: skip
 
 
-def _all(names: tuple[str, ...]) -> str:
-    return ", ".join(map(repr, names[:4])) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+def _all(names: tuple[str, ...], most: int = 4) -> str:
+    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _drawn(source: UrdfSource, model: pin.Model) -> pin.GeometryModel | None:
+    """Visual geometry of the links that have no collision shape; None where it cannot be read."""
+    try:
+        return pinocchio_geometry(source, model, pin.VISUAL, only=source.bare)
+    except RobotError as error:
+        _log.warning("%s", error)
+        return None
+
+
+def _bare(source: UrdfSource, robot: RobotModel, drawn: pin.GeometryModel | None) -> tuple[str, ...]:
+    """The links that are drawn and not covered: of what cannot be read nobody knows that it is."""
+    if drawn is None:
+        return source.bare
+    return tuple(link for link in source.bare if link in robot.bare_links or link in source.undrawn)
+
+
+def _say_what_grew(robot: RobotModel, links: tuple[str, ...]) -> None:
+    """Warn of the pieces of some links that reach far out of the shapes that they stand for."""
+    assert robot.shapes is not None
+    for piece in robot.geometries if links else ():
+        far = sticks_out(robot.model, robot.shapes, piece) if set(piece.links) & set(links) else 0.0
+        if far > _GROWN:
+            _log.warning("%s: the convex piece %r of what is drawn reaches %.0f mm out of it, so more is refused than "
+                         "need be", robot.name, piece.name, 1e3 * far)  # fmt: skip
+
+
+def _say_what_differs(source: UrdfSource, model: pin.Model, name: str) -> None:
+    """Warn of what another reader finds otherwise in the file."""
+    found = differences(source, model)
+    if found:
+        more = f"; and {len(found) - 6} more" if len(found) > 6 else ""
+        _log.warning("%s: yourdfpy reads the file otherwise: %s%s", name, "; ".join(found[:6]), more)
+
+
+def _what_to_lock(robot: RobotModel) -> str:
+    """Which of a robot's many joints may rather be held still."""
+    names, model = robot.joint_names, robot.model
+    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)]
+    if not ends:  # what branches off several times from one body at the end of a chain, as fingers do
+        first = model.njoints - len(names)
+        leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
+        chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
+        parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
+        roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
+        ends = [model.names[k] for i in roots for k in (i, *leaves[i])]
+    said = f"Name those to plan with joints=[…]{' or group=…' if robot.groups else ''}, or hold some still: "
+    if ends:
+        return f"{said}locked={{{', '.join(f'{name!r}: {0.0:g}' for name in ends[:12])}{', …' * (len(ends) > 12)}}}"
+    if robot.groups:
+        return f"{said}the SRDF's groups are {_all(tuple(robot.groups), 12)}"
+    return f"{said}locked={{…}}, of {_all(names, 40)}"
+
+
+def _why_held(
+    source: UrdfSource, still: Mapping[str, float], locked: Mapping[str, float], wheels: set[str],
+    planned: frozenset[str] | None,
+) -> dict[str, str]:  # fmt: skip
+    """Why each joint that is held still is."""
+
+    def why(joint: str) -> str:
+        if joint in locked:
+            return "locked by who loads it"
+        if joint in wheels:
+            return "a wheel or a caster"
+        if joint in source.followers:
+            return f"mimics {source.followers[joint][0]}"
+        if joint in source.mimic:
+            return "mimics a joint that is not there"
+        if followers := source.followers_of(joint):
+            return f"mimicked by {', '.join(followers)}"
+        return "not among the joints to plan" if planned is not None else "held still"
+
+    return {joint: why(joint) for joint in still}
 
 
 def _clip(value: float, source: UrdfSource, joint: str) -> float:

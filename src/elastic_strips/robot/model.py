@@ -15,13 +15,16 @@ from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
 from elastic_strips.summary import Summary
 
-from .geometry import LinkGeometry, link_geometries, self_pairs
+from .cover import uncovered
+from .geometry import LinkGeometry, UncheckedPair, link_geometries, self_pairs
 from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
 from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
 
 if TYPE_CHECKING:
+    from .card import RobotCard
     from .holding import HeldShape
     from .inverse_kinematics import ReachResult
+    from .urdf import UrdfSource
 
 _log = logging.getLogger(__name__)
 
@@ -50,6 +53,13 @@ class RobotModel(Summary):
         locked: values of the joints that planning holds still [rad or m].
         states: named postures, joint → value [rad or m]; see :meth:`state`.
         urdf_path, srdf_path: files, where there are any.
+        unchecked_pairs: pairs of pieces that are not kept apart, with the reason.
+        bare_links: links that are drawn and that no collision shape covers: nothing is proven of them.
+        held: why each of ``locked`` is held still.
+        groups: the SRDF's groups of joints.
+        shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``; a copy from
+            another process has none.
+        description: the URDF file as it was read, where there is one.
     """
 
     name: str
@@ -67,12 +77,18 @@ class RobotModel(Summary):
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
+    unchecked_pairs: tuple[UncheckedPair, ...] = ()
+    bare_links: tuple[str, ...] = ()
+    held: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    shapes: pin.GeometryModel | None = None
+    description: UrdfSource | None = None
 
-    def __getstate__(self) -> dict[str, object]:
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "visual"}  # that is a closure
+    def __getstate__(self) -> dict[str, object]:  # without a closure, and meshes that are not planned with
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("visual", "shapes")}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, visual=lambda: self.collision_model)
+        self.__dict__.update(state, visual=lambda: self.collision_model, shapes=None)
         for array in (self.home_q, self.space.lower, self.space.upper):
             array.setflags(write=False)
         shapes = [piece.geometry for piece in self.geometries]
@@ -83,6 +99,7 @@ class RobotModel(Summary):
         return {
             "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names),
             "locked": _counted(tuple(self.locked)), "pieces": len(self.geometries), "self_pairs": len(self.self_pairs),
+            **({"links_without_shape": _counted(self.bare_links)} if self.bare_links else {}),
         }  # fmt: skip
 
     @property
@@ -279,6 +296,15 @@ class RobotModel(Summary):
 
         return attached(self, shape, frame, q=q, touch=touch, mass=mass, name=name)
 
+    def card(self) -> RobotCard:
+        """What is known of the robot, what is assumed and what is not looked at; see :class:`.card.RobotCard`.
+
+        It reads the meshes and the URDF a second time, which may take seconds.
+        """
+        from .card import robot_card  # it needs this class
+
+        return robot_card(self)
+
     def frame_pose(self, q: ArrayLike, frame: str) -> Array:
         """Pose (4, 4) in the world of one of the robot's frames at a configuration (nq,).
 
@@ -317,6 +343,10 @@ class RobotModel(Summary):
         states: Mapping[str, Mapping[str, float]] | None = None,
         urdf_path: str | None = None,
         srdf_path: str | None = None,
+        held: Mapping[str, str] | None = None,
+        groups: Mapping[str, tuple[str, ...]] | None = None,
+        drawn: pin.GeometryModel | None = None,
+        description: UrdfSource | None = None,
     ) -> RobotModel:
         """Make a robot of Pinocchio models that already exist; they are not changed.
 
@@ -334,6 +364,11 @@ class RobotModel(Summary):
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
             urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
+            held: joint → why it is locked.
+            groups: the SRDF's groups of joints.
+            drawn: visual geometry of the links without a collision shape; where None, that of ``visual_model`` if it
+                is no function.
+            description: the URDF file as it was read.
 
         Raises:
             RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed
@@ -362,6 +397,9 @@ class RobotModel(Summary):
             _refuse_world_geometry(pieces)
         q_home = _reference_configuration(reduced, dict(home or {}))
         pairs = self_pairs(reduced, pieces, q_home, disabled_pairs)
+        if drawn is None and visual_model is not None and not callable(visual_model):
+            drawn = _without_shapes(visual_model, collision_model)
+        bare = () if drawn is None else uncovered(reduced, _carried_over(model, reduced, drawn), pieces)
         convex = pin.GeometryModel()
         for piece in pieces:
             pose = pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
@@ -400,7 +438,22 @@ class RobotModel(Summary):
             states={k: dict(v) for k, v in (states or {}).items()},
             urdf_path=urdf_path,
             srdf_path=srdf_path,
+            bare_links=bare,
+            held=dict(held or {}),
+            groups=dict(groups or {}),
+            shapes=collision,
+            description=description,
         )
+
+
+def _without_shapes(visual: pin.GeometryModel, collision: pin.GeometryModel) -> pin.GeometryModel:
+    """The visual geometry of frames that have no collision geometry."""
+    shaped = {obj.parentFrame for obj in collision.geometryObjects}
+    out = pin.GeometryModel()
+    for obj in visual.geometryObjects:
+        if obj.parentFrame not in shaped:
+            out.addGeometryObject(obj)
+    return out
 
 
 def _counted(names: tuple[str, ...]) -> str:
