@@ -1,4 +1,4 @@
-"""Command line: ``elastic-strips run | drag | drive | view | certify | bench | sweep | study | list | doctor``."""
+"""Command line: ``elastic-strips run | drag | drive | view | certify | bench | sweep | study | robot | list | doctor``."""
 
 import os
 import signal

@@ -116,6 +116,7 @@ def _document(robot: RobotModel, found: PathCertificate, notes: tuple[str, ...])
     least = found.least if found.least is None or math.isfinite(found.least) else None
     return {
         "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name, "notes": list(notes),
+        "links_without_shape": list(robot.bare_links),
         "clearance_m": found.clearance, "self_clearance_m": found.self_clearance, "least_clearance_m": least,
         "segments": list(found.segments), "seconds": found.seconds,
         "broken": None if broken is None else {

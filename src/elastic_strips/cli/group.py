@@ -48,6 +48,7 @@ _COMMANDS = {
     "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
+    "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not looked at."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
     "study": ("study_command", "study", "Run the paper's simulations again, and write the report."),
     "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),

@@ -7,7 +7,7 @@ miss what lies between them; a certificate cannot (:mod:`elastic_strips.collisio
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from time import perf_counter
 from typing import Protocol
@@ -145,7 +145,10 @@ def certify(
     if movers is not None and when is not None:
         work.moving(rows, when[0] + np.interp(whole, np.arange(len(when)), when - when[0]), movers)
     least = coordinate_clearance(robot, rows, standing, tolerance=_TOLERANCE) if measure and movers is None else None
-    return work.result(rows, whole, when, least, began)
+    found = work.result(rows, whole, when, least, began)
+    if found.certified and robot.unproven:
+        found = replace(found, reason=f"{found.reason}; {robot.unproven}")
+    return found
 
 
 def as_arcs(robot: RobotModel, rows: Array, interpolation: str) -> tuple[Array, Array, float]:

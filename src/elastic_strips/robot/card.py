@@ -5,8 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.errors import RobotError
-from elastic_strips.summary import Summary
+from elastic_strips.summary import Summary, shortened
 
 from .coal_shapes import ShapeKind, shape_of, vertices
 from .cover import sticks_out
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
 _FAST = 1e6  # [rad/s or m/s]: a speed above it means that none is stated
 _ENDLESS = 999.0  # [m]: a sliding joint without limits gets ±1 km
-_MANY = 40  # rows of a table in a terminal
+_MANY, _WIDE = 25, 60  # rows of a table in a terminal, and characters of a cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +44,29 @@ class CardSection:
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
+
+    @property
+    def headline(self) -> str:
+        """The title, how many rows there are, and the note."""
+        return f"{self.title}: {len(self.rows)}" + (f" ({self.note})" if self.note else "")
+
+    @property
+    def shown(self) -> tuple[tuple[str, ...], ...]:
+        """As much of the rows as a terminal takes."""
+        return tuple(tuple(shortened(cell, _WIDE) for cell in row) for row in self.rows[:_MANY])
+
+    @property
+    def more(self) -> str:
+        """A line about the rows that are left out there, or nothing."""
+        left = len(self.rows) - _MANY
+        return f"  … and {left} more (--json and --html have all)" if left > 0 else ""
+
+    def text(self) -> str:
+        """The table as aligned lines."""
+        rows = (self.columns, *self.shown) if self.rows else ()
+        widths = [max((len(row[k]) for row in rows), default=0) for k in range(len(self.columns))]
+        lines = ["  ".join(("", *(c.ljust(w) for c, w in zip(row, widths, strict=True)))).rstrip() for row in rows]
+        return "\n".join(["", self.headline, *lines, *([self.more] if self.more else [])])
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -87,20 +109,18 @@ class RobotCard(Summary):
 
     def text(self) -> str:
         """All of it as plain text; long tables are cut."""
-        lines = [f"{self.name} ({self.base})"]
-        lines += [f"  ! {trouble}" for trouble in self.troubles]
-        for section in self.sections:
-            lines += ["", f"{section.title}: {len(section.rows)}" + (f" ({section.note})" if section.note else "")]
-            lines += _lines(section)
-        return "\n".join(lines)
+        troubles = [f"  note: {trouble}" for trouble in self.troubles]
+        return "\n".join([f"{self.name}: {self.base}", *troubles, *(section.text() for section in self.sections)])
 
     def document(self) -> dict[str, object]:
         """All of it as JSON has it."""
         return {
             "format": "elastic-strips-robot", "version": 1, "robot": self.name, "base": self.base,
             "troubles": list(self.troubles),
-            "sections": [{**asdict(s), "columns": list(s.columns), "rows": [list(r) for r in s.rows]}
-                         for s in self.sections],
+            "tables": [
+                {"title": s.title, "note": s.note, "rows": [dict(zip(s.columns, row, strict=True)) for row in s.rows]}
+                for s in self.sections
+            ],
         }  # fmt: skip
 
     def html(self) -> str:
@@ -280,16 +300,3 @@ def _states(robot: RobotModel) -> CardSection:
 def _groups(robot: RobotModel) -> CardSection:
     rows = [(name, ", ".join(joints)) for name, joints in robot.groups.items()]
     return CardSection("Groups", ("group", "joints"), tuple(rows))
-
-
-def _lines(section: CardSection) -> Sequence[str]:
-    """A table as aligned lines."""
-    shown = section.rows[:_MANY]
-    if not shown:
-        return []
-    widths = [max(len(row[k]) for row in (section.columns, *shown)) for k in range(len(section.columns))]
-    widths[-1] = 0
-    lines = ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-             for row in (section.columns, *shown)]  # fmt: skip
-    return lines + [f"  … and {len(section.rows) - len(shown)} more (--json has all)"] * (len(section.rows) > _MANY)
-

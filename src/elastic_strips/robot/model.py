@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
+_NAMED = 8  # names in a sentence
 _LONGEST_SLIDE = 1e3
 """[m] to either side, for a sliding joint without limits."""
 
@@ -124,6 +125,15 @@ class RobotModel(Summary):
         The collision geometry where there is none, or where it cannot be read (a warning).
         """
         return self.visual()
+
+    @property
+    def unproven(self) -> str:
+        """What no proof of this robot speaks of, in words that follow a verdict; empty where that is nothing."""
+        bare = self.bare_links
+        if not bare:
+            return ""
+        names = ", ".join(bare[:_NAMED]) + (f" and {len(bare) - _NAMED} more" if len(bare) > _NAMED else "")
+        return f"nothing is proven of {len(bare)} link{'s' * (len(bare) > 1)} without a collision shape: {names}"
 
     def same_as(self, other: RobotModel) -> bool:
         """Whether the other moves alike and has the same shape, so that a proof for one holds for the other."""

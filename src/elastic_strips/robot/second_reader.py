@@ -124,14 +124,19 @@ def _joints(source: UrdfSource, model: pin.Model, second: yourdfpy.URDF) -> Iter
             speed = float(model.velocityLimit[own.idx_v])
             if not np.isclose(speed, joint.limit.velocity, rtol=_SAME, atol=_SAME):
                 yield f"joint {name!r} has speed {speed:g} here, {joint.limit.velocity:g} there"
-        theirs = joint.mimic
-        ours = source.followers.get(name)
-        follows = None if theirs is None or theirs.joint not in other else (theirs.joint, theirs.multiplier, theirs.offset)
-        if (ours is None) != (follows is None) or (
-            ours is not None and follows is not None
-            and not (ours[0] == follows[0] and np.allclose(ours[1:], follows[1:], rtol=_SAME, atol=_SAME))
-        ):  # fmt: skip
+        ours, mimic = source.followers.get(name), joint.mimic
+        follows = None
+        if mimic is not None and mimic.joint in other:
+            follows = mimic.joint, float(mimic.multiplier or 0.0), float(mimic.offset or 0.0)
+        if not _alike(ours, follows):
             yield f"joint {name!r} mimics {ours or 'nothing'} here, {follows or 'nothing'} there"
+
+
+def _alike(one: tuple[str, float, float] | None, two: tuple[str, float, float] | None) -> bool:
+    """Whether two ways to mimic (leader, multiplier, offset) are one."""
+    if one is None or two is None:
+        return one is two
+    return one[0] == two[0] and bool(np.allclose(one[1:], two[1:], rtol=_SAME, atol=_SAME))
 
 
 def _placements(model: pin.Model, second: yourdfpy.URDF) -> Iterator[str]:
@@ -152,8 +157,7 @@ def _placements(model: pin.Model, second: yourdfpy.URDF) -> Iterator[str]:
         wrong = {
             link: gap
             for link, frame in frames.items()
-            if link in free.link_map
-            and (gap := _gap(np.array(data.oMf[frame].homogeneous), free.get_transform(link)))
+            if link in free.link_map and (gap := _gap(np.array(data.oMf[frame].homogeneous), free.get_transform(link)))
         }
         parents = {j.child: j.parent for j in free.robot.joints}
         for link, gap in wrong.items():
@@ -243,8 +247,9 @@ def _mesh(item: pin.GeometryObject, mesh: yourdfpy.Mesh) -> Iterator[str]:
     if file.suffix.lower() not in _MESHES:
         return
     data = io.BytesIO(file.read_bytes())  # from memory: so no other file is opened by what this one names
-    options = {"skip_materials": True} if file.suffix.lower() == ".obj" else {}
-    scene = trimesh.load_scene(data, file_type=file.suffix[1:].lower(), **options)
+    kind = file.suffix[1:].lower()
+    obj = kind == "obj"
+    scene = trimesh.load_scene(data, "obj", skip_materials=True) if obj else trimesh.load_scene(data, kind)
     unit = trimesh.units.unit_conversion(scene.units, "meters") if scene.units else 1.0
     scale = np.ones(3) if mesh.scale is None else np.broadcast_to(np.asarray(mesh.scale, dtype=float), 3)
     theirs = np.sort(np.asarray(scene.bounds) * unit * scale, axis=0)
