@@ -268,11 +268,14 @@ def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
         return [], CardSection(title, columns, (), "not asked: there is no URDF file")
     try:
         model = pinocchio_model(source)
-        found = differences(source, model)
-        found += shape_differences(source, model, pinocchio_geometry(source, model, pin.COLLISION))
+        joints = differences(source, model)
+        shapes = shape_differences(source, model, pinocchio_geometry(source, model, pin.COLLISION))
     except RobotError as error:  # the files have changed since
         return [], CardSection(title, columns, (), f"not asked: {error}")
-    return list(found), CardSection(title, columns, tuple((each,) for each in found), "of joints, places and shapes")
+    parts = (("joints and places", joints), ("shapes", shapes))
+    note = "; ".join(f"{what}: {'compared' if each is not None else 'not read by it'}" for what, each in parts)
+    found = [*(joints or ()), *(shapes or ())]
+    return found, CardSection(title, columns, tuple((each,) for each in found), note)
 
 
 def _frames(robot: RobotModel) -> CardSection:

@@ -32,7 +32,7 @@ _MESHES = (".dae", ".obj", ".stl")  # that trimesh reads as well
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
-def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...]:
+def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...] | None:
     """What yourdfpy reads otherwise of joints: placements of links at random postures, limits, speeds, mimics.
 
     Args:
@@ -40,8 +40,7 @@ def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...]:
         model: Pinocchio's model of it, with all joints, on a planar root or a fixed one.
 
     Returns:
-        One sentence for each difference; none where the file says something that yourdfpy does not read, which the
-        log has.
+        One sentence for each difference, or None where yourdfpy does not read the file.
     """
     try:
         with _silent():
@@ -49,23 +48,26 @@ def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...]:
             return tuple(_joints(source, model, second)) or tuple(_placements(model, second))
     except Exception as error:  # of yourdfpy, lxml, NumPy: whatever it trips over
         _log.info("%s: yourdfpy does not read it: %s: %s", source.path, type(error).__name__, error)
-        return ()
+        return None
 
 
-def shape_differences(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> tuple[str, ...]:
+def shape_differences(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> tuple[str, ...] | None:
     """What yourdfpy, and trimesh for meshes, read otherwise of collision shapes: number, kind, place and size.
 
     Args:
         source: a file as it was read here.
         model: Pinocchio's model of it, with all joints.
         shapes: its collision geometry on that.
+
+    Returns:
+        One sentence for each difference, or None where yourdfpy does not read the file.
     """
     try:
         with _silent():
             return tuple(_shapes(source, model, shapes))
     except Exception as error:
         _log.info("%s: yourdfpy does not read its shapes: %s: %s", source.path, type(error).__name__, error)
-        return ()
+        return None
 
 
 @contextmanager
@@ -194,20 +196,39 @@ def _gap(one: Array, two: Array) -> str:
 def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> Iterator[str]:
     import yourdfpy
 
+    root = _root(source)
+    capsules: dict[tuple[str, int], list[float]] = {}  # link, number → half sizes: yourdfpy reads none
+    for element in list(root):
+        if element.tag != "link":
+            root.remove(element)
+            continue
+        tag = "visual" if element.get("name") in source.from_visual else "collision"
+        for inner in list(element):
+            if inner.tag != tag:
+                element.remove(inner)
+        for k, inner in enumerate(element):
+            inner.tag = "collision"
+            for material in inner.findall("material"):
+                inner.remove(material)
+            for capsule in inner.findall("geometry/capsule"):
+                capsules[element.get("name"), k] = [float(capsule.get("radius")), 0.5 * float(capsule.get("length"))]
+                capsule.tag = "sphere"
+    data = io.BytesIO(etree.tostring(root, encoding="utf-8"))
+    second = yourdfpy.URDF.load(data, build_scene_graph=False, load_meshes=False)
     own = {str(item.name): item for item in shapes.geometryObjects}
-    for link in _root(source).findall("link"):
-        name = link.get("name")
+    for link in second.robot.links:
         read: list[tuple[str, list[float], yourdfpy.Mesh | None, Array]] = []
-        for element in link.findall("visual" if name in source.from_visual else "collision"):
-            pose = yourdfpy.URDF._parse_origin(element.find("origin"))
-            shape = _read_shape(element.find("geometry"))
-            if any(shape[1]):
-                read.append((*shape, np.eye(4) if pose is None else pose))
-        if len(read) != source.collisions.get(name, 0):
-            yield f"link {name!r} has {source.collisions.get(name, 0)} collision shapes here, {len(read)} there"
+        for k, collision in enumerate(link.collisions):
+            kind, sizes, mesh = _read_shape(collision.geometry)
+            if capsules.get((link.name, k), [0.0, 0.0])[1]:
+                kind, sizes = "capsule", capsules[link.name, k]
+            if any(sizes):
+                read.append((kind, sizes, mesh, np.eye(4) if collision.origin is None else collision.origin))
+        if len(read) != source.collisions.get(link.name, 0):
+            yield f"link {link.name!r} has {source.collisions.get(link.name, 0)} shapes here, {len(read)} there"
             continue
         for k, (kind, sizes, mesh, pose) in enumerate(read):
-            item = own[f"{name}_{k}"]
+            item = own[f"{link.name}_{k}"]
             found = model.frames[item.parentFrame].placement.actInv(item.placement)
             if gap := _gap(np.array(found.homogeneous), pose):
                 yield f"collision shape {item.name!r} is {gap} elsewhere there"
@@ -215,19 +236,13 @@ def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> 
             if mesh is not None and mine in (ShapeKind.MESH, ShapeKind.CONVEX):
                 yield from _mesh(item, mesh)
             elif mine.value != kind or not np.allclose(half, sizes, rtol=_SAME, atol=_THICK):
-                ours = ", ".join(f"{2e3 * x:.4g}" for x in half)
-                yield f"collision shape {item.name!r} is a {mine.value} ({ours} mm) here, a {kind} there"
+                ours = ", ".join(f"{1e3 * x:.4g}" for x in half)
+                theirs = ", ".join(f"{1e3 * x:.4g}" for x in sizes)
+                yield f"collision shape {item.name!r}: {mine.value} of {ours} mm here, {kind} of {theirs} mm there"
 
 
-def _read_shape(geometry: etree._Element) -> tuple[str, list[float], yourdfpy.Mesh | None]:
-    """Kind and half sizes [m] of a shape, and the mesh that it is; a capsule, which yourdfpy does not read, as text."""
-    import yourdfpy
-
-    capsule = geometry.find("capsule")
-    if capsule is not None:
-        radius, length = float(capsule.get("radius")), float(capsule.get("length"))
-        return ("capsule", [radius, 0.5 * length], None) if length else ("sphere", [radius], None)
-    shape = yourdfpy.URDF._parse_geometry(geometry)
+def _read_shape(shape: yourdfpy.Geometry) -> tuple[str, list[float], yourdfpy.Mesh | None]:
+    """Kind and half sizes [m] of a shape, radii in whole, and the mesh that it is."""
     if shape.box is not None:
         return "box", [0.5 * float(x) for x in shape.box.size], None
     if shape.sphere is not None:
