@@ -69,7 +69,7 @@ _DOCUMENTS: tuple[tuple[str, Content, str], ...] = (
     ("character that XML forbids", SOUND.replace('"small"', '"&#0;"'), "not well-formed"),
     ("binary garbage", bytes(range(256)) * 8, "not well-formed"),
     ("Latin-1 without saying so", SOUND.replace("small", "kübel").encode("latin-1"), "not well-formed"),
-    ("UTF-16 where the header says UTF-8", SOUND.replace("?>", ' encoding="UTF-8"?>').encode("utf-16"), "not UTF-8"),
+    ("UTF-16 where the header says UTF-8", SOUND.replace("?>", ' encoding="UTF-8"?>').encode("utf-16"), "declares utf-8"),
     ("Latin-1 where the header says UTF-8", SOUND.replace("?>", ' encoding="UTF-8"?>').replace("small", "kübel").encode("latin-1"), "not well-formed"),
     ("an encoding that nobody knows", SOUND.replace("?>", ' encoding="klingon"?>'), "not well-formed"),
     ("UTF-16 without a mark", SOUND.encode("utf-16-le"), "not UTF-8"),

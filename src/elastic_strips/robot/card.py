@@ -174,9 +174,6 @@ def _troubles(robot: RobotModel) -> list[str]:
             f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven of them: "
             f"{', '.join(robot.bare_links)}"
         )
-    odd = sum("in no posture" not in pair.reason and "joint" not in pair.reason for pair in robot.unchecked_pairs)
-    if odd:
-        found.append(f"{odd} pairs of pieces are not checked for reasons other than that one joint joins them")
     hit = robot.self_collision(robot.home_q)
     if hit is not None:
         found.append(f"home collides: {hit[0]} and {hit[1]}")
@@ -235,10 +232,10 @@ def _bare(robot: RobotModel) -> CardSection:
 
 
 def _unchecked(robot: RobotModel) -> CardSection:
-    count = Counter(pair.reason for pair in robot.unchecked_pairs)
-    rows = tuple((pair.one, pair.two, pair.reason) for pair in robot.unchecked_pairs)
-    note = f"{len(robot.self_pairs)} are checked" + "".join(f"; {n} {reason}" for reason, n in count.most_common())
-    return CardSection("Pairs of pieces that are not checked", ("one", "other", "why"), rows, note)
+    count = Counter(pair.why.value for pair in robot.unchecked_pairs)
+    rows = tuple((*pair.links, pair.why.value, pair.note) for pair in robot.unchecked_pairs)
+    note = "; ".join([f"{len(robot.self_pairs)} are checked", *(f"{n} as {why}" for why, n in count.most_common())])
+    return CardSection("Links that are not kept apart", ("one", "other", "why", "more"), rows, note)
 
 
 def _meshes(robot: RobotModel) -> CardSection:

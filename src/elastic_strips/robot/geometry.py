@@ -10,6 +10,7 @@ import logging
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import coal
 import numpy as np
@@ -59,18 +60,25 @@ class LinkGeometry:
     capsule: Capsule
 
 
+class WhyUnchecked(str, Enum):
+    """Why collisions of two links are not looked at."""
+
+    JOINED = "one joint joins them"
+
+
 @dataclass(frozen=True, slots=True)
 class UncheckedPair:
-    """Two pieces of the robot that are not kept apart, and why not.
+    """Two links of a robot whose collisions with each other are not looked at.
 
     Attributes:
-        one, two: names of the pieces.
-        reason: why they are left out.
+        links: names of the links, sorted.
+        why: the reason.
+        note: what is known besides.
     """
 
-    one: str
-    two: str
-    reason: str
+    links: tuple[str, str]
+    why: WhyUnchecked
+    note: str = ""
 
 
 def link_labels(pieces: Sequence[LinkGeometry]) -> tuple[str, ...]:

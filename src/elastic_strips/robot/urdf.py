@@ -108,9 +108,11 @@ def _check_encoding(text: bytes, path: Path, kind: str) -> None:
         readable = agree and "\0" not in text.decode(encoding)
     except (LookupError, UnicodeDecodeError):
         readable = False
+    if not agree:
+        raise RobotError(f"{path}: the {kind} file is {mark} by its mark, and its first line declares {declared}")
     if not readable:
-        said = f"what its first line declares ({declared})" if declared else "UTF-8"
-        raise RobotError(f"{path}: the {kind} file is not {said}{' by its mark' if not agree else ''} text")
+        said = f"{declared} text, which its first line declares" if declared else "UTF-8 text"
+        raise RobotError(f"{path}: the {kind} file is not {said}")
 
 
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)

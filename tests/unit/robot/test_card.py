@@ -66,7 +66,7 @@ def test_shapes_links_frames_states_and_groups_are_on_it(robot: RobotModel) -> N
     assert frames["camera"][3] == "no collision shape"
     assert "ready" in rows(card, "Named states")
     assert "body" in rows(card, "Groups")
-    pairs = card.section("Pairs of pieces that are not checked")
+    pairs = card.section("Links that are not kept apart")
     assert len(pairs.rows) == len(robot.unchecked_pairs)
 
 
