@@ -32,6 +32,7 @@ Start with:
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
   elastic-strips certify path.csv --robot panda --scene scene.yaml
+  elastic-strips robot my.urdf            what is known of a robot, and what is not looked at
   elastic-strips doctor                   what is installed, and what is broken
 
 --json - writes a command's document to standard output. NO_COLOR=1 turns colours off.

@@ -18,7 +18,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import find_robot, is_known, is_ours
 from elastic_strips.errors import RobotError, nearest_name
 
-from .coal_shapes import ShapeKind, shape_of, vertices
+from .coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, vertices
 from .cover import sticks_out
 from .model import RobotModel, check_joint_names
 from .second_reader import differences
@@ -31,6 +31,7 @@ _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
 _LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
+_SHEET = 1e-4  # [m]: what is drawn thinner than this gets this thickness as a collision shape
 _GROWN = 0.05  # [m] by which a piece of a drawn shape may reach out of it without a warning
 _SELDOM_PLANNED = (
     "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
@@ -124,6 +125,7 @@ def load_robot(
     try:
         model = pinocchio_model(source, planar=kind.planar)
         collision = pinocchio_geometry(source, model, pin.COLLISION)
+        _thicken(collision, source)
         _check_shapes(collision, source)
         check_joint_names(model, locked or {}, "locked")
         wheels = _wheels(model, source)
@@ -375,6 +377,20 @@ def _bare(source: UrdfSource, robot: RobotModel, drawn: pin.GeometryModel | None
     if drawn is None:
         return source.bare
     return tuple(link for link in source.bare if link in robot.bare_links or link in source.undrawn)
+
+
+def _thicken(collision: pin.GeometryModel, source: UrdfSource) -> None:
+    """What is drawn may be a sheet, which has no hull: as a collision shape it is the box about it, 0.1 mm thick."""
+    for shape in collision.geometryObjects:
+        if shape.name.rsplit("_", 1)[0] in source.from_visual and shape_of(shape.geometry)[0] is ShapeKind.MESH:
+            points = vertices(shape.geometry)
+            if not len(points) or not np.isfinite(points).all():
+                continue  # which is refused
+            thin = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][-1]
+            if np.ptp(points @ thin) < _SHEET:
+                half = np.maximum(0.5 * np.ptp(points, axis=0), 0.5 * _SHEET)
+                middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+                shape.geometry = convex_from_vertices(middle + SIGNS * half, name=shape.name)
 
 
 def _say_what_grew(robot: RobotModel, links: tuple[str, ...]) -> None:

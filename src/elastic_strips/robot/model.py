@@ -58,9 +58,8 @@ class RobotModel(Summary):
         bare_links: links that are drawn and that no collision shape covers: nothing is proven of them.
         held: why each of ``locked`` is held still.
         groups: the SRDF's groups of joints.
-        shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``; a copy from
-            another process has none.
-        description: the URDF file as it was read, where there is one.
+        shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``.
+        description: the URDF file as it was read, where there is one. A copy from another process has neither.
     """
 
     name: str
@@ -86,10 +85,11 @@ class RobotModel(Summary):
     description: UrdfSource | None = None
 
     def __getstate__(self) -> dict[str, object]:  # without a closure, and meshes that are not planned with
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("visual", "shapes")}
+        left = ("visual", "shapes", "description")
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, visual=lambda: self.collision_model, shapes=None)
+        self.__dict__.update(state, visual=lambda: self.collision_model, shapes=None, description=None)
         for array in (self.home_q, self.space.lower, self.space.upper):
             array.setflags(write=False)
         shapes = [piece.geometry for piece in self.geometries]

@@ -13,6 +13,7 @@ import trimesh
 import elastic_strips as es
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot.coal_shapes import outside
 from elastic_strips.robot.cover import sticks_out
 from elastic_strips.scene import Box, Scene
 
@@ -182,3 +183,15 @@ def test_many_joints_are_said_to_be_many_with_what_to_lock(tmp_path: Path, caplo
     load_robot(write(tmp_path, BASE, arm, odd), base="omni")
     assert "'to_d00'" in caplog.text
     assert "'to_arm_3'" not in caplog.text
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.4])
+def test_a_sheet_that_is_drawn_can_be_taken(tmp_path: Path, tilt: float) -> None:
+    sheet = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    sheet.apply_transform(trimesh.transformations.rotation_matrix(tilt, [1, 0, 0]))
+    sheet.export(tmp_path / "sheet.stl")
+    mesh = '<geometry><mesh filename="sheet.stl"/></geometry>'
+    path = write(tmp_path, BASE, link("sail", "", mesh), joint("sail", "base", "0 0 1"))
+    piece = next(p for p in load_robot(path, visual_as_collision="missing").geometries if p.links == ("sail",))
+    assert (outside(piece.geometry, np.asarray(sheet.vertices)) <= 1e-6).all()
+    assert np.ptp(np.array(piece.geometry.points()), axis=0).min() <= 1.0 * np.sin(tilt) + 2e-4
