@@ -293,7 +293,7 @@ def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
     turns about an upright one and carries nothing but wheels, no higher than the others; without others there are
     two of them at least. So an arm's own first joint is neither, nor is the head that pans and tilts.
     """
-    named = {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
+    named = {j for j in source.continuous if any(word in j.lower() for word in ("wheel", "caster", "castor"))}
     if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
         return named
     data = model.createData()

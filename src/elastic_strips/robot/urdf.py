@@ -67,7 +67,9 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
         raise RobotError(f"{path}: the {kind} file is empty")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise RobotError(f"{path}: the {kind} file has a document type or entities, which are not accepted")
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True)
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True, remove_pis=True
+    )
     try:
         element = etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -388,14 +390,16 @@ def _check_element(
         raise fault(source, element, f"{what} has no <geometry>")
     shapes = [shape for each in element.findall("geometry") for shape in each]
     if len(shapes) > 1:  # all but the first would be ignored in silence
-        raise fault(source, shapes[1], f"{what} has a second shape <{shapes[1].tag}>; give it its own <{element.tag}>")
+        raise fault(
+            source, shapes[1], f"{what} has a second shape <{shapes[1].tag!s:.60}>; give it its own <{element.tag}>"
+        )
     shape = geometry[0]
     if shape.tag == "mesh":
         _check_mesh(shape, source, folders, packages, what, mends)
         return True
     if shape.tag not in _SHAPES:
         hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
-        raise fault(source, shape, f"{what} has unknown shape <{shape.tag}>{hint}")
+        raise fault(source, shape, f"{what} has unknown shape <{shape.tag!s:.60}>{hint}")
     keys, count = _SHAPES[shape.tag]
     sizes = {key: floats(shape, key, count, source, what, bound=MAX_LENGTH) for key in keys.split()}
     for key, values in sizes.items():
