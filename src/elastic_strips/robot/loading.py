@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict
@@ -17,7 +18,8 @@ from elastic_strips.catalogue import find_robot, is_known
 from elastic_strips.errors import RobotError, nearest_name
 
 from .coal_shapes import ShapeKind, shape_of, vertices
-from .model import RobotModel, check_joint_names
+from .free_posture import free_posture
+from .model import RobotModel, check_joint_names, reference_configuration
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
 from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
@@ -113,19 +115,23 @@ def load_robot(
         resting = _resting(model, source)
         unplanned = resting if planned is None else frozenset(model.names[1:]) - planned - {"root_joint"}
 
+        def still(home: Mapping[str, float]) -> dict[str, float]:
+            return _still(source, unplanned, locked or {}, home)
+
         def build(home: Mapping[str, float]) -> RobotModel:
-            still = _still(source, unplanned, locked or {}, home)
+            held = still(home)
             return RobotModel.from_pinocchio(
                 model, collision, partial(_visual, source, model),
-                base=kind, name=name, locked=still,
-                home={j: v for j, v in home.items() if j not in still and model.existJointName(j)},
+                base=kind, name=name, locked=held,
+                home={j: v for j, v in home.items() if j not in held and model.existJointName(j)},
                 disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
+                enabled_pairs=() if semantics is None else semantics.enabled, followers=source.followers,
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
             )  # fmt: skip
 
-        robot = _at_home(build, home, semantics, source, resting)
+        robot = _at_home(build, still, home, semantics, source, resting)
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
@@ -213,19 +219,28 @@ def _still(
 
 def _at_home(
     build: Callable[[Mapping[str, float]], RobotModel],
+    still: Callable[[Mapping[str, float]], dict[str, float]],
     home: Mapping[str, float],
     semantics: Srdf | None,
     source: UrdfSource,
     resting: frozenset[str],
 ) -> RobotModel:
-    """The robot with the first home posture in which it does not collide with itself, or else the first of all."""
+    """The robot with the first home posture in which it does not collide with itself, or one near the first of all."""
     first: RobotModel | None = None
     passed: list[str] = []
+    made: dict[tuple[tuple[str, float], ...], RobotModel] = {}
     for what, values in _homes(home, semantics, source, resting):
         if not all(within_limits(value, source, joint) for joint, value in values.items()):
             passed.append(f"{what} is outside of the limits")
             continue
-        robot = build(values)
+        held = tuple(sorted(still(values).items()))
+        if held in made:  # only its home differs
+            known = made[held].model
+            q = reference_configuration(known, {j: v for j, v in values.items() if known.existJointName(j)})
+            q.setflags(write=False)
+            robot = replace(made[held], home_q=q)
+        else:
+            robot = made[held] = build(values)
         touching = robot.self_collision(robot.home_q)
         if touching is None:
             if passed:
@@ -234,8 +249,14 @@ def _at_home(
         passed.append(f"in {what} {touching[0]!r} collides with {touching[1]!r}")
         first = first or robot
     assert first is not None
-    _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
-    return first
+    free = free_posture(first)
+    if free is None:
+        _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
+        return first
+    changed = np.flatnonzero(np.abs(first.space.to_coordinates(free) - first.space.to_coordinates(first.home_q)) > 1e-9)
+    names = [first.joint_names[k - first.space.base_nv] for k in changed]
+    _log.warning("%s: %s; home is that with other values of %s", first.name, "; ".join(passed), ", ".join(names))
+    return replace(first, home_q=free)
 
 
 def _homes(
