@@ -101,9 +101,8 @@ def attached(
         for i, own in enumerate(robot.geometries)
         if own.joint != joint and not allowed & set(own.links)
     ]
-    may_touch = {
-        link for own in robot.geometries if own.joint != joint for link in own.links if allowed & set(own.links)
-    }
+    others = [own for own in robot.geometries if own.joint != joint and allowed & set(own.links)]
+    may_touch = {link for own in others for link in own.links}
     unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
     model = robot.model.copy()
     if weight > 0.0:

@@ -353,8 +353,8 @@ class RobotModel(Summary):
             urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
 
         Raises:
-            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or joints or geometry that hang
-                on the world beside a base that moves.
+            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or joints or geometry that
+                hang on the world beside a base that moves.
         """
         planar = model.njoints > 1 and model.joints[1].shortname() == "JointModelPlanar"
         kind = BaseKind.parse(base) if base is not None else (BaseKind.OMNI if planar else BaseKind.FIXED)
@@ -462,8 +462,8 @@ def _refuse_other_roots(model: pin.Model, pieces: tuple[LinkGeometry, ...]) -> N
     if roots:
         raise RobotError(
             f"joints that hang on the world beside the planar root: {', '.join(map(repr, roots[:10]))}"
-            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: make it of a "
-            "model of its own, or hang them on the base"
+            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: make "
+            "it of a model of its own, or hang them on the base"
         )
 
 

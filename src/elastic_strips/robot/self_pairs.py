@@ -127,39 +127,44 @@ def left_out(
         rules: what else is said of pairs.
     """
     n = len(shapes)
-    links = [shape.links[0] for shape in shapes]
     joined = joints_of_links(model)
     mask = np.eye(n, dtype=bool)
     pairs: dict[LinkPair, UncheckedPair] = {}
-    open_pairs: list[tuple[int, int]] = []
-    for i in range(n):
-        for k in range(i + 1, n):
-            pair = frozenset((links[i], links[k]))
-            if len(pair) == 1:
-                mask[i, k] = mask[k, i] = True
-            elif pair in joined and pair not in rules.enabled:
-                mask[i, k] = mask[k, i] = True
-                pairs[pair] = _unchecked(pair, WhyUnchecked.JOINED, joined[pair])
-            elif pair in rules.disabled:
-                mask[i, k] = mask[k, i] = True
-                pairs[pair] = _unchecked(pair, WhyUnchecked.SRDF, rules.disabled[pair])
-            else:
-                open_pairs.append((i, k))
-    always = _always_touching(model, shapes, open_pairs, rules.followers)
-    shares = _mesh_shares(model, shapes, meshes, always, rules.followers)
+    asked: dict[LinkPair, list[tuple[int, int]]] = {}
+    never: dict[LinkPair, list[tuple[int, int]]] = {}
+
+    def leave_out(members: list[tuple[int, int]]) -> None:
+        for i, k in members:
+            mask[i, k] = mask[k, i] = True
+
+    for pair, members in _by_links(shapes).items():
+        if len(pair) == 1:
+            leave_out(members)
+        elif pair in joined and pair not in rules.enabled:
+            leave_out(members)
+            pairs[pair] = _unchecked(pair, WhyUnchecked.JOINED, joined[pair])
+        elif pair in rules.disabled:
+            leave_out(members)
+            pairs[pair] = _unchecked(pair, WhyUnchecked.SRDF, rules.disabled[pair])
+            if rules.disabled[pair] == _NEVER:
+                never[pair] = members
+        else:
+            asked[pair] = members
+    postures = _Postures(model, shapes, meshes, rules.followers)
+    always = _always_touching(postures, asked)
+    moving = {
+        pair: members
+        for pair, members in always.items()
+        if shapes[members[0][0]].joint != shapes[members[0][1]].joint
+        and any(isinstance(meshes[m], coal.BVHModelBase) for member in members for m in member)
+    }
+    shares = _mesh_shares(postures, moving)
     for pair, members in always.items():
         share = shares.get(pair, 1.0)
         note = f"their hulls; their meshes in {100.0 * share:.0f} % of them" if share < 1.0 else ""
+        leave_out(members)
         pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
-        for i, k in members:
-            mask[i, k] = mask[k, i] = True
-    never = [
-        (i, k)
-        for i in range(n)
-        for k in range(i + 1, n)
-        if rules.disabled.get(frozenset((links[i], links[k]))) == _NEVER
-    ]
-    _warn(pairs, rules, _ever_touching(model, shapes, meshes, never, rules.followers))
+    _warn(pairs, rules, _ever_touching(postures, never))
     return LeftOut(mask, pairs)
 
 
@@ -194,152 +199,148 @@ def _warn(pairs: Mapping[LinkPair, UncheckedPair], rules: PairRules, met: Mappin
 
 
 class _Postures:
-    """Random postures of a model within its limits; joints that mimic another follow it."""
+    """Workspace: random postures of a model within its limits, in which joints that mimic another follow it.
 
-    def __init__(self, model: pin.Model, followers: Mapping[str, tuple[str, float, float]]) -> None:
-        self.model, self.data = model, model.createData()
+    Args:
+        model: the model.
+        shapes: convex shapes of its links.
+        meshes: what they were made of, in the same order.
+        followers: joint → (the joint that it mimics, multiplier, offset [rad or m]).
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        shapes: Sequence[LinkGeometry],
+        meshes: Sequence[coal.CollisionGeometry] = (),
+        followers: Mapping[str, tuple[str, float, float]] | None = None,
+    ) -> None:
+        self._model, self._data = model, model.createData()
+        self._shapes, self._meshes = shapes, meshes
         self._rng = np.random.default_rng(0)
         self._low, self._high = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
         wide = ~((np.abs(self._low) < 1e6) & (np.abs(self._high) < 1e6))
         self._low[wide], self._high[wide] = -np.pi, np.pi
         self._followers = []
-        for name, (leader, multiplier, offset) in followers.items():
+        for name, (leader, multiplier, offset) in (followers or {}).items():
             if model.existJointName(name) and model.existJointName(leader):
                 one, two = model.joints[model.getJointId(name)], model.joints[model.getJointId(leader)]
                 if one.nq == two.nq == 1:
                     self._followers.append((one.idx_q, two.idx_q, multiplier, offset))
+        # a ball about each shape: most pairs are too far apart to be measured
+        self._middles = [0.5 * (p.capsule.a + p.capsule.b) for p in shapes]
+        self._radii = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
+        self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
+        self._poses: dict[int, coal.Transform3s] = {}
+        self.place(pin.neutral(model))
 
-    def next(self) -> pin.Data:
-        """The next posture, placed."""
-        q = pin.normalize(self.model, self._rng.uniform(self._low, self._high))
+    def place(self, q: Array) -> None:
+        """Take a posture."""
+        pin.forwardKinematics(self._model, self._data, q)
+        self._poses.clear()
+
+    def next(self) -> None:
+        """Take the next random one."""
+        q = pin.normalize(self._model, self._rng.uniform(self._low, self._high))
         for _ in range(2):  # one that mimics one that mimics
             for own, leader, multiplier, offset in self._followers:
                 q[own] = multiplier * q[leader] + offset
-        pin.forwardKinematics(self.model, self.data, q)
-        return self.data
+        self.place(q)
+
+    def near(self, pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+        """The pairs whose balls touch."""
+        first, second = np.asarray(pairs, dtype=np.intp).reshape(-1, 2).T
+        at = [self._data.oMi[p.joint].act(c) for p, c in zip(self._shapes, self._middles, strict=True)]
+        middles = np.array(at).reshape(-1, 3)
+        apart = np.linalg.norm(middles[first] - middles[second], axis=1) - self._radii[first] - self._radii[second]
+        return [pairs[n] for n in np.flatnonzero(apart <= _TOUCH).tolist()]
+
+    def touch(self, i: int, k: int) -> bool:
+        """Whether two convex shapes touch."""
+        return self._collide(self._shapes[i].geometry, self._pose(i), self._shapes[k].geometry, self._pose(k))
+
+    def depth(self, i: int, k: int) -> float:
+        """How deep [m] two convex shapes are in each other; below 0 where they are apart."""
+        result = coal.DistanceResult()
+        one, two = self._shapes[i].geometry, self._shapes[k].geometry
+        return -coal.distance(one, self._pose(i), two, self._pose(k), coal.DistanceRequest(True), result)
+
+    def meshes_touch(self, i: int, k: int) -> bool:
+        """Whether two shapes touch as the file has them; a mesh is hollow, so a corner in the other's hull counts."""
+        if self._collide(self._meshes[i], self._pose(i), self._meshes[k], self._pose(k)):
+            return True
+        dot = coal.Sphere(1e-6)
+        for inner, outer in ((i, k), (k, i)):
+            corner = self._pose(inner).transform(support_points(self._shapes[inner].geometry)[0][0])
+            at = coal.Transform3s(np.eye(3), corner)
+            if self._collide(dot, at, self._shapes[outer].geometry, self._pose(outer)):
+                return True
+        return False
+
+    def _collide(
+        self, one: coal.CollisionGeometry, at: coal.Transform3s, two: coal.CollisionGeometry, there: coal.Transform3s
+    ) -> bool:
+        self._request.security_margin = _TOUCH
+        self._result.clear()
+        return bool(coal.collide(one, at, two, there, self._request, self._result))
+
+    def _pose(self, i: int) -> coal.Transform3s:
+        if i not in self._poses:
+            self._poses[i] = _pose(self._data, self._shapes[i])
+        return self._poses[i]
 
 
 def _always_touching(
-    model: pin.Model,
-    shapes: Sequence[LinkGeometry],
-    pairs: list[tuple[int, int]],
-    followers: Mapping[str, tuple[str, float, float]],
+    postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]
 ) -> dict[LinkPair, list[tuple[int, int]]]:
-    """The pairs of links that touch in every sampled posture, by any of their shapes, with all pairs of these."""
-    of: dict[LinkPair, list[tuple[int, int]]] = {}
-    for i, k in pairs:
-        of.setdefault(frozenset((*shapes[i].links, *shapes[k].links)), []).append((i, k))
-    # a ball about each shape: most pairs are too far apart to be measured
-    center = [0.5 * (p.capsule.a + p.capsule.b) for p in shapes]
-    radius = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    request.security_margin = _TOUCH
-    postures = _Postures(model, followers)
+    """The pairs of links, with all pairs of their shapes, that touch in every sampled posture by any of these."""
+    left = dict(of)
     for _ in range(_SAMPLES):
-        if not of:
+        if not left:
             break
-        data = postures.next()
-        at = np.array([data.oMi[p.joint].act(c) for p, c in zip(shapes, center, strict=True)])
-        members = [member for each in of.values() for member in each]
-        first, second = np.asarray(members, dtype=np.intp).T
-        near = np.linalg.norm(at[first] - at[second], axis=1) <= radius[first] + radius[second] + _TOUCH
-        close = {members[n] for n in np.flatnonzero(near)}
-        poses: dict[int, coal.Transform3s] = {}
-
-        def touch(i: int, k: int) -> bool:
-            for n in (i, k):
-                if n not in poses:
-                    poses[n] = _pose(data, shapes[n])
-            result.clear()
-            return bool(coal.collide(shapes[i].geometry, poses[i], shapes[k].geometry, poses[k], request, result))
-
-        of = {pair: each for pair, each in of.items() if any(touch(*m) for m in each if m in close)}
-    return of
+        postures.next()
+        close = set(postures.near([member for each in left.values() for member in each]))
+        left = {pair: each for pair, each in left.items() if any(postures.touch(*m) for m in each if m in close)}
+    return left
 
 
-def _ever_touching(
-    model: pin.Model,
-    shapes: Sequence[LinkGeometry],
-    meshes: Sequence[coal.CollisionGeometry],
-    pairs: Sequence[tuple[int, int]],
-    followers: Mapping[str, tuple[str, float, float]],
-) -> dict[LinkPair, int]:
-    """In how many sampled postures links touch, with their shapes as the file has them: those that do in some of them."""
-    center = np.array([0.5 * (p.capsule.a + p.capsule.b) for p in shapes]).reshape(-1, 3)
-    radius = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
-    first, second = np.asarray(pairs, dtype=np.intp).reshape(-1, 2).T
-    postures, hits = _Postures(model, followers), Counter[LinkPair]()
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    for _ in range(_MET_SAMPLES if len(pairs) else 0):
-        data = postures.next()
-        at = np.array([data.oMi[p.joint].act(c) for p, c in zip(shapes, center, strict=True)])
-        near = np.flatnonzero(np.linalg.norm(at[first] - at[second], axis=1) <= radius[first] + radius[second])
-        met: set[LinkPair] = set()
-        for n in near:
-            i, k = pairs[n]
-            pair = frozenset((*shapes[i].links, *shapes[k].links))
-            if pair in met:
-                continue
-            result.clear()
-            one, two = _pose(data, shapes[i]), _pose(data, shapes[k])
-            if not coal.collide(shapes[i].geometry, one, shapes[k].geometry, two, request, result):
-                continue
-            deep = abs(result.getContact(0).penetration_depth) > _GRAZE
-            if deep and _meshes_touch(data, shapes, meshes, i, k):
-                met.add(pair)
-        hits.update(met)
-    return {pair: count for pair, count in hits.items() if count < _MET_SAMPLES}
+def _ever_touching(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, int]:
+    """In how many sampled postures links touch, of those that do in some and not in all, as the file has them."""
+    hits = Counter[LinkPair]()
+    for _ in range(_MET_SAMPLES if of else 0):
+        postures.next()
+        close = set(postures.near([member for each in of.values() for member in each]))
+        for pair, each in of.items():
+            hits[pair] += any(
+                postures.depth(*m) > _GRAZE and postures.meshes_touch(*m)
+                for m in each
+                if m in close and postures.touch(*m)
+            )
+    return {pair: count for pair, count in hits.items() if 0 < count < _MET_SAMPLES}
 
 
-def _mesh_shares(
-    model: pin.Model,
-    shapes: Sequence[LinkGeometry],
-    meshes: Sequence[coal.CollisionGeometry],
-    pairs: Mapping[LinkPair, Sequence[tuple[int, int]]],
-    followers: Mapping[str, tuple[str, float, float]],
-) -> dict[LinkPair, float]:
-    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls.
-
-    Asked where links move to each other and have meshes.
-    """
-    asked = {
-        pair: members
-        for pair, members in pairs.items()
-        if shapes[members[0][0]].joint != shapes[members[0][1]].joint
-        and any(isinstance(meshes[n], coal.BVHModelBase) for member in members for n in member)
-    }
-    if not asked:
-        return {}
-    postures, hits = _Postures(model, followers), Counter[LinkPair]()
-    for _ in range(_MESH_SAMPLES):
-        data = postures.next()
-        for pair, members in asked.items():
-            hits[pair] += any(_meshes_touch(data, shapes, meshes, *member) for member in members)
-    return {pair: hits[pair] / _MESH_SAMPLES for pair in asked}
-
-
-def _meshes_touch(
-    data: pin.Data, shapes: Sequence[LinkGeometry], meshes: Sequence[coal.CollisionGeometry], i: int, k: int
-) -> bool:
-    """Whether two shapes touch as the file has them; a mesh is hollow, so a corner within the other's hull counts."""
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    poses = [_pose(data, shapes[m]) for m in (i, k)]
-    request.security_margin = _TOUCH
-    if coal.collide(meshes[i], poses[0], meshes[k], poses[1], request, result):
-        return True
-    dot = coal.Sphere(1e-6)
-    for one, two in ((0, 1), (1, 0)):
-        inner, outer = shapes[(i, k)[one]], shapes[(i, k)[two]]
-        corner = poses[one].transform(support_points(inner.geometry)[0][0])
-        result.clear()
-        if coal.collide(dot, coal.Transform3s(np.eye(3), corner), outer.geometry, poses[two], request, result):
-            return True
-    return False
+def _mesh_shares(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, float]:
+    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls."""
+    hits = Counter[LinkPair]()
+    for _ in range(_MESH_SAMPLES if of else 0):
+        postures.next()
+        for pair, each in of.items():
+            hits[pair] += any(postures.meshes_touch(*m) for m in each)
+    return {pair: hits[pair] / _MESH_SAMPLES for pair in of}
 
 
 def _pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
     T = data.oMi[piece.joint] * pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
     return coal.Transform3s(T.rotation, T.translation)
+
+
+def _by_links(shapes: Sequence[LinkGeometry]) -> dict[LinkPair, list[tuple[int, int]]]:
+    """All pairs of shapes, by the links that they are of; a link alone for its own shapes."""
+    of: dict[LinkPair, list[tuple[int, int]]] = {}
+    for i in range(len(shapes)):
+        for k in range(i + 1, len(shapes)):
+            of.setdefault(frozenset((*shapes[i].links, *shapes[k].links)), []).append((i, k))
+    return of
 
 
 def held_together(
@@ -356,23 +357,19 @@ def held_together(
         meshes: what they were made of.
         out: the pairs that are not looked at; those that only graze, or whose hulls only touch, are added.
     """
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    request, result = coal.DistanceRequest(True), coal.DistanceResult()
+    postures = _Postures(model, shapes, meshes)
     deep: list[tuple[int, int]] = []
     for i in range(len(shapes)):
         for k in range(i + 1, len(shapes)):
             if shapes[i].joint != shapes[k].joint or out.mask[i, k]:
                 continue
-            result.clear()
-            one, two = _pose(data, shapes[i]), _pose(data, shapes[k])
-            depth = -coal.distance(shapes[i].geometry, one, shapes[k].geometry, two, request, result)
+            depth = postures.depth(i, k)
             if depth < 0.0:
                 continue  # for ever: nothing moves them
-            if depth > _GRAZE and _meshes_touch(data, shapes, meshes, i, k):
+            if depth > _GRAZE and postures.meshes_touch(i, k):
                 deep.append((i, k))
                 continue
-            pair = frozenset((shapes[i].links[0], shapes[k].links[0]))
+            pair = frozenset((*shapes[i].links, *shapes[k].links))
             what = "by less than 1 mm" if depth <= _GRAZE else "only their hulls"
             out.pairs.setdefault(pair, _unchecked(pair, WhyUnchecked.HELD, what))
     if deep:
@@ -407,7 +404,7 @@ def pieces_and_pairs(
 ) -> Pieces:
     """The convex pieces of a robot and its self pairs.
 
-    Robots of primitives only keep their shapes as they are; else shapes of one joint are joined where that loses no pair.
+    Robots of primitives only keep their shapes as they are; else shapes of one joint are joined where no pair is lost.
 
     Args:
         model: the model with all its joints.
@@ -462,7 +459,10 @@ def _checked(
 
 def _touching_always(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: list[tuple[int, int]]) -> set[int]:
     """Pieces of pairs that touch in every sampled posture."""
-    return {i for members in _always_touching(model, pieces, pairs, {}).values() for pair in members for i in pair}
+    each = {frozenset((str(i), str(k))): [(i, k)] for i, k in pairs}
+    return {
+        i for members in _always_touching(_Postures(model, pieces), each).values() for pair in members for i in pair
+    }
 
 
 def least_distances(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: Indices) -> Array:

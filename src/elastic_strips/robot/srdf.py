@@ -13,7 +13,6 @@ from elastic_strips.errors import RobotError
 from .space import LIMIT_TOLERANCE
 from .urdf import Mends, UrdfSource, fault, read_xml
 
-
 _KNOWN = {
     "robot", "group", "joint", "link", "chain", "group_state", "end_effector", "virtual_joint", "passive_joint",
     "disable_collisions", "enable_collisions", "disable_default_collisions", "link_sphere_approximation", "sphere",

@@ -33,7 +33,8 @@ def link(name: str, shape: str = "", at: str = "0 0 0") -> str:
 
 
 def fixed(name: str, at: str, parent: str, child: str) -> str:
-    return f'<joint name="{name}" type="fixed"><origin xyz="{at}"/><parent link="{parent}"/><child link="{child}"/></joint>'
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="fixed"><origin xyz="{at}"/>{ends}</joint>'
 
 
 def joint(
