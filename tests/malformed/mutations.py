@@ -332,7 +332,8 @@ def _archive(data: bytes, rng: Rng) -> bytes:
                 rng, (array[None], array.reshape(-1), array.T, array[..., :0], np.zeros(0), np.float64(1.0))
             )
         elif way == 5:
-            arrays[_pick(rng, sorted(arrays)) + _pick(rng, ("", "x"))] = arrays.pop(name)
+            called = _pick(rng, sorted(arrays)) + _pick(rng, ("", "x"))
+            arrays[called] = arrays.pop(name)
         elif way == 6:
             del arrays[name]
             if not arrays:

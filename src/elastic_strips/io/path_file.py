@@ -40,6 +40,8 @@ from .path_table import TIMES, Angles, PathTable, check_times, is_unit, known_na
 
 _MAX_BYTES = 50_000_000
 _MAX_ROWS = 200_000
+_MAX_LINE = 1_000_000  # characters
+_MAX_NUMBERS = 10_000_000
 _POSITIONS = ("positions", "path", "q", "qs", "waypoints", "samples", "states", "rows")
 _RATES = {
     "velocities", "velocity", "v", "vs", "qd", "qds", "dq", "accelerations", "acceleration", "a", "qdd", "qdds",
@@ -228,6 +230,8 @@ def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
     delimiter = next((d for d in (";", "\t", ",") if d in first), None)
 
     def split(line: str, number: int) -> list[str]:
+        if len(line) > _MAX_LINE:
+            source.fail(f"a line of {len(line)} characters; at most {_MAX_LINE} are read", number)
         try:
             parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True)) if delimiter else line.split()
         except (csv.Error, StopIteration) as problem:
@@ -251,6 +255,8 @@ def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
             names = above[0]
     width = len(names) if names is not None else len(head)
     rows, numbers, comma = [], [], False
+    if width * len(lines) > _MAX_NUMBERS:
+        source.fail(f"has {len(lines)} lines of {width} columns; at most {_MAX_NUMBERS} numbers are read")
     for number, line in lines:
         parts = split(line, number)
         if len(parts) == width + 1 and parts[-1] == "":
@@ -293,10 +299,16 @@ def _is_number(text: str, delimiter: str | None) -> bool:
 
 def _ompl_states(text: str, source: Source) -> PathTable:
     """The numbers in brackets of each state that OMPL printed."""
-    count = re.search(r"path with (\d+) states", text)
-    groups = [[float(x) for x in part.split()] for part in re.findall(rf"\[\s*({_NUMBER}(?:\s+{_NUMBER})*)\s*\]", text)]
-    numbers = [x for group in groups for x in group]
+    count = re.search(r"path with ([0-9]{1,9}) states", text)
+    groups: list[Array] = []
+    for found in re.finditer(r"\[([^\[\]]*)\]", text):
+        if found.end() - found.start() > _MAX_LINE:
+            source.fail(f"has a state of {found.end() - found.start()} characters; at most {_MAX_LINE} are read")
+        parts = found[1].split()
+        if parts and all(re.fullmatch(_NUMBER, part) for part in parts):
+            groups.append(np.array(parts, dtype=float))
     states = int(count.group(1)) if count else len(groups)
-    if not states or not numbers or len(numbers) % states:
-        source.fail(f"has {len(numbers)} numbers in brackets, which are no {states} states of one size")
-    return PathTable(source, None, np.array(numbers).reshape(states, -1), _row)
+    numbers = np.concatenate(groups) if groups else np.empty(0)
+    if not states or not numbers.size or numbers.size % states:
+        source.fail(f"has {numbers.size} numbers in brackets, which are no {states} states of one size")
+    return PathTable(source, None, numbers.reshape(states, -1), _row)

@@ -48,7 +48,7 @@ _OF_OTHERS = {
     "gripper", "object", "obstacle", "camera", "error", "human", "person", "next", "previous", "wrist", "head",
     "neck", "torso", "waist", "arm", "leg", "foot",
 }  # fmt: skip
-_RATE = r"rate|velocity|velocities|vel|speed|acceleration|accel|acc|jerk|effort|torque|tau|current|temperature"
+_RATE = r"rate|velocity|velocities|vel|speed|acceleration|accel|acc|dot|ddot|jerk|effort|torque|tau|current|temperature"
 _RATES = re.compile(rf"(?:(?:{_RATE})[_/.\s])?(?P<stem>.+?)(?:[_/.\s](?:{_RATE}))?", re.IGNORECASE)
 _BASE_RATES = ("vx", "vy", "omega", "ax", "ay", "alpha")
 _COUNTERS = ("", "index", "idx", "i", "k", "n", "no", "nr", "row", "seq", "step", "waypoint", "unnamed: 0")
@@ -201,7 +201,7 @@ def _unnamed(
         except ConfigurationError as problem:
             table.source.fail(str(problem))
     elif rows.shape[1] != robot.nv:
-        base = "x, y, yaw and " if space.planar else ""
+        base = "x, y, yaw (or --base-at X Y YAW, base_at=) and " if space.planar else ""
         table.source.fail(
             f"has {rows.shape[1]} columns without names; {robot.name!r} has {robot.nv}: {base}"
             f"{', '.join(robot.joint_names)}"
@@ -396,7 +396,7 @@ def _factor(table: PathTable, column: _Column, of: str, angles: Angles | None = 
     kind, factor = _UNITS.get(column.unit.lower(), ("", 0.0))
     if kind != of:
         valid = ", ".join(unit for unit, (what, _) in _UNITS.items() if what == of)
-        table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit of a {of} that is known. Valid: {valid}")
+        table.source.fail(f"column {column.name!r}: {column.unit!r} is no known unit of {of}. Valid: {valid}")
     return factor
 
 
