@@ -121,7 +121,7 @@ def load_path(
         text = read_input_text(file, "path file", MAX_JSON_BYTES, ConfigurationError)
         table = message_table(parse_documents(text, source), source)
     elif suffix in (".npz", ".npy"):
-        table = _arrays(file, robot, source)
+        table, ignore = _arrays(file, robot, source, ignore)
     else:
         text = read_input_text(file, "path file", _MAX_BYTES, ConfigurationError)
         states = _OMPL.search(text) or (suffix != ".csv" and re.search(rf"\[\s*{_NUMBER}", text))
@@ -175,12 +175,15 @@ def _row(k: int) -> tuple[str, int | None]:
     return f"configuration {k}", None
 
 
-def _arrays(file: Path, robot: RobotModel, source: Source) -> PathTable:
-    doubts: list[str] = []
+def _arrays(
+    file: Path, robot: RobotModel, source: Source, ignore: tuple[str, ...]
+) -> tuple[PathTable, tuple[str, ...]]:
+    """The table of a NumPy file; and what of ``ignore`` is none of its arrays."""
     with open_input(file, "path file", _MAX_BYTES, ConfigurationError) as (stream, size):
         try:
             if file.suffix.lower() == ".npy":
-                return PathTable(source, None, _numbers(read_npy(stream, size, _MAX_BYTES), source), _row)
+                rows = _numbers(read_npy(stream, size, _MAX_BYTES), source)
+                return PathTable(source, None, _upright(rows, robot.nv, None), _row), ignore
             arrays = NpzArrays(stream, size, _MAX_BYTES)
             name = next((n for n in _POSITIONS if n in arrays), None)
             if name is None:
@@ -191,22 +194,34 @@ def _arrays(file: Path, robot: RobotModel, source: Source) -> PathTable:
             when = next((n for n in TIMES if n in arrays), None)
             times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
             names = tuple(str(n) for n in arrays["joint_names"].reshape(-1)) if "joint_names" in arrays else None
-            for other in sorted(set(arrays) - {name, when, "joint_names"} - _RATES):
+            rows = _upright(rows, len(names) if names is not None else robot.nv, times)
+            doubts: list[str] = []
+            for other in sorted(set(arrays) - {name, when, "joint_names", *ignore} - _RATES):
                 values = arrays[other]
-                if values.ndim and len(rows) in values.shape and values.dtype.kind in "fiu":
-                    along = np.moveaxis(values, values.shape.index(len(rows)), 0)
+                if len(rows) in values.shape and values.dtype.kind in "fiu":
+                    along = np.moveaxis(values, values.shape.index(len(rows)), 0).astype(float)
                     if not (np.abs(along - along[:1]) <= LIMIT_TOLERANCE).all():
-                        doubts.append(f"the array {other} changes and is left out; columns of {name} are read")
+                        doubts.append(
+                            f"the array {other} changes and is left out, for the path is {name}. Say that it does not "
+                            "matter (--ignore NAME, ignore=), or make it columns of that with joint_names"
+                        )
         except (NpyError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as problem:
             if isinstance(problem, ConfigurationError):
                 raise
             source.fail(f"the path file {problem}")
-    columns = len(names) if names is not None else robot.nv
-    if rows.shape[0] == columns != rows.shape[1] or (
-        times is not None and len(times) == rows.shape[1] != rows.shape[0]
-    ):
-        rows = rows.T  # a column for each sample, as Drake has them
-    return PathTable(source, names, rows, _row, times, from_start=when == "time_from_start", doubts=tuple(doubts))
+    asked = [each for each in ignore if each in arrays]
+    notes = (f"not looked at, as was asked: {', '.join(asked)}",) if asked else ()
+    table = PathTable(
+        source, names, rows, _row, times, from_start=when == "time_from_start", notes=notes, doubts=tuple(doubts)
+    )
+    return table, tuple(each for each in ignore if each not in asked)
+
+
+def _upright(rows: Array, columns: int, times: Array | None) -> Array:
+    """A row for each sample, of what has a column for each, as Drake has them."""
+    across = rows.shape[0] == columns != rows.shape[1]
+    timed = times is not None and len(times) == rows.shape[1] != rows.shape[0]
+    return rows.T if across or timed else rows
 
 
 def _numbers(array: np.ndarray, source: Source) -> Array:

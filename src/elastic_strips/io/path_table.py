@@ -48,8 +48,11 @@ _OF_OTHERS = {
     "gripper", "object", "obstacle", "camera", "error", "human", "person", "next", "previous", "wrist", "head",
     "neck", "torso", "waist", "arm", "leg", "foot",
 }  # fmt: skip
-_RATE = r"rate|velocity|velocities|vel|speed|acceleration|accel|acc|dot|ddot|jerk|effort|torque|tau|current|temperature"
-_RATES = re.compile(rf"(?:(?:{_RATE})[_/.\s])?(?P<stem>.+?)(?:[_/.\s](?:{_RATE}))?", re.IGNORECASE)
+_RATE = r"rate|velocity|velocities|vel|speed|acceleration|accel|acc|dot|ddot|jerk|effort|torque|tau"
+_RATES = re.compile(
+    rf"(?:(?:{_RATE})[_/.\s])?(?P<stem>.+?)(?:[_/.\s](?:{_RATE}|(?P<drawn>current|temperature)))?", re.IGNORECASE
+)
+"""``drawn``: of a motor; of a pose, ``x_current`` is where it is."""
 _BASE_RATES = ("vx", "vy", "omega", "ax", "ay", "alpha")
 _COUNTERS = ("", "index", "idx", "i", "k", "n", "no", "nr", "row", "seq", "step", "waypoint", "unnamed: 0")
 _UNITS: dict[str, tuple[str, float]] = {
@@ -380,8 +383,10 @@ def _told_apart(column: _Column, table: PathTable, stems: set[str]) -> _Column:
     kind = "other"
     for name in (column.name, plain):
         match = _RATES.fullmatch(name)
-        stem = None if match is None else match["stem"]
-        if name in _BASE_RATES or (stem is not None and stem != name and (stem in stems or _POSE.fullmatch(stem))):
+        stem = name if match is None else match["stem"]
+        pose = _POSE.fullmatch(stem) is not None
+        known = (match is not None and match["drawn"] is None) if pose else stem in stems
+        if name in _BASE_RATES or (stem != name and known):
             kind = "rate"
     values = table.rows[:, column.index]
     if column.name.lower() in _COUNTERS and (np.diff(values) == 1.0).all() and values[0] in (0.0, 1.0):

@@ -290,10 +290,19 @@ def test_rates_and_efforts_are_no_doubt(cart, tmp_path, names):
     assert read.doubts == ()
 
 
+@pytest.mark.parametrize("name", ["x_current", "current_gripper", "base_x_temperature"])
+def test_where_something_is_now_is_no_rate(cart, tmp_path, name):
+    assert len(load_path(table(tmp_path, f"x,y,yaw,{name}", "0,0,0,0", "0,0,0,1"), cart).doubts) == 1
+
+
 def test_arrays_that_are_left_out(cart, tmp_path):
     rows = np.array([[0.0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [2, 0, 0, 0, 0, 0]])
     np.savez(tmp_path / "a.npz", q=rows, qd=rows + 1.0, hand=np.array([0.0, 0.02, 0.04]))
     assert len(load_path(tmp_path / "a.npz", cart).doubts) == 1
+    asked = load_path(tmp_path / "a.npz", cart, ignore=["hand"])
+    assert asked.doubts == ()
+    np.savez(tmp_path / "c.npz", q=rows.T, hand=np.array([0.0, 0.02, 0.04]))
+    assert len(load_path(tmp_path / "c.npz", cart).doubts) == 1
     np.savez(tmp_path / "b.npz", q=rows, qd=rows + 1.0, hand=np.zeros((3, 5)))
     assert load_path(tmp_path / "b.npz", cart).doubts == ()
 
