@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NoReturn
 
@@ -290,7 +290,7 @@ def _identified(table: PathTable, robot: RobotModel, ignore: Collection[str]) ->
             unit = unit or below or None
             if stem in joints:
                 column = _Column(k, name, "joint", unit, joints[stem])
-            elif stem in robot.locked:
+            elif stem in robot.locked or stem in _followers(robot):
                 column = _Column(k, stem, "held", unit)
             elif stem.lower() in TIMES:
                 column = _Column(k, name, "time", unit)
@@ -429,7 +429,7 @@ def _left_out(
     apart: dict[str, list[str]] = {"held": [], "base": [], "other": []}
     wheels: list[str] = []
     for column in rest:
-        values, at = table.rows[:, column.index], robot.locked.get(column.name, 0.0)
+        values, at = table.rows[:, column.index], _whereabouts(robot, column.name, placed.coordinates)
         if column.kind == "other":
             if np.ptp(values) > LIMIT_TOLERANCE:
                 apart["other"].append(f"{column.name} ({_span(values)})")
@@ -440,13 +440,13 @@ def _left_out(
             if of == "time" or (column.kind == "base" and (of == "angle") != (column.number == 2)):
                 table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit that is known for it")
             values = values * factor
-        if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or abs(at) <= LIMIT_TOLERANCE):
+        if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or np.abs(at).max() <= LIMIT_TOLERANCE):
             continue
         if column.name in robot.round_wheels:
             wheels.append(column.name)
         else:
             unit = "" if known else " (degrees? name the unit)"
-            apart[column.kind].append(f"{column.name} at {at:.6g}, in the file {_span(values)}{unit}")
+            apart[column.kind].append(f"{column.name} at {_span(at)}, in the file {_span(values)}{unit}")
     for column in columns:
         values = table.rows[:, column.index]
         if column.kind == "floor" and np.abs(values).max() > LIMIT_TOLERANCE:
@@ -470,6 +470,19 @@ _UNLIKE = {
 """What is to be said of columns that the robot does not follow, by their kind."""
 
 
+def _followers(robot: RobotModel) -> Mapping[str, tuple[str, float, float]]:
+    """Joints that move with a planned one: leader, multiplier, constant [rad or m]."""
+    return getattr(robot, "followers", {})
+
+
+def _whereabouts(robot: RobotModel, name: str, coordinates: Array) -> Array:
+    """(N,) or (1,) where the robot has a joint that is held still or follows another; 0 for a base that is fixed."""
+    if name not in _followers(robot):
+        return np.array([robot.locked.get(name, 0.0)])
+    leader, multiplier, constant = _followers(robot)[name]
+    return multiplier * coordinates[:, robot.space.base_nv + robot.joint_names.index(leader)] + constant
+
+
 def _span(values: Array) -> str:
     low, high = float(values.min()), float(values.max())
     return f"{low:.6g}" if high - low <= LIMIT_TOLERANCE else f"{low:.6g} to {high:.6g}"
@@ -482,7 +495,8 @@ def _pose(base_at: Sequence[float]) -> str:
 def _angular(robot: RobotModel) -> Mask:
     """(nv,) whether a coordinate is an angle."""
     base = [False, False, True] if robot.space.planar else []
-    kinds = [robot.model.joints[i].shortname() for i in range(1, robot.model.njoints)]
+    model = robot.model
+    kinds = [model.joints[i].shortname() for i in range(1, model.njoints) if model.nvs[i]]
     return np.array([*base, *(not kind.startswith("JointModelP") for kind in kinds[bool(base) :])], dtype=bool)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.collision import Verdict, certify
-from elastic_strips.errors import ConfigurationError
+from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.io import PathFile, load_path, read_world, write_path
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Scene, World
@@ -244,6 +244,17 @@ def test_a_joint_that_is_held_otherwise(cart, cart_file, tmp_path, values):
     asked = load_path(file, cart, ignore=["gripper"])
     assert asked.doubts == ()
     assert any("gripper" in note for note in asked.notes)
+
+
+def test_a_joint_that_follows_another_may_be_in_the_file(tmp_path):
+    """Both fingers of a gripper: where it is planned, the second one goes with the first."""
+    try:
+        robot = load_robot("panda", joints=["panda_joint1", "panda_finger_joint1"])
+    except RobotError:
+        pytest.skip("leaders are not planned")
+    names = "panda_joint1,panda_finger_joint1,panda_finger_joint2"
+    assert load_path(table(tmp_path, names, "0,0.01,0.01", "0,0.03,0.03"), robot).doubts == ()
+    assert len(load_path(table(tmp_path, names, "0,0.01,0.01", "0,0.03,0.01"), robot).doubts) == 1
 
 
 def test_a_refuted_path_stays_refuted(cart, tmp_path):
