@@ -111,7 +111,7 @@ def load_robot(
         collision = pinocchio_geometry(source, model, pin.COLLISION)
         _check_shapes(collision, source)
         check_joint_names(model, locked or {}, "locked")
-        resting, rolling = _resting(model, source), _round_wheels(model, collision, source)
+        resting = _resting(model, source)
         unplanned = resting if planned is None else frozenset(model.names[1:]) - planned - {"root_joint"}
 
         def build(home: Mapping[str, float]) -> RobotModel:
@@ -127,6 +127,7 @@ def load_robot(
                 round_wheels=rolling,
             )  # fmt: skip
 
+        rolling = _round_wheels(model, collision, resting & source.continuous)
         robot = _at_home(build, home, semantics, source, resting)
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
@@ -290,13 +291,11 @@ def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
     return named | {model.names[i] for i in wheels}
 
 
-def _round_wheels(model: pin.Model, collision: pin.GeometryModel, source: UrdfSource) -> frozenset[str]:
-    """Wheels whose collision shapes are bodies of revolution about the joint's axis, within 3 mm."""
+def _round_wheels(model: pin.Model, collision: pin.GeometryModel, wheels: Iterable[str]) -> frozenset[str]:
+    """The joints whose collision shapes are bodies of revolution about their axes, within 3 mm."""
     round_, elevation = set(), np.linspace(-1.2, 1.2, 7)[:, None]
     turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    for name in sorted(_wheels(model, source)):
-        if not model.existJointName(name):
-            continue
+    for name in wheels:
         i = model.getJointId(name)
         if model.joints[i].nv != 1 or len(model.subtrees[i]) > 1:  # what swivels carries its wheel about
             continue
