@@ -108,6 +108,7 @@ class PlacedPath:
 
     Attributes:
         coordinates: (N, nv), as in the file: angles are not wrapped.
+        valued: whether the file has values of angles, and not their (cos, sin).
         times: (N,) [s], or None; from_start: as of `PathTable`.
         notes, doubts, time_doubts: as of ``PathFile``.
     """
@@ -118,6 +119,7 @@ class PlacedPath:
     notes: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     time_doubts: list[str] = field(default_factory=list)
+    valued: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +201,7 @@ def _unnamed(
     if rows.shape[1] == robot.nq != robot.nv:
         if angles is not None:
             raise ConfigurationError(f"angles={angles!r}: the columns of {table.source.path} are (cos, sin) of angles")
+        placed.valued = False
         try:
             rows = space.to_coordinates(robot.check_q(rows, what="path", limits=False))
         except ConfigurationError as problem:
