@@ -654,3 +654,12 @@ def test_a_jump_of_more_than_half_a_turn_is_said(cart, tmp_path):
     assert any("turntable" in note for note in read.notes)
     back = load_path(table(tmp_path, "x,y,yaw,turntable", "0,0,0,3", "0,0,0,0"), cart)
     assert not any("turntable" in note for note in back.notes)
+
+
+def test_an_archive_of_a_later_format_is_refused(cart, tmp_path):
+    np.savez(tmp_path / "a.npz", q=np.zeros((3, 6)))
+    data = bytearray((tmp_path / "a.npz").read_bytes())
+    data[data.index(b"PK\1\2") + 6] = 215  # the version that is needed to unpack it
+    (tmp_path / "a.npz").write_bytes(data)
+    with pytest.raises(ConfigurationError, match=r"a\.npz"):
+        load_path(tmp_path / "a.npz", cart)
