@@ -194,8 +194,8 @@ class RobotModel(Summary):
             limits: whether joints have to be within their limits.
 
         Raises:
-            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, a base farther than 10 km from
-                the origin, or outside the joint limits.
+            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, outside the joint limits, or a
+                stack whose base goes farther than 10 km from the origin.
         """
         try:
             array = np.array(q, dtype=float)
@@ -208,8 +208,8 @@ class RobotModel(Summary):
         if len(bad):
             at = tuple(int(i) for i in bad[0])
             raise ConfigurationError(f"{what}{list(at)} = {array[at]} is not finite")
-        if self.space.planar and not (np.abs(array[..., :2]) <= MAX_TRAVEL).all():
-            at = tuple(int(i) for i in np.argwhere(np.abs(array[..., :2]) > MAX_TRAVEL)[0])
+        if self.space.planar and array.ndim == 2 and not (np.abs(array[:, :2]) <= MAX_TRAVEL).all():
+            at = tuple(int(i) for i in np.argwhere(np.abs(array[:, :2]) > MAX_TRAVEL)[0])
             raise ConfigurationError(
                 f"{what}: the base's {'xy'[at[-1]]} = {array[at]:.6g} m; it stays within {MAX_TRAVEL:g} m of the origin"
             )
