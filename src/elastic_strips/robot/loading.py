@@ -17,7 +17,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import find_robot, is_known
 from elastic_strips.errors import RobotError, nearest_name
 
-from .coal_shapes import ShapeKind, shape_of, vertices
+from .coal_shapes import ShapeKind, shape_of, support, vertices
 from .free_posture import free_posture
 from .model import RobotModel, check_joint_names, reference_configuration
 from .space import LIMIT_TOLERANCE, BaseKind
@@ -29,6 +29,7 @@ _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
 _LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
+_ROUND = 0.003  # [m] by how much a wheel may stick out farther on one side: its mesh has corners
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -129,8 +130,10 @@ def load_robot(
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
+                round_wheels=rolling,
             )  # fmt: skip
 
+        rolling = _round_wheels(model, collision, resting & source.continuous)
         robot = _at_home(build, still, home, semantics, source, resting)
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
@@ -307,6 +310,36 @@ def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
         if max(height[k] for k in carried(i)) <= top + _LEVEL:
             wheels |= {i, *carried(i)}
     return named | {model.names[i] for i in wheels}
+
+
+def _round_wheels(model: pin.Model, collision: pin.GeometryModel, wheels: Iterable[str]) -> frozenset[str]:
+    """The joints whose collision shapes are bodies of revolution about their axes, within 3 mm."""
+    round_, elevation = set(), np.linspace(-1.2, 1.2, 7)[:, None]
+    turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    for name in wheels:
+        i = model.getJointId(name)
+        if model.joints[i].nv != 1 or len(model.subtrees[i]) > 1:  # what swivels carries its wheel about
+            continue
+        axis = np.asarray(model.joints[i].createData().S).ravel()[3:]
+        side = np.linalg.svd(axis[None])[2][1:]
+        flat = np.cos(turn)[:, None] * side[0] + np.sin(turn)[:, None] * side[1]
+        directions = np.cos(elevation)[..., None] * flat + np.sin(elevation)[..., None] * axis
+        shapes = [obj for obj in collision.geometryObjects if obj.parentJoint == i]
+        if all(
+            np.ptp(_extent(shape, directions.reshape(-1, 3)).reshape(directions.shape[:2]), axis=1).max() <= _ROUND
+            for shape in shapes
+        ):
+            round_.add(name)
+    return frozenset(round_)
+
+
+def _extent(shape: pin.GeometryObject, directions: Array) -> Array:
+    """How far a shape extends along directions (K, 3) from its joint [m]."""
+    local = directions @ shape.placement.rotation
+    if shape_of(shape.geometry)[0] is ShapeKind.MESH and not len(vertices(shape.geometry)):
+        return np.zeros(len(directions))
+    few = np.array_split(local, len(local) // 8)  # a mesh of a million corners has as many numbers for each direction
+    return np.concatenate([support(shape.geometry, d) for d in few]) + directions @ shape.placement.translation
 
 
 def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:

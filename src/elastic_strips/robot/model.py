@@ -19,7 +19,7 @@ from elastic_strips.summary import Summary
 from .geometry import LinkGeometry
 from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
 from .self_pairs import PairRules, UncheckedPair, pieces_and_pairs
-from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
+from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace
 
 if TYPE_CHECKING:
     from .holding import HeldShape
@@ -55,6 +55,7 @@ class RobotModel(Summary):
         locked: values of the joints that planning holds still [rad or m].
         states: named postures, joint → value [rad or m]; see :meth:`state`.
         urdf_path, srdf_path: files, where there are any.
+        round_wheels: wheels among the locked joints that look the same however far they have turned.
     """
 
     name: str
@@ -74,6 +75,7 @@ class RobotModel(Summary):
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
+    round_wheels: frozenset[str] = frozenset()
 
     def __getstate__(self) -> dict[str, object]:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "visual"}  # that is a closure
@@ -200,7 +202,8 @@ class RobotModel(Summary):
             limits: whether joints have to be within their limits.
 
         Raises:
-            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, or outside the joint limits.
+            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, outside the joint limits, or a
+                stack whose base goes farther than 10 km from the origin.
         """
         try:
             array = np.array(q, dtype=float)
@@ -213,6 +216,11 @@ class RobotModel(Summary):
         if len(bad):
             at = tuple(int(i) for i in bad[0])
             raise ConfigurationError(f"{what}{list(at)} = {array[at]} is not finite")
+        if self.space.planar and array.ndim == 2 and not (np.abs(array[:, :2]) <= MAX_TRAVEL).all():
+            at = tuple(int(i) for i in np.argwhere(np.abs(array[:, :2]) > MAX_TRAVEL)[0])
+            raise ConfigurationError(
+                f"{what}: the base's {'xy'[at[-1]]} = {array[at]:.6g} m; it stays within {MAX_TRAVEL:g} m of the origin"
+            )
         pairs = [2] if self.space.planar else []
         pairs += [int(i) for i in self.space.idx_q[self.space.circular]]
         for i in pairs:
@@ -331,6 +339,7 @@ class RobotModel(Summary):
         states: Mapping[str, Mapping[str, float]] | None = None,
         urdf_path: str | None = None,
         srdf_path: str | None = None,
+        round_wheels: Collection[str] = (),
     ) -> RobotModel:
         """Make a robot of Pinocchio models that already exist; they are not changed.
 
@@ -351,6 +360,7 @@ class RobotModel(Summary):
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
             urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
+            round_wheels: joints that change nothing of the robot's shape; those that are not locked are passed over.
 
         Raises:
             RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or joints or geometry that
@@ -426,6 +436,7 @@ class RobotModel(Summary):
             states={k: dict(v) for k, v in (states or {}).items()},
             urdf_path=urdf_path,
             srdf_path=srdf_path,
+            round_wheels=frozenset(round_wheels) & frozenset(values),
         )
 
 
