@@ -5,8 +5,8 @@
 For each robot, with all its joints planned and (``--held``) with each of them held still in turn at a random value,
 random postures that ``RobotModel.self_collision`` calls free are placed by Pinocchio's full model. Every pair of links
 that Coal finds in each other there, as the file's shapes are, by more than a millimetre, has to be one of
-``RobotModel.unchecked_pairs``. How deep a pair of hollow meshes is cannot be asked: so its hulls' depth counts, which is
-no less. Pairs that the robot looks at are asked as well, so that a hull that holds less than its mesh is found.
+``RobotModel.unchecked_pairs``. How deep a pair of hollow meshes is cannot be asked: so its hulls' depth counts, which
+is no less. Pairs that the robot looks at are asked as well, so that a hull that holds less than its mesh is found.
 """
 
 from __future__ import annotations
