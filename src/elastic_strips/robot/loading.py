@@ -18,9 +18,10 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import find_robot, is_known, is_ours
 from elastic_strips.errors import RobotError, nearest_name
 
-from .coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, vertices
+from .coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, support, vertices
 from .cover import sticks_out
-from .model import RobotModel, check_joint_names
+from .free_posture import free_posture
+from .model import RobotModel, check_joint_names, reference_configuration
 from .second_reader import differences
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
@@ -38,6 +39,7 @@ _SELDOM_PLANNED = (
     "ring_", "pinky", "little", "head", "neck", "eye",
 )  # fmt: skip
 """In the names of joints that an arm's motion can do without."""
+_ROUND = 0.003  # [m] by how much a wheel may stick out farther on one side: its mesh has corners
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -133,21 +135,27 @@ def load_robot(
         drawn = _drawn(source, model)
         unplanned = resting if planned is None else frozenset(model.names[1:]) - planned - {"root_joint"}
 
+        def still(home: Mapping[str, float]) -> dict[str, float]:
+            return _still(source, unplanned, locked or {}, home)
+
         def build(home: Mapping[str, float]) -> RobotModel:
-            still = _still(source, unplanned, locked or {}, home)
+            held = still(home)
             return RobotModel.from_pinocchio(
                 model, collision, partial(_visual, source, model),
-                base=kind, name=name, locked=still,
-                home={j: v for j, v in home.items() if j not in still and model.existJointName(j)},
+                base=kind, name=name, locked=held,
+                home={j: v for j, v in home.items() if j not in held and model.existJointName(j)},
                 disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
+                enabled_pairs=() if semantics is None else semantics.enabled, followers=source.followers,
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
-                held=_why_held(source, still, locked or {}, wheels, planned),
+                held=_why_held(source, held, locked or {}, wheels, planned),
                 groups=None if semantics is None else semantics.groups, drawn=drawn, description=source,
+                round_wheels=rolling,
             )  # fmt: skip
 
-        robot = _at_home(build, home, semantics, source, resting)
+        rolling = _round_wheels(model, collision, resting & source.continuous)
+        robot = _at_home(build, still, home, semantics, source, resting)
         robot = replace(robot, bare_links=_bare(source, robot, drawn))
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
@@ -243,19 +251,28 @@ def _still(
 
 def _at_home(
     build: Callable[[Mapping[str, float]], RobotModel],
+    still: Callable[[Mapping[str, float]], dict[str, float]],
     home: Mapping[str, float],
     semantics: Srdf | None,
     source: UrdfSource,
     resting: frozenset[str],
 ) -> RobotModel:
-    """The robot with the first home posture in which it does not collide with itself, or else the first of all."""
+    """The robot with the first home posture in which it does not collide with itself, or one near the first of all."""
     first: RobotModel | None = None
     passed: list[str] = []
+    made: dict[tuple[tuple[str, float], ...], RobotModel] = {}
     for what, values in _homes(home, semantics, source, resting):
         if not all(within_limits(value, source, joint) for joint, value in values.items()):
             passed.append(f"{what} is outside of the limits")
             continue
-        robot = build(values)
+        held = tuple(sorted(still(values).items()))
+        if held in made:  # only its home differs
+            known = made[held].model
+            q = reference_configuration(known, {j: v for j, v in values.items() if known.existJointName(j)})
+            q.setflags(write=False)
+            robot = replace(made[held], home_q=q)
+        else:
+            robot = made[held] = build(values)
         touching = robot.self_collision(robot.home_q)
         if touching is None:
             if passed:
@@ -264,8 +281,14 @@ def _at_home(
         passed.append(f"in {what} {touching[0]!r} collides with {touching[1]!r}")
         first = first or robot
     assert first is not None
-    _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
-    return first
+    free = free_posture(first)
+    if free is None:
+        _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
+        return first
+    changed = np.flatnonzero(np.abs(first.space.to_coordinates(free) - first.space.to_coordinates(first.home_q)) > 1e-9)
+    names = [first.joint_names[k - first.space.base_nv] for k in changed]
+    _log.warning("%s: %s; home is that with other values of %s", first.name, "; ".join(passed), ", ".join(names))
+    return replace(first, home_q=free)
 
 
 def _homes(
@@ -316,6 +339,36 @@ def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
         if max(height[k] for k in carried(i)) <= top + _LEVEL:
             wheels |= {i, *carried(i)}
     return named | {model.names[i] for i in wheels}
+
+
+def _round_wheels(model: pin.Model, collision: pin.GeometryModel, wheels: Iterable[str]) -> frozenset[str]:
+    """The joints whose collision shapes are bodies of revolution about their axes, within 3 mm."""
+    round_, elevation = set(), np.linspace(-1.2, 1.2, 7)[:, None]
+    turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    for name in wheels:
+        i = model.getJointId(name)
+        if model.joints[i].nv != 1 or len(model.subtrees[i]) > 1:  # what swivels carries its wheel about
+            continue
+        axis = np.asarray(model.joints[i].createData().S).ravel()[3:]
+        side = np.linalg.svd(axis[None])[2][1:]
+        flat = np.cos(turn)[:, None] * side[0] + np.sin(turn)[:, None] * side[1]
+        directions = np.cos(elevation)[..., None] * flat + np.sin(elevation)[..., None] * axis
+        shapes = [obj for obj in collision.geometryObjects if obj.parentJoint == i]
+        if all(
+            np.ptp(_extent(shape, directions.reshape(-1, 3)).reshape(directions.shape[:2]), axis=1).max() <= _ROUND
+            for shape in shapes
+        ):
+            round_.add(name)
+    return frozenset(round_)
+
+
+def _extent(shape: pin.GeometryObject, directions: Array) -> Array:
+    """How far a shape extends along directions (K, 3) from its joint [m]."""
+    local = directions @ shape.placement.rotation
+    if shape_of(shape.geometry)[0] is ShapeKind.MESH and not len(vertices(shape.geometry)):
+        return np.zeros(len(directions))
+    few = np.array_split(local, len(local) // 8)  # a mesh of a million corners has as many numbers for each direction
+    return np.concatenate([support(shape.geometry, d) for d in few]) + directions @ shape.placement.translation
 
 
 def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:

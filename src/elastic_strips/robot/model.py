@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -16,9 +17,10 @@ from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
 from elastic_strips.summary import Summary
 
 from .cover import uncovered
-from .geometry import LinkGeometry, UncheckedPair, link_geometries, self_pairs
+from .geometry import LinkGeometry
 from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
-from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
+from .self_pairs import PairRules, UncheckedPair, pieces_and_pairs
+from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace
 
 if TYPE_CHECKING:
     from .card import RobotCard
@@ -48,18 +50,21 @@ class RobotModel(Summary):
         tree: the model's joints as arrays.
         geometries: the convex pieces, in the order of ``collision_model.geometryObjects``.
         self_pairs: (S, 2) index pairs of ``geometries`` that must not touch.
+        self_apart: (S,) distances [m] that they are proven to keep in every posture within the limits; 0 where
+            nothing is; see :meth:`pairs_within`.
+        unchecked_pairs: pairs of links whose collisions with each other are not looked at, and why.
         control_point_set: the control points.
         home_q: (nq,) posture at the origin.
         visual: makes the visual geometry; read ``visual_model``.
         locked: values of the joints that planning holds still [rad or m].
         states: named postures, joint → value [rad or m]; see :meth:`state`.
         urdf_path, srdf_path: files, where there are any.
-        unchecked_pairs: pairs of pieces that are not kept apart, with the reason.
         bare_links: links that are drawn and that no collision shape covers: nothing is proven of them.
         held: why each of ``locked`` is held still.
         groups: the SRDF's groups of joints.
         shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``.
         description: the URDF file as it was read, where there is one. A copy from another process has neither.
+        round_wheels: wheels among the locked joints that look the same however far they have turned.
     """
 
     name: str
@@ -70,6 +75,8 @@ class RobotModel(Summary):
     tree: KinematicTree
     geometries: tuple[LinkGeometry, ...]
     self_pairs: Indices
+    self_apart: Array
+    unchecked_pairs: tuple[UncheckedPair, ...]
     control_point_set: ControlPoints
     home_q: Array
     visual: Callable[[], pin.GeometryModel]
@@ -77,12 +84,12 @@ class RobotModel(Summary):
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
-    unchecked_pairs: tuple[UncheckedPair, ...] = ()
     bare_links: tuple[str, ...] = ()
     held: Mapping[str, str] = field(default_factory=dict)
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     shapes: pin.GeometryModel | None = None
     description: UrdfSource | None = None
+    round_wheels: frozenset[str] = frozenset()
 
     def __getstate__(self) -> dict[str, object]:  # without a closure, and meshes that are not planned with
         left = ("visual", "shapes", "description")
@@ -90,7 +97,7 @@ class RobotModel(Summary):
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state, visual=lambda: self.collision_model, shapes=None, description=None)
-        for array in (self.home_q, self.space.lower, self.space.upper):
+        for array in (self.home_q, self.self_pairs, self.self_apart, self.space.lower, self.space.upper):
             array.setflags(write=False)
         shapes = [piece.geometry for piece in self.geometries]
         for shape in (*shapes, *(obj.geometry for obj in self.collision_model.geometryObjects)):
@@ -101,6 +108,7 @@ class RobotModel(Summary):
             "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names),
             "locked": _counted(tuple(self.locked)), "pieces": len(self.geometries), "self_pairs": len(self.self_pairs),
             **({"links_without_shape": _counted(self.bare_links)} if self.bare_links else {}),
+            "unchecked_pairs": _counted_reasons(self.unchecked_pairs),
         }  # fmt: skip
 
     @property
@@ -219,7 +227,8 @@ class RobotModel(Summary):
             limits: whether joints have to be within their limits.
 
         Raises:
-            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, or outside the joint limits.
+            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, outside the joint limits, or a
+                stack whose base goes farther than 10 km from the origin.
         """
         try:
             array = np.array(q, dtype=float)
@@ -232,6 +241,11 @@ class RobotModel(Summary):
         if len(bad):
             at = tuple(int(i) for i in bad[0])
             raise ConfigurationError(f"{what}{list(at)} = {array[at]} is not finite")
+        if self.space.planar and array.ndim == 2 and not (np.abs(array[:, :2]) <= MAX_TRAVEL).all():
+            at = tuple(int(i) for i in np.argwhere(np.abs(array[:, :2]) > MAX_TRAVEL)[0])
+            raise ConfigurationError(
+                f"{what}: the base's {'xy'[at[-1]]} = {array[at]:.6g} m; it stays within {MAX_TRAVEL:g} m of the origin"
+            )
         pairs = [2] if self.space.planar else []
         pairs += [int(i) for i in self.space.idx_q[self.space.circular]]
         for i in pairs:
@@ -257,6 +271,10 @@ class RobotModel(Summary):
                 i = int(self.space.idx_q[k - self.space.base_nv])
                 array[..., i] = np.clip(array[..., i], self.space.lower[k], self.space.upper[k])
         return array
+
+    def pairs_within(self, distance: float) -> Indices:
+        """The self pairs (S', 2) that are not proven to stay further apart than this [m] in every posture."""
+        return self.self_pairs[self.self_apart <= distance]
 
     def self_collision(self, q: ArrayLike) -> tuple[str, str] | None:
         """Names of two pieces of the robot that touch at a configuration (nq,), or None.
@@ -347,7 +365,9 @@ class RobotModel(Summary):
         name: str | None = None,
         locked: Mapping[str, float] | None = None,
         home: Mapping[str, float] | None = None,
-        disabled_pairs: Iterable[Iterable[str]] | None = None,
+        disabled_pairs: Mapping[frozenset[str], str] | Iterable[Iterable[str]] | None = None,
+        enabled_pairs: Iterable[Iterable[str]] = (),
+        followers: Mapping[str, tuple[str, float, float]] | None = None,
         control_points: Mapping[str, str | tuple[str, ArrayLike]] | None = None,
         hand_frame: str | None = None,
         states: Mapping[str, Mapping[str, float]] | None = None,
@@ -357,6 +377,7 @@ class RobotModel(Summary):
         groups: Mapping[str, tuple[str, ...]] | None = None,
         drawn: pin.GeometryModel | None = None,
         description: UrdfSource | None = None,
+        round_wheels: Collection[str] = (),
     ) -> RobotModel:
         """Make a robot of Pinocchio models that already exist; they are not changed.
 
@@ -369,7 +390,10 @@ class RobotModel(Summary):
             name: the robot's name; the model's where None.
             locked: joint → value of joints to hold still.
             home: joint → value of the home posture; the rest is neutral, within limits.
-            disabled_pairs: pairs of link names whose collisions are ignored; None derives them by sampling.
+            disabled_pairs: pairs of link names whose collisions are not looked at, besides those that one joint joins
+                and those that touch in every sampled posture; with the reason of each, where it is a mapping.
+            enabled_pairs: pairs that are looked at, though a joint joins them.
+            followers: joint → (joint that it mimics, multiplier, offset [rad or m]), for the sampled postures.
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
@@ -379,10 +403,11 @@ class RobotModel(Summary):
             drawn: visual geometry of the links without a collision shape; where None, that of ``visual_model`` if it
                 is no function.
             description: the URDF file as it was read.
+            round_wheels: joints that change nothing of the robot's shape; those that are not locked are passed over.
 
         Raises:
-            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed
-                to the world beside a base that moves.
+            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or joints or geometry that
+                hang on the world beside a base that moves.
         """
         planar = model.njoints > 1 and model.joints[1].shortname() == "JointModelPlanar"
         kind = BaseKind.parse(base) if base is not None else (BaseKind.OMNI if planar else BaseKind.FIXED)
@@ -394,19 +419,25 @@ class RobotModel(Summary):
         values = dict(locked or {})
         check_joint_names(model, values, "locked")
         check_joint_names(model, home or {}, "home")
-        reference = _reference_configuration(model, {**(home or {}), **values})
+        reference = reference_configuration(model, {**(home or {}), **values})
         ids = [model.getJointId(n) for n in values]
         reduced = _reduced(model, ids, reference)
         _bound_sliders(reduced)
         collision = _carried_over(model, reduced, collision_model)
         space = ConfigurationSpace.from_model(reduced)
-        pieces = tuple(link_geometries(reduced, collision))
-        if not pieces:
+        if not collision.ngeoms:
             raise RobotError(f"robot {name or model.name!r} has no collision geometry, so nothing could be certified")
+        told = disabled_pairs is not None
+        reasons = disabled_pairs if isinstance(disabled_pairs, Mapping) else dict.fromkeys(disabled_pairs or (), "")
+        rules = PairRules(
+            {frozenset(pair): str(reason) for pair, reason in reasons.items()},
+            frozenset(map(frozenset, enabled_pairs)), told, dict(followers or {}),
+        )  # fmt: skip
+        made = pieces_and_pairs(model, collision_model, reduced, collision, rules)
+        pieces, pairs = made.pieces, made.pairs
         if planar:
-            _refuse_world_geometry(pieces)
-        q_home = _reference_configuration(reduced, dict(home or {}))
-        pairs = self_pairs(reduced, pieces, q_home, disabled_pairs)
+            _refuse_other_roots(reduced, pieces)
+        q_home = reference_configuration(reduced, dict(home or {}))
         if drawn is None and visual_model is not None and not callable(visual_model):
             drawn = _without_shapes(visual_model, collision_model)
         bare = () if drawn is None else uncovered(reduced, _carried_over(model, reduced, drawn), pieces)
@@ -431,7 +462,8 @@ class RobotModel(Summary):
             points = default_control_points(reduced, planar, hand_frame)
         else:
             points = parse_control_points(reduced, control_points)
-        q_home.setflags(write=False)
+        for array in (q_home, pairs, made.apart):
+            array.setflags(write=False)
         return RobotModel(
             name=name or model.name or "robot",
             base_kind=kind,
@@ -441,6 +473,8 @@ class RobotModel(Summary):
             tree=KinematicTree.from_model(reduced, space),
             geometries=pieces,
             self_pairs=pairs,
+            self_apart=made.apart,
+            unchecked_pairs=made.unchecked,
             control_point_set=points,
             home_q=q_home,
             visual=visual,
@@ -453,6 +487,7 @@ class RobotModel(Summary):
             groups=dict(groups or {}),
             shapes=collision,
             description=description,
+            round_wheels=frozenset(round_wheels) & frozenset(values),
         )
 
 
@@ -471,6 +506,12 @@ def _counted(names: tuple[str, ...]) -> str:
     return f"{len(names)}" + (f": {', '.join(names)}" if names else "")
 
 
+def _counted_reasons(pairs: tuple[UncheckedPair, ...]) -> str:
+    """How many pairs are not looked at, by reason."""
+    count = Counter(pair.why.value for pair in pairs)
+    return f"{len(pairs)}" + (f": {'; '.join(f'{n} as {why}' for why, n in count.items())}" if pairs else "")
+
+
 def _bound_sliders(model: pin.Model) -> None:
     """Give sliding joints without limits wide ones: how far a link can be from a joint before it must be known."""
     for i in range(1, model.njoints):
@@ -480,14 +521,21 @@ def _bound_sliders(model: pin.Model) -> None:
             model.upperPositionLimit[k] = min(model.upperPositionLimit[k], _LONGEST_SLIDE)
 
 
-def _refuse_world_geometry(pieces: tuple[LinkGeometry, ...]) -> None:
-    """What does not move with a moving base is no link of the robot: the base's motion would not count against it."""
+def _refuse_other_roots(model: pin.Model, pieces: tuple[LinkGeometry, ...]) -> None:
+    """What does not move with a moving base is no part of the robot: the base's motion would not count against it."""
     fixed = [p.name for p in pieces if p.joint == 0]
     if fixed:
         raise RobotError(
             f"collision geometry fixed to the world (joint 0): {', '.join(map(repr, fixed[:10]))}"
             f"{', …' if len(fixed) > 10 else ''}. The base moves, so this is no part of the robot: take it out of "
             "collision_model and give it to the Scene as an obstacle"
+        )
+    roots = [model.names[i] for i in range(2, model.njoints) if model.parents[i] == 0]
+    if roots:
+        raise RobotError(
+            f"joints that hang on the world beside the planar root: {', '.join(map(repr, roots[:10]))}"
+            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: make "
+            "it of a model of its own, or hang them on the base"
         )
 
 
@@ -547,7 +595,7 @@ def check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) 
             raise RobotError(f"{what}: joint {joint!r} has value {value!r}; it must be a finite number [rad or m]")
 
 
-def _reference_configuration(model: pin.Model, values: Mapping[str, float]) -> Array:
+def reference_configuration(model: pin.Model, values: Mapping[str, float]) -> Array:
     """The neutral configuration moved inside the limits, with some joints set."""
     q = pin.neutral(model)
     for i in range(1, model.njoints):

@@ -53,6 +53,9 @@ class BaseKind(str, Enum):
 LIMIT_TOLERANCE = 1e-4
 """A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
 
+MAX_TRAVEL = 1e4
+"""Farthest [m] that a path may take a base from the origin, along x and along y."""
+
 _SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
 
