@@ -7,7 +7,7 @@ miss what lies between them; a certificate cannot (:mod:`elastic_strips.collisio
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from time import perf_counter
 from typing import Protocol
@@ -40,7 +40,11 @@ _TOLERANCE = 1e-4  # [m] of the clearance that is measured
 
 
 class HasConfigurations(Protocol):
-    """A path that knows its configurations, such as a strip."""
+    """A path that knows its configurations, such as a strip.
+
+    It may also have ``doubts``, reasons why these are not, or not all of, what the robot will do, and ``time_doubts``,
+    the same of its times: a `PathFile` has. Such a path is not called certified.
+    """
 
     @property
     def q(self) -> Array:
@@ -112,7 +116,8 @@ def certify(
     Args:
         robot: the robot.
         scene: the obstacles; a world's move with the time, for a path with ``times``.
-        path: configurations (N, nq), or a strip. Between two of them joints go linearly.
+        path: configurations (N, nq), a strip, or what `load_path` returns, whose doubts count. Between two of them
+            joints go linearly.
         clearance: distance to obstacles [m] to prove; 0 proves that nothing touches.
         self_clearance: distance of the robot's own links [m] to prove.
         interpolation: ``"arc"``: the base goes along the tangent of SE(2), on an arc, as wheels do and as strips have
@@ -145,7 +150,19 @@ def certify(
     if movers is not None and when is not None:
         work.moving(rows, when[0] + np.interp(whole, np.arange(len(when)), when - when[0]), movers)
     least = coordinate_clearance(robot, rows, standing, tolerance=_TOLERANCE) if measure and movers is None else None
-    return work.result(rows, whole, when, least, began)
+    found = work.result(rows, whole, when, least, began)
+    if found.certified and robot.unproven:
+        found = replace(found, reason=f"{found.reason}; {robot.unproven}")
+    doubts = [*getattr(path, "doubts", ()), *(getattr(path, "time_doubts", ()) if movers is not None else ())]
+    return _doubted(found, doubts)
+
+
+def _doubted(found: PathCertificate, doubts: list[str]) -> PathCertificate:
+    """What is certified of a path that may not be what the robot does is unknown of the robot."""
+    if not doubts or not found.certified:
+        return found
+    reason = f"{'; '.join(doubts)}. Of what was looked at, {found.reason}"
+    return replace(found, verdict=Verdict.UNKNOWN, reason=reason)
 
 
 def as_arcs(robot: RobotModel, rows: Array, interpolation: str) -> tuple[Array, Array, float]:

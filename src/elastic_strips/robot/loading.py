@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,12 +16,15 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.catalogue import find_robot, is_known
+from elastic_strips.catalogue import find_robot, is_known, is_ours
 from elastic_strips.errors import RobotError, nearest_name
 
-from .coal_shapes import ShapeKind, shape_of, vertices
+from .coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, support, vertices
+from .cover import sticks_out
+from .free_posture import free_posture
 from .mimic import Following, with_followers
-from .model import RobotModel, check_joint_names
+from .model import RobotModel, check_joint_names, reference_configuration
+from .second_reader import differences
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
 from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
@@ -31,6 +35,14 @@ _MANY_JOINTS = 20  # more planned joints than these are warned about
 _LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
 _LARGEST_RATIO = 1e6  # of a follower's speed and its leader's, or the other way round
+_SHEET = 1e-4  # [m]: what is drawn thinner than this gets this thickness as a collision shape
+_GROWN = 0.05  # [m] by which a piece of a drawn shape may reach out of it without a warning
+_SELDOM_PLANNED = (
+    "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
+    "ring_", "pinky", "little", "head", "neck", "eye",
+)  # fmt: skip
+"""In the names of joints that an arm's motion can do without."""
+_ROUND = 0.003  # [m] by how much a wheel may stick out farther on one side: its mesh has corners
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -42,6 +54,7 @@ class LoadOptions(TypedDict, total=False):
     locked: Mapping[str, float]
     srdf: str | Path
     package_dirs: tuple[str | Path, ...]
+    visual_as_collision: Collection[str] | str
 
 
 def load_robot(
@@ -55,6 +68,7 @@ def load_robot(
     locked: Mapping[str, float] | None = None,
     package_dirs: tuple[str | Path, ...] = (),
     mappings: Mapping[str, str] | None = None,
+    visual_as_collision: Collection[str] | str = (),
 ) -> RobotModel:
     """Load a robot by name (``"silvermate"``, ``"tiago"``, ``"panda"``, …: ``robot_names()``) or from a URDF file.
 
@@ -79,6 +93,8 @@ def load_robot(
             given a value here.
         package_dirs: folders to search for ``package://`` meshes and for a xacro file's ``$(find …)``.
         mappings: arguments of a xacro file, by name.
+        visual_as_collision: links whose visual shapes are taken as their collision shapes, meshes as convex hulls; or
+            ``"missing"``: all that are drawn and have no collision shape, of which nothing is proven otherwise.
 
     Raises:
         RobotError: an unknown name, or one that several robots share; an unknown joint or group, or a joint that is
@@ -91,14 +107,16 @@ def load_robot(
     by_path = path.suffix.lower() in (".urdf", ".xml", ".xacro") or "/" in text or os.path.exists(path)
     if is_known(text) or not text or not by_path:
         known = find_robot(text)
-        source = read_urdf(known.urdf, package_dirs=(*package_dirs, *known.package_dirs))
+        source = read_urdf(
+            known.urdf, package_dirs=(*package_dirs, *known.package_dirs), visual_as_collision=visual_as_collision
+        )
         kind, srdf = known.base if base is None else base, srdf or known.srdf
         home, hand, name = known.home, known.hand_frame, known.name
         if joints is None and group is None and known.planned is not None:
             joints = [joint for joint in known.planned if joint not in (locked or {})]
     else:
         urdf = expand_xacro(path, mappings, package_dirs) if path.suffix.lower() == ".xacro" else path
-        source = read_urdf(urdf, package_dirs=package_dirs)
+        source = read_urdf(urdf, package_dirs=package_dirs, visual_as_collision=visual_as_collision)
         kind, home, hand, name = (
             BaseKind.DIFF_DRIVE if base is None else base,
             {},
@@ -113,29 +131,42 @@ def load_robot(
     try:
         model = pinocchio_model(source, planar=kind.planar)
         check_joint_names(model, locked or {}, "locked")
+        wheels = _wheels(model, source)
         resting = _resting(model, source)
         names, held = frozenset(model.names[1:]) - {"root_joint"}, _with_leaders(source, locked or {})
+        told, described = planned, (source, model)
         if planned is None:
             planned = names - resting - set(held)
         following = _following(source, planned, locked or {})
         unplanned = names - planned - set(following)
         model, source = _with_followers(model, source, following)
         collision = pinocchio_geometry(source, model, pin.COLLISION)
+        _thicken(collision, source)
         _check_shapes(collision, source)
+        drawn = _drawn(source, model)
+
+        def still(home: Mapping[str, float]) -> dict[str, float]:
+            return _still(source, unplanned, held, home)
 
         def build(home: Mapping[str, float]) -> RobotModel:
-            still = _still(source, unplanned, held, home)
+            values = still(home)
             return RobotModel.from_pinocchio(
                 model, collision, partial(_visual, source, model),
-                base=kind, name=name, locked=still,
+                base=kind, name=name, locked=values,
                 home={j: v for j, v in home.items() if j in planned},
                 disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
+                enabled_pairs=() if semantics is None else semantics.enabled, followers=source.followers,
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
+                held=_why_held(source, values, locked or {}, wheels, told),
+                groups=None if semantics is None else semantics.groups, drawn=drawn, description=source,
+                round_wheels=rolling,
             )  # fmt: skip
 
-        robot = _at_home(build, home, semantics, source, resting)
+        rolling = _round_wheels(model, collision, resting & source.continuous)
+        robot = _at_home(build, still, home, semantics, source, resting)
+        robot = replace(robot, bare_links=_bare(source, robot, drawn))
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
@@ -147,10 +178,17 @@ def load_robot(
                          name, joint, leader, wanted, why, robot.locked[joint])  # fmt: skip
     _compare_states(name, semantics, robot.followers)
     if len(robot.joint_names) > _MANY_JOINTS:
+        _log.warning("%s plans %d joints, which are many: slow to plan and to deform. %s",
+                     name, len(robot.joint_names), _what_to_lock(robot))  # fmt: skip
+    if robot.bare_links:
         _log.warning(
-            "%s plans %d joints: slow to plan and to deform. Name those to plan with joints=[…] or group=…, or those "
-            "to hold still with locked={…}", name, len(robot.joint_names),
+            "%s: %d links are drawn and have no collision shape, so nothing is proven of them: %s. "
+            'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
+            name, len(robot.bare_links), _all(robot.bare_links, 40),
         )  # fmt: skip
+    _say_what_grew(robot, source.from_visual)
+    if not is_ours(source.path):  # those are compared by the tests
+        _say_what_differs(*described, name)
     return robot
 
 
@@ -320,19 +358,28 @@ def _still(
 
 def _at_home(
     build: Callable[[Mapping[str, float]], RobotModel],
+    still: Callable[[Mapping[str, float]], dict[str, float]],
     home: Mapping[str, float],
     semantics: Srdf | None,
     source: UrdfSource,
     resting: frozenset[str],
 ) -> RobotModel:
-    """The robot with the first home posture in which it does not collide with itself, or else the first of all."""
+    """The robot with the first home posture in which it does not collide with itself, or one near the first of all."""
     first: RobotModel | None = None
     passed: list[str] = []
+    made: dict[tuple[tuple[str, float], ...], RobotModel] = {}
     for what, values in _homes(home, semantics, source, resting):
         if not all(within_limits(value, source, joint) for joint, value in values.items()):
             passed.append(f"{what} is outside of the limits")
             continue
-        robot = build(values)
+        held = tuple(sorted(still(values).items()))
+        if held in made:  # only its home differs
+            known = made[held].model
+            q = reference_configuration(known, {j: v for j, v in values.items() if known.existJointName(j)})
+            q.setflags(write=False)
+            robot = replace(made[held], home_q=q)
+        else:
+            robot = made[held] = build(values)
         touching = robot.self_collision(robot.home_q)
         if touching is None:
             if passed:
@@ -341,8 +388,14 @@ def _at_home(
         passed.append(f"in {what} {touching[0]!r} collides with {touching[1]!r}")
         first = first or robot
     assert first is not None
-    _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
-    return first
+    free = free_posture(first)
+    if free is None:
+        _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
+        return first
+    changed = np.flatnonzero(np.abs(first.space.to_coordinates(free) - first.space.to_coordinates(first.home_q)) > 1e-9)
+    names = [first.joint_names[k - first.space.base_nv] for k in changed]
+    _log.warning("%s: %s; home is that with other values of %s", first.name, "; ".join(passed), ", ".join(names))
+    return replace(first, home_q=free)
 
 
 def _homes(
@@ -370,7 +423,7 @@ def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
     turns about an upright one and carries nothing but wheels, no higher than the others; without others there are
     two of them at least. So an arm's own first joint is neither, nor is the head that pans and tilts.
     """
-    named = {j for j in source.continuous if "wheel" in j.lower() or "caster" in j.lower()}
+    named = {j for j in source.continuous if any(word in j.lower() for word in ("wheel", "caster", "castor"))}
     if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
         return named
     data = model.createData()
@@ -393,6 +446,36 @@ def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
         if max(height[k] for k in carried(i)) <= top + _LEVEL:
             wheels |= {i, *carried(i)}
     return named | {model.names[i] for i in wheels}
+
+
+def _round_wheels(model: pin.Model, collision: pin.GeometryModel, wheels: Iterable[str]) -> frozenset[str]:
+    """The joints whose collision shapes are bodies of revolution about their axes, within 3 mm."""
+    round_, elevation = set(), np.linspace(-1.2, 1.2, 7)[:, None]
+    turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    for name in wheels:
+        i = model.getJointId(name)
+        if model.joints[i].nv != 1 or len(model.subtrees[i]) > 1:  # what swivels carries its wheel about
+            continue
+        axis = np.asarray(model.joints[i].createData().S).ravel()[3:]
+        side = np.linalg.svd(axis[None])[2][1:]
+        flat = np.cos(turn)[:, None] * side[0] + np.sin(turn)[:, None] * side[1]
+        directions = np.cos(elevation)[..., None] * flat + np.sin(elevation)[..., None] * axis
+        shapes = [obj for obj in collision.geometryObjects if obj.parentJoint == i]
+        if all(
+            np.ptp(_extent(shape, directions.reshape(-1, 3)).reshape(directions.shape[:2]), axis=1).max() <= _ROUND
+            for shape in shapes
+        ):
+            round_.add(name)
+    return frozenset(round_)
+
+
+def _extent(shape: pin.GeometryObject, directions: Array) -> Array:
+    """How far a shape extends along directions (K, 3) from its joint [m]."""
+    local = directions @ shape.placement.rotation
+    if shape_of(shape.geometry)[0] is ShapeKind.MESH and not len(vertices(shape.geometry)):
+        return np.zeros(len(directions))
+    few = np.array_split(local, len(local) // 8)  # a mesh of a million corners has as many numbers for each direction
+    return np.concatenate([support(shape.geometry, d) for d in few]) + directions @ shape.placement.translation
 
 
 def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
@@ -436,8 +519,97 @@ def _check_size(shape: pin.GeometryObject, points: Array) -> None:
         )  # fmt: skip
 
 
-def _all(names: tuple[str, ...]) -> str:
-    return ", ".join(map(repr, names[:4])) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+def _all(names: tuple[str, ...], most: int = 4) -> str:
+    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _drawn(source: UrdfSource, model: pin.Model) -> pin.GeometryModel | None:
+    """Visual geometry of the links that have no collision shape; None where it cannot be read."""
+    try:
+        return pinocchio_geometry(source, model, pin.VISUAL, only=source.bare)
+    except RobotError as error:
+        _log.warning("%s", error)
+        return None
+
+
+def _bare(source: UrdfSource, robot: RobotModel, drawn: pin.GeometryModel | None) -> tuple[str, ...]:
+    """The links that are drawn and not covered: of what cannot be read nobody knows that it is."""
+    if drawn is None:
+        return source.bare
+    return tuple(link for link in source.bare if link in robot.bare_links or link in source.undrawn)
+
+
+def _thicken(collision: pin.GeometryModel, source: UrdfSource) -> None:
+    """What is drawn may be a sheet, which has no hull: as a collision shape it is the box about it, 0.1 mm thick."""
+    for shape in collision.geometryObjects:
+        if shape.name.rsplit("_", 1)[0] in source.from_visual and shape_of(shape.geometry)[0] is ShapeKind.MESH:
+            points = vertices(shape.geometry)
+            if not len(points) or not np.isfinite(points).all():
+                continue  # which is refused
+            thin = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][-1]
+            if np.ptp(points @ thin) < _SHEET:
+                half = np.maximum(0.5 * np.ptp(points, axis=0), 0.5 * _SHEET)
+                middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+                shape.geometry = convex_from_vertices(middle + SIGNS * half, name=shape.name)
+
+
+def _say_what_grew(robot: RobotModel, links: tuple[str, ...]) -> None:
+    """Warn of the pieces of some links that reach far out of the shapes that they stand for."""
+    assert robot.shapes is not None
+    for piece in robot.geometries if links else ():
+        far = sticks_out(robot.model, robot.shapes, piece) if set(piece.links) & set(links) else 0.0
+        if far > _GROWN:
+            _log.warning("%s: the convex piece %r of what is drawn reaches %.0f mm out of it, so more is refused than "
+                         "need be", robot.name, piece.name, 1e3 * far)  # fmt: skip
+
+
+def _say_what_differs(source: UrdfSource, model: pin.Model, name: str) -> None:
+    """Warn of what another reader finds otherwise in the file."""
+    found = differences(source, model)
+    if found:
+        more = f"; and {len(found) - 6} more" if len(found) > 6 else ""
+        _log.warning("%s: yourdfpy reads the file otherwise: %s%s", name, "; ".join(found[:6]), more)
+
+
+def _what_to_lock(robot: RobotModel) -> str:
+    """Which of a robot's many joints may rather be held still."""
+    names, model = robot.joint_names, robot.model
+    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)]
+    if not ends:  # what branches off several times from one body at the end of a chain, as fingers do
+        first = model.njoints - len(names)
+        leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
+        chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
+        parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
+        roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
+        ends = [model.names[k] for i in roots for k in (i, *leaves[i])]
+    said = f"Name those to plan with joints=[…]{' or group=…' if robot.groups else ''}, or hold some still: "
+    if ends:
+        return f"{said}locked={{{', '.join(f'{name!r}: {0.0:g}' for name in ends[:12])}{', …' * (len(ends) > 12)}}}"
+    if robot.groups:
+        return f"{said}the SRDF's groups are {_all(tuple(robot.groups), 12)}"
+    return f"{said}locked={{…}}, of {_all(names, 40)}"
+
+
+def _why_held(
+    source: UrdfSource, still: Mapping[str, float], locked: Mapping[str, float], wheels: set[str],
+    planned: frozenset[str] | None,
+) -> dict[str, str]:  # fmt: skip
+    """Why each joint that is held still is."""
+
+    def why(joint: str) -> str:
+        if joint in locked:
+            return "locked by who loads it"
+        if joint in wheels:
+            return "a wheel or a caster"
+        if joint in source.followers:
+            return f"mimics {source.followers[joint][0]}"
+        if joint in source.mimic:
+            return "mimics a joint that is not there"
+        if followers := source.followers_of(joint):
+            return f"mimicked by {', '.join(followers)}"
+        return "not among the joints to plan" if planned is not None else "held still"
+
+    return {joint: why(joint) for joint in still}
 
 
 def _clip(value: float, source: UrdfSource, joint: str) -> float:

@@ -53,6 +53,9 @@ class BaseKind(str, Enum):
 LIMIT_TOLERANCE = 1e-4
 """A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
 
+MAX_TRAVEL = 1e4
+"""Farthest [m] that a path may take a base from the origin, along x and along y."""
+
 
 def is_follower(joint: pin.JointModel) -> bool:
     """Whether a joint of a Pinocchio model follows another one, and has no coordinate of its own."""
