@@ -29,7 +29,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.files import atomic_write, check_writable, open_input, read_input_text, write_json
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import LIMIT_TOLERANCE, wrap_angle
+from elastic_strips.robot.space import LIMIT_TOLERANCE
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_choice, check_number
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NoReturn
 
@@ -293,7 +293,7 @@ def _identified(table: PathTable, robot: RobotModel, ignore: Collection[str]) ->
             unit = unit or below or None
             if stem in joints:
                 column = _Column(k, name, "joint", unit, joints[stem])
-            elif stem in robot.locked or stem in _followers(robot):
+            elif stem in robot.locked or stem in robot.followers:
                 column = _Column(k, stem, "held", unit)
             elif stem.lower() in TIMES:
                 column = _Column(k, name, "time", unit)
@@ -473,16 +473,11 @@ _UNLIKE = {
 """What is to be said of columns that the robot does not follow, by their kind."""
 
 
-def _followers(robot: RobotModel) -> Mapping[str, tuple[str, float, float]]:
-    """Joints that move with a planned one: leader, multiplier, constant [rad or m]."""
-    return getattr(robot, "followers", {})
-
-
 def _whereabouts(robot: RobotModel, name: str, coordinates: Array) -> Array:
     """(N,) or (1,) where the robot has a joint that is held still or follows another; 0 for a base that is fixed."""
-    if name not in _followers(robot):
+    if name not in robot.followers:
         return np.array([robot.locked.get(name, 0.0)])
-    leader, multiplier, constant = _followers(robot)[name]
+    leader, multiplier, constant = robot.followers[name]
     return multiplier * coordinates[:, robot.space.base_nv + robot.joint_names.index(leader)] + constant
 
 
