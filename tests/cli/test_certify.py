@@ -88,7 +88,9 @@ def test_a_path_that_is_not_certified_has_no_proof(folder, capsys):
 def test_times_count_where_something_moves(folder, capsys):
     assert call(folder / "soon.json", *_robot(folder, "moves.yaml")) == 3
     assert "ball" in capsys.readouterr().out
-    assert call(folder / "late.json", *_robot(folder, "moves.yaml")) == 0
+    assert call(folder / "late.json", *_robot(folder, "moves.yaml"), "--starts-at", 6) == 0
+    assert call(folder / "late.json", *_robot(folder, "moves.yaml")) == 3  # how it comes to its first point is not said
+    assert "certified" not in capsys.readouterr().out.splitlines()[-1]
     assert call(folder / "beside.csv", *_robot(folder, "moves.yaml")) == 2
     assert "ball" in capsys.readouterr().err
     assert call(folder / "beside.csv", *_robot(folder, "moves.yaml"), "--at", 0, "--json", folder / "a.json") == 0
@@ -144,6 +146,35 @@ def test_a_base_goes_on_lines_or_arcs(folder, capsys, silvermate):
     assert set(verdicts.values()) <= {0, 3}
     out = capsys.readouterr().out.splitlines()
     assert out[0] != out[1]
+
+
+def test_a_path_that_is_not_all_of_the_file_is_unknown(folder, capsys, silvermate):
+    """The base is nowhere in the file: the answer says what settles it, and nothing is written."""
+    joints = ",".join(silvermate.joint_names)
+    row = ",".join(map(str, silvermate.space.to_coordinates(silvermate.home_q)[3:]))
+    (folder / "arm.csv").write_text(f"{joints}\n{row}\n{row}\n")
+    arguments = [folder / "arm.csv", *_robot(folder)]
+    written = ["--repair", folder / "r.csv", "--proof", folder / "p.npz", "--json", folder / "a.json"]
+    assert call(*arguments, *written) == 3
+    assert "--base-at" in capsys.readouterr().out
+    answer = json.loads((folder / "a.json").read_text())
+    assert answer["verdict"] == "unknown"
+    assert len(answer["doubts"]) == 1
+    assert not (folder / "r.csv").exists()
+    assert not (folder / "p.npz").exists()
+    assert call(*arguments, "--base-at", -1, 0, 0.5) == 0
+    assert call(*arguments, "--base-at", 2, 0.35, 0) == 3
+    assert call(*arguments, "--base", "fixed") == 0
+    assert call(*arguments, "--base-at", 2e4, 0, 0) == 2
+
+
+def test_angles_and_columns_that_do_not_matter(folder, silvermate):
+    (folder / "deg.csv").write_text("x,y,yaw,lamp\n0,-2,0,0\n1,-2,90,1\n")
+    arguments = [folder / "deg.csv", *_robot(folder)]
+    assert call(*arguments) == 3
+    assert call(*arguments, "--ignore", "lamp") == 3  # degrees?
+    assert call(*arguments, "--ignore", "lamp", "--angles", "deg") == 0
+    assert call(*arguments, "--ignore", "lump", "--angles", "deg") == 2
 
 
 @pytest.mark.parametrize(

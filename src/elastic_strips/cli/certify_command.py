@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -43,19 +43,36 @@ if TYPE_CHECKING:
     "--at", "moment", metavar="SECONDS", type=options.Finite(-1e9, 1e9),
     help="Take what moves, appears or vanishes as it stands then, whatever the path's times.",
 )  # fmt: skip
+@click.option(
+    "--base-at", type=(options.Finite(), options.Finite(), options.Finite()), metavar="X Y YAW",
+    help="Where the base stands, where the path does not say so [m, m, rad].",
+)  # fmt: skip
+@click.option(
+    "--angles", type=click.Choice(["rad", "deg"]),
+    help="Unit of the path's angles where it names none; radians by default.",
+)  # fmt: skip
+@click.option("--ignore", multiple=True, metavar="NAME", help="A column that does not matter. May be given again.")
+@click.option(
+    "--starts-at", type=options.Finite(-1e9, 1e9), metavar="SECONDS",
+    help="When the first configuration is reached, in the scene's time; as the path has it by default.",
+)  # fmt: skip
 @click.option("--repair", "repaired", metavar="FILE", type=options.OutputFile(), help="Push it free; write that path.")
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
 def certify(
     path: str, robot: str, scene_file: str, base: str | None, described: LoadOptions, clearance: float,
-    self_clearance: float, interpolation: str, moment: float | None, repaired: str | None, proof: str | None,
-    json_file: str | None,
+    self_clearance: float, interpolation: str, moment: float | None, base_at: tuple[float, float, float] | None,
+    angles: Literal["rad", "deg"] | None, ignore: tuple[str, ...], starts_at: float | None, repaired: str | None,
+    proof: str | None, json_file: str | None,
 ) -> int:  # fmt: skip
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
 
     PATH is a JointTrajectory (JSON or YAML, also what MoveIt prints), CSV, NPZ, or what OMPL prints. A path with times
     is certified against the obstacles that move, appear and vanish, where the scene has some; a path without times
     needs --at then.
+
+    A path that is not all that its file says, such as one whose gripper moves and is held still here, is not certified:
+    the answer is unknown, and says what settles it.
 
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
     """
@@ -69,7 +86,7 @@ def certify(
     options.check_outputs(path, repaired, proof, json_file)
     model = load_robot(robot, base=base, **described)
     world = read_world(scene_file)
-    given = load_path(path, model)
+    given = load_path(path, model, base_at=base_at, angles=angles, ignore=ignore, starts_at=starts_at)
     moving = changes(world)
     if moving and moment is None:
         said = f"{', '.join(moving[:3])} move, appear or vanish with the time; "
@@ -87,10 +104,15 @@ def certify(
     )  # fmt: skip
     for note in given.notes:
         output.say(("note:", output.NOTE), f" {note}")
+    doubts = (*given.doubts, *(given.time_doubts if timed else ()))
+    for doubt in doubts if found.broken else ():  # else they are the reason
+        output.say(("note:", output.NOTE), f" {doubt}")
     output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
-    document = _document(model, found, given.notes, interpolation)
+    document = _document(model, found, given.notes, doubts, interpolation)
     done, mended_path = found.certified, None
-    if repaired is not None:
+    if doubts and (repaired or proof):
+        output.say(("neither repaired nor proven", output.BAD), ": ", "; ".join(doubts))
+    elif repaired is not None:
         if not done:
             params = DeformParams(clearance=clearance, self_clearance=self_clearance)
             mended = repair(model, scene, given.q, params=params)
@@ -105,7 +127,7 @@ def certify(
             document["repair"] = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
         short = given.q if interpolation == "shortest" else given
         output.say(f"path    {write_path(repaired, model, short if mended_path is None else mended_path)}")
-    if proof is not None:
+    if proof is not None and not doubts:
         made = None
         if done:
             made = prove(
@@ -125,7 +147,7 @@ def certify(
 
 
 def _document(
-    robot: RobotModel, found: PathCertificate, notes: tuple[str, ...], interpolation: str
+    robot: RobotModel, found: PathCertificate, notes: tuple[str, ...], doubts: tuple[str, ...], interpolation: str
 ) -> dict[str, object]:
     """The answer as JSON has it."""
     broken = found.broken
@@ -133,6 +155,7 @@ def _document(
     return {
         "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name,
         "notes": [*notes, *found.notes], "interpolation": interpolation,
+        "links_without_shape": list(robot.bare_links), "doubts": list(doubts),
         "clearance_m": found.clearance, "self_clearance_m": found.self_clearance, "least_clearance_m": least,
         "segments": list(found.segments), "seconds": found.seconds,
         "broken": None if broken is None else {

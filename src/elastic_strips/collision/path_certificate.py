@@ -106,8 +106,9 @@ def certify(
         robot: the robot.
         scene: the obstacles. With ``times`` they move, and a world's appear and vanish. Without, a scene is taken as it
             stands, and the answer says so where something in it moves; a world that changes is refused.
-        path: configurations (N, nq), coordinate rows (N, nv), a strip, or a path file. Configurations have (cos, sin)
-            of a yaw and of joints without limits, rows their values. Between two of them joints go linearly.
+        path: configurations (N, nq), coordinate rows (N, nv), a strip, or what `load_path` returns, whose doubts count.
+            Configurations have (cos, sin) of a yaw and of joints without limits, rows their values. Between two of
+            them joints go linearly.
         clearance: distance to obstacles [m] to prove; 0 proves that nothing touches.
         self_clearance: distance of the robot's own links [m] to prove.
         interpolation: ``"arc"``: the base goes along the tangent of SE(2), on an arc, as wheels do and as strips have
@@ -143,7 +144,20 @@ def certify(
     least = None
     if measure and changing is None and not arcs.unknown:
         least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_TOLERANCE)
-    return work.result(when, least, (*((arcs.way,) if arcs.way else ()), *notes), began)
+    found = work.result(when, least, (*((arcs.way,) if arcs.way else ()), *notes), began)
+    if found.certified and robot.unproven:
+        found = replace(found, reason=f"{found.reason}; {robot.unproven}")
+    varies = changes(scene) if isinstance(scene, World) else [o for o in scene if o.motion is not None]
+    time_doubts = getattr(path, "time_doubts", ()) if when is not None and varies else ()
+    return _doubted(found, [*getattr(path, "doubts", ()), *time_doubts])
+
+
+def _doubted(found: PathCertificate, doubts: list[str]) -> PathCertificate:
+    """What is certified of a path that may not be what the robot does is unknown of the robot."""
+    if not doubts or not found.certified:
+        return found
+    reason = f"{'; '.join(doubts)}. Of what was looked at, {found.reason}"
+    return replace(found, verdict=Verdict.UNKNOWN, reason=reason)
 
 
 def _checked_times(times: npt.ArrayLike, count: int) -> Array:
@@ -234,7 +248,7 @@ class _Work:
         key = (reach, itself)
         if key not in self._tools:
             obstacles = ObstacleProximity(self.bodies, influence=reach)
-            pairs = self.robot.self_pairs if itself else self.robot.self_pairs[:0]
+            pairs = self.robot.pairs_within(self.self_clearance) if itself else self.robot.self_pairs[:0]
             own = SelfProximity(self.bodies, pairs, self.bounds, influence=max(_REACH, 2.0 * self.self_clearance))
             certifier = Certifier(self.bodies, self.bounds, obstacles, own, max_depth=_DEPTH)
             self._tools[key] = _Tools(obstacles, own, certifier, Kinematics(self.robot.tree, _CHUNK + 1))

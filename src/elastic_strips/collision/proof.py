@@ -286,8 +286,8 @@ def robot_statement(robot: RobotModel) -> Document:
         "joints": [
             {
                 "parent": int(tree.parents[i]) - 1, "column": int(tree.coordinate_index[i]),
-                "slides": bool(tree.prismatic[i]), "offset": tree.offset[i, :3].tolist(), "multiplier": 1.0,
-                "constant": 0.0,
+                "slides": bool(tree.prismatic[i]), "offset": tree.offset[i, :3].tolist(),
+                "multiplier": float(tree.multiplier[i]), "constant": float(tree.constant[i]),
             }
             for i in range(1, len(tree.parents))
         ],

@@ -53,6 +53,15 @@ class BaseKind(str, Enum):
 LIMIT_TOLERANCE = 1e-4
 """A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
 
+MAX_TRAVEL = 1e4
+"""Farthest [m] that a path may take a base from the origin, along x and along y."""
+
+
+def is_follower(joint: pin.JointModel) -> bool:
+    """Whether a joint of a Pinocchio model follows another one, and has no coordinate of its own."""
+    return joint.shortname() == "JointModelMimic"
+
+
 _SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
 
@@ -122,6 +131,8 @@ class ConfigurationSpace(Summary):
         lower, upper = [-np.inf] * (3 if planar else 0), [np.inf] * (3 if planar else 0)
         for i in range(first, model.njoints):
             joint = model.joints[i]
+            if is_follower(joint):
+                continue
             if joint.nv != 1 or joint.nq not in (1, 2):
                 raise RobotError(
                     f"joint {model.names[i]!r} is a {joint.shortname()} with {joint.nv} degrees of freedom; planned "

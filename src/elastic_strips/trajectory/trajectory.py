@@ -206,7 +206,7 @@ class TrajectoryCertifier:
         self.self_clearance: float = self_clearance
         self.settle_time = settle_time
         bodies = BodySet.links(robot)
-        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)
+        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.pairs_within(self_clearance))
 
     def reset(self) -> None:
         """Forget the obstacles; for after an exception."""
