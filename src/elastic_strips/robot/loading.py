@@ -155,7 +155,7 @@ def load_robot(
                 base=kind, name=name, locked=values,
                 home={j: v for j, v in home.items() if j in planned},
                 disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
-                enabled_pairs=() if semantics is None else semantics.enabled, followers=source.followers,
+                enabled_pairs=() if semantics is None else semantics.enabled, followers=source.following(),
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
@@ -605,7 +605,7 @@ def _why_held(
             return f"mimics {source.followers[joint][0]}"
         if joint in source.mimic:
             return "mimics a joint that is not there"
-        if followers := source.followers_of(joint):
+        if followers := [name for name, follower in source.following().items() if follower.leader == joint]:
             return f"mimicked by {', '.join(followers)}"
         return "not among the joints to plan" if planned is not None else "held still"
 

@@ -242,9 +242,8 @@ class _Postures:
     def next(self) -> None:
         """Take the next random one."""
         q = pin.normalize(self._model, self._rng.uniform(self._low, self._high))
-        for _ in range(2):  # one that mimics one that mimics
-            for own, leader, multiplier, offset in self._followers:
-                q[own] = multiplier * q[leader] + offset
+        for own, leader, multiplier, offset in self._followers:
+            q[own] = multiplier * q[leader] + offset
         self.place(q)
 
     def near(self, pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
