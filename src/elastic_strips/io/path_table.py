@@ -426,7 +426,7 @@ def _left_out(
     rest = [c for c in columns if c.kind in ("held", "other") or (c.kind == "base" and not robot.space.planar)]
     if any(c.kind == "rate" for c in columns):
         placed.notes.append("velocities and accelerations are left out")
-    said = [c.name for c in rest if c.name not in table.start]
+    said = [c.name for c in rest if c.name not in table.start and c.name not in robot.followers]
     if said:
         placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")
     apart: dict[str, list[str]] = {"held": [], "base": [], "other": []}

@@ -386,8 +386,8 @@ def test_robots_that_follow_otherwise_are_not_the_same(tmp_path):
     [
         ("lift,second", (0.07, 0.12), ""),
         ("second,lift", (0.1, 0.2), ""),
-        ("lift,second", (0.07, 0.2), "'second'.*'lift'"),
-        ("elbow,second", (0.07, 0.12), "'second'.*'lift'"),
+        ("lift,second", (0.07, 0.2), "second"),
+        ("elbow,second", (0.07, 0.12), "second"),
     ],
 )
 def test_a_follower_in_a_path_file_is_where_its_leader_puts_it(tmp_path, header, second, words):
@@ -396,10 +396,10 @@ def test_a_follower_in_a_path_file_is_where_its_leader_puts_it(tmp_path, header,
     file = tmp_path / "path.csv"
     file.write_text(header + "\n" + "\n".join(f"{a},{b}" for a, b in zip(first, second, strict=True)) + "\n")
     if words:
-        with pytest.raises(ConfigurationError, match=words):
-            load_path(file, robot)
+        assert any(words in doubt for doubt in load_path(file, robot).doubts)
         return
     found = load_path(file, robot)
+    assert found.doubts == ()
     np.testing.assert_allclose(found.q[:, robot.joint_names.index("lift")], [0.1, 0.2])
     assert "second" not in "; ".join(found.notes)
 
