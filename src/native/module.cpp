@@ -68,7 +68,7 @@ void unlocked(Scope& scope, const char* name, F&& function) {
   scope.def(name, std::forward<F>(function), nb::call_guard<nb::gil_scoped_release>());
 }
 
-// The arrays T (joints, capacity, 3, 4) and J (capacity, nv, 6) of a Kinematics.
+// The arrays T (joints, capacity, 3, 4) and J (capacity, M, 6) of a Kinematics.
 Frames frames_of(const Reals& T) { return {T.data(), nullptr, T.shape(1)}; }
 Frames frames_of(const Reals& T, const Reals& J) { return {T.data(), J.data(), T.shape(1)}; }
 
@@ -162,25 +162,28 @@ void bind_robot(nb::module_& m) {
         [](Reals sides, Reals at) { return std::make_shared<Solid>(block(sides.data(), at.data(), sides.shape(0))); });
 
   nb::class_<Tree> tree(m, "Tree");
-  tree.def("__init__", [](Tree* self, bool planar, Numbers parents, Numbers column, In<bool> prismatic,
-                          In<bool> circular, In<bool> support, Reals offset) {
-    new (self) Tree{{static_cast<int>(support.shape(1)), planar, flags(circular)},
-                    static_cast<int>(parents.size()),
-                    numbers(parents),
-                    numbers(column),
-                    flags(prismatic),
-                    flags(support),
-                    reals(offset)};
-  });
+  tree.def("__init__",
+           [](Tree* self, bool planar, Numbers parents, Numbers motion, In<bool> prismatic, In<bool> circular,
+              In<bool> support, Reals offset, Numbers coordinate, Reals rate, Reals shift) {
+             new (self) Tree{{static_cast<int>(circular.size()) + (planar ? 3 : 0), planar, flags(circular)},
+                             static_cast<int>(parents.size()),
+                             numbers(parents),
+                             numbers(motion),
+                             numbers(coordinate),
+                             flags(prismatic),
+                             flags(support),
+                             reals(offset),
+                             reals(rate),
+                             reals(shift)};
+           });
   unlocked(tree, "place", [](const Tree& tree, Reals coordinates, Same<double> T, Same<double> J, bool jacobians) {
     place(tree, coordinates.data(), coordinates.shape(0), T.data(), jacobians ? J.data() : nullptr, T.shape(1));
   });
   unlocked(tree, "directional",
            [](const Tree& tree, Reals J, Numbers node, Numbers joint, Reals point, Reals direction, Same<double> rows) {
-             for (std::size_t k = 0; k < node.size(); ++k) {
-               add_directional(tree, J.data() + node.data()[k] * tree.nv * 6, joint.data()[k], point.data() + 3 * k,
-                               direction.data() + 3 * k, rows.data() + k * tree.nv);
-             }
+             for (std::size_t k = 0; k < node.size(); ++k)
+               add_directional(tree, J.data() + node.data()[k] * tree.motions() * 6, joint.data()[k],
+                               point.data() + 3 * k, direction.data() + 3 * k, rows.data() + k * tree.nv);
            });
 
   nb::class_<Bodies> bodies(m, "Bodies");

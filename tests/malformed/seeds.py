@@ -198,6 +198,12 @@ _XACRO_INCLUDES = """<robot name="made" xmlns:xacro="http://ros.org/wiki/xacro">
 _XACRO_PART = """<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="foot"><link name="l0"><collision><geometry>
 <box size="0.4 0.4 0.2"/></geometry></collision></link></xacro:macro></robot>
 """
+
+
+def _pose(x: float) -> dict[str, object]:
+    return {"translation": {"x": x, "y": 0.0, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}}
+
+
 _PATHS = {
     "p.json": json.dumps({"joint_names": ["slide", "x", "y", "yaw"], "points": [
         {"positions": [0.05 * k, 0.2 * k, 1.0, 0.1], "time_from_start": {"sec": k, "nanosec": 5}} for k in range(4)]}),
@@ -205,6 +211,18 @@ _PATHS = {
     "p.txt": "Geometric path with 2 states\nCompound state [\nSE2 state [0 1 0.5]\nRealVector state [0.1 0.1]\n]\n"
              "Compound state [\nSE2 state [1 1 0.5]\nRealVector state [0.1 0.2]\n]\n",
     "p.yaml": "joint_names: [slide]\npoints:\n" + "".join(f"- positions: [0.0{k}]\n  time_from_start: {k}.5\n" for k in range(4)),
+    "plan.json": json.dumps({
+        "trajectory_start": {
+            "joint_state": {"name": ["slide"], "position": [0.05]},
+            "multi_dof_joint_state": {"joint_names": ["world_joint"], "transforms": [_pose(0.0)]}},
+        "trajectory": [{
+            "joint_trajectory": {"joint_names": ["slide"], "points": [
+                {"positions": [0.05 * k + 0.05], "time_from_start": {"sec": k, "nanosec": 0}} for k in (j, j + 1)]},
+            "multi_dof_joint_trajectory": {"joint_names": ["world_joint"], "points": [
+                {"transforms": [_pose(0.5 * k)], "time_from_start": {"sec": k, "nanosec": 0}} for k in (j, j + 1)]}}
+            for j in (0, 1)]}),
+    "units.csv": '"time_ms";"x [m]";"y_mm";"yaw (deg)";"slide";"slide_vel";"index";"lamp"\n'
+                 + "".join(f"{1000 * k};0,{k};100;10,5;0,05;0;{k};1\n" for k in range(4)),
 }  # fmt: skip
 
 
@@ -260,6 +278,7 @@ def _bag(suffix: str) -> bytes:
 
 
 _ROBOTS: list[es.RobotModel] = []
+_CRATE = es.Scene([es.Box((0.5, 0.5, 0.5), at=(3.0, 3.0, 0.25), name="crate")])
 
 
 def _small() -> es.RobotModel:
@@ -271,7 +290,7 @@ def _small() -> es.RobotModel:
 
 
 def _path(path: Path) -> None:
-    io.load_path(path, _small())
+    es.certify(_small(), _CRATE, io.load_path(path, _small()), interpolation="line", measure=False)
 
 
 def _read_bag(path: Path) -> None:

@@ -127,7 +127,7 @@ class Certifier:
         coordinates, checks = kin.coordinates[: kin.n], 0
         if len(candidates):
             broken, count, work = narrow.certify(
-                kin.T, kin.J, coordinates, v, candidates.native(), obstacles.moving.native, self.bounds.radius,
+                kin.T, kin.J, coordinates, v, candidates.native(), obstacles.moving.native, self.bounds.of_motion,
                 obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
             )  # fmt: skip
             obstacles.account(*work)

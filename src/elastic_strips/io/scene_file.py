@@ -46,7 +46,7 @@ _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
 _ROBOTS = (".urdf", ".xacro")
 _PRESETS = ("default", "paper")
-_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs")
+_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs", "visual_as_collision")
 _SCENARIO_KEYS = (
     "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "seed",
 )  # fmt: skip
@@ -407,6 +407,13 @@ def _described(node: Node) -> tuple[str, LoadOptions]:
     if "package_dirs" in entries:
         names = (item.text() for item in entries["package_dirs"].items())
         options["package_dirs"] = tuple(str((folder / name).absolute()) for name in names)
+    if "visual_as_collision" in entries:
+        given = entries["visual_as_collision"]
+        if isinstance(given.value, str):
+            given.text(valid=("missing",))
+            options["visual_as_collision"] = "missing"
+        else:
+            options["visual_as_collision"] = tuple(item.text() for item in given.items())
     return _robot(entries["name"]), options
 
 

@@ -22,7 +22,7 @@ from elastic_strips.errors import InputError, RobotError, missing_extra
 from elastic_strips.files import atomic_write, read_input
 from elastic_strips.summary import shortened
 
-from .urdf import resolve_mesh, search_folders
+from .urdf import package_of, resolve_mesh, search_folders
 
 _log = logging.getLogger(__name__)
 _LOCK = threading.Lock()  # xacro keeps what it is at in its module
@@ -58,8 +58,9 @@ def expand_xacro(
         )
     except (etree.XMLSyntaxError, ValueError) as error:
         raise RobotError(f"{source}: what xacro made is no XML: {_words(error)}") from None
+    packages: dict[str, Path | None] = {}
     for mesh in root.iter("mesh"):
-        found = resolve_mesh(mesh.get("filename", ""), source, folders)
+        found = resolve_mesh(mesh.get("filename", ""), source, folders, packages)
         if found is not None:
             mesh.set("filename", f"file://{found}")
     data = etree.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -130,6 +131,7 @@ def _finder(folders: list[Path], usual: Callable[[str], str]) -> Callable[[str],
 
     def find(package: str) -> str:
         found = next((f / package for f in folders if os.path.isdir(f / package)), None)
+        found = found or package_of(package, folders)
         if found is not None:
             return str(found)
         try:
