@@ -36,11 +36,14 @@ class Tree:
         self,
         planar: bool,
         parents: Indices,
-        column: Indices,
+        motion: Indices,
         prismatic: Mask,
         circular: Mask,
         support: Mask,
         offset: Array,
+        coordinate: Indices,
+        rate: Array,
+        shift: Array,
     ) -> None: ...
     def place(self, coordinates: Array, T: Array, J: Array, jacobians: bool) -> None: ...
 

@@ -21,6 +21,7 @@ from typing import BinaryIO
 
 from elastic_strips.errors import RobotError, missing_extra
 from elastic_strips.files import note_input, read_input
+from elastic_strips.packages import package_of
 from elastic_strips.summary import shortened
 
 MAX_BYTES = 8_000_000
@@ -155,6 +156,7 @@ def _finder(folders: list[Path], usual: Callable[[str], str]) -> Callable[[str],
 
     def find(package: str) -> str:
         found = next((f / package for f in folders if os.path.isdir(f / package)), None)
+        found = found or package_of(package, folders)
         if found is not None:
             return str(found)
         try:

@@ -54,7 +54,7 @@ void require(bool holds, const char* what) {
 struct Sizes {
   Sizes() { std::fill_n(size, 26, kOpen); }
   explicit Sizes(const Tree& tree) : Sizes() {
-    is('j', tree.joints).is('v', tree.nv).is('r', tree.nv - tree.base_nv());
+    is('j', tree.joints).is('v', tree.nv).is('r', tree.nv - tree.base_nv()).is('m', tree.motions());
   }
   explicit Sizes(const Bodies& bodies) : Sizes(bodies.tree) { is('g', bodies.size()); }
   explicit Sizes(const Narrowphase& narrow) : Sizes(*narrow.bodies) { is('p', narrow.parts()); }
@@ -132,7 +132,7 @@ void unlocked(Scope& scope, const char* name, F&& function) {
   scope.def(name, std::forward<F>(function), nb::call_guard<nb::gil_scoped_release>());
 }
 
-// The arrays T (joints, capacity, 3, 4) and J (capacity, nv, 6) of a Kinematics.
+// The arrays T (joints, capacity, 3, 4) and J (capacity, M, 6) of a Kinematics.
 Frames frames_of(const Reals& T, const double* J = nullptr) { return {T.data(), J, T.shape(1)}; }
 
 // A view of arrays of Python's that many calls work on; it keeps them alive.
@@ -201,24 +201,32 @@ void bind_robot(nb::module_& m) {
   });
 
   nb::class_<Tree> tree(m, "Tree");
-  tree.def("__init__", [](Tree* self, bool planar, Numbers parents, Numbers column, Flags prismatic, Flags circular,
-                          Flags support, Reals offset) {
-    Sizes()("jv j j~v j j44 r", support, parents, column, prismatic, offset, circular);
-    const std::size_t base = planar ? 3 : 0, joints = parents.size();
-    require(joints > base / 3 && support.shape(1) == circular.size() + base, "a tree without joints for its columns");
+  tree.def("__init__", [](Tree* self, bool planar, Numbers parents, Numbers motion, Flags prismatic, Flags circular,
+                          Flags support, Reals offset, Numbers coordinate, Reals rate, Reals shift) {
+    const std::size_t base = planar ? 3 : 0, nv = circular.size() + base, joints = parents.size();
+    Sizes().is('v', nv)("jm j j~m j j44 r m<v m m", support, parents, motion, prismatic, offset, circular, coordinate,
+                        rate, shift);
+    require(joints > base / 3 && coordinate.size() >= nv, "a tree without joints or motions for its columns");
     for (std::size_t i = 1; i < joints; ++i) {
       const bool root = planar && i == 1, behind = parents.data()[i] < static_cast<std::int64_t>(i);
       require(parents.data()[i] >= 0 && behind, "a joint before its parent");
-      require((column.data()[i] < 0) == root, "a joint without a column, or a planar root with one");
+      require((motion.data()[i] < 0) == root, "a joint without a motion, or a planar root with one");
     }
-    const Space space{static_cast<int>(support.shape(1)), planar, flags(circular)};
-    new (self) Tree{space,           static_cast<int>(joints), numbers(parents),
-                    numbers(column), flags(prismatic),         flags(support),
-                    reals(offset)};
+    const Space space{static_cast<int>(nv), planar, flags(circular)};
+    new (self) Tree{space,
+                    static_cast<int>(joints),
+                    numbers(parents),
+                    numbers(motion),
+                    numbers(coordinate),
+                    flags(prismatic),
+                    flags(support),
+                    reals(offset),
+                    reals(rate),
+                    reals(shift)};
   });
   unlocked(tree, "place", [](const Tree& tree, Reals coordinates, Same<double> T, Same<double> J, bool jacobians) {
     Sizes sizes(tree);
-    sizes("nv j>n34 >nv6", coordinates, T, J);
+    sizes("nv j>n34 >nm6", coordinates, T, J);
     place(tree, coordinates.data(), coordinates.shape(0), T.data(), jacobians ? J.data() : nullptr, T.shape(1));
   });
 
@@ -298,7 +306,7 @@ void bind_obstacles(nb::module_& m) {
              const auto inside = enter(self);
              Sizes sizes(self);
              sizes.has(poses).has(distances).has(view(moving));
-             sizes("j>n34 >nv6 nv Nv vg Np N", T, J, coordinates, v, radius, approach, states);
+             sizes("j>n34 >nm6 nv Nv mg Np N", T, J, coordinates, v, radius, approach, states);
              require(distances.nodes > 1, "a strip of less than two nodes");
              Search search{clearance, states.data()};
              Queries ask{self, frames_of(T, J.data()), poses, view(moving)};
@@ -432,7 +440,7 @@ void bind_validity(nb::module_& m) {
   validity.def("__init__", [](Checker* self, std::shared_ptr<Bodies> bodies, const std::vector<Solid>& parts,
                               Numbers self_pairs, const Kept<PartPoses>& poses, Reals radius, double margin) {
     Sizes sizes(*bodies);
-    sizes.is('p', parts.size()).has(poses)("vg s2<g", radius, self_pairs);
+    sizes.is('p', parts.size()).has(poses)("mg s2<g", radius, self_pairs);
     new (self) Checker(bodies, parts, self_pairs, poses, radius, margin);
   });
   validity.def("valid", [](Checker& self, Reals row) { return self.validity.valid(self.row(row)); });
@@ -467,13 +475,13 @@ void bind_system(nb::module_& m) {
   unlocked(system, "add_repulsion",
            [](Kept<System>& self, const Narrowphase& narrow, Reals J, const Kept<Distances>& distances,
               double influence, double k_r, double near, double k_near) {
-             Sizes(narrow).has(self).has(distances)(">nv6", J);
+             Sizes(narrow).has(self).has(distances)(">nm6", J);
              return add_repulsion(self, *narrow.bodies, J.data(), distances, influence, k_r, near, k_near);
            });
   unlocked(system, "add_self_repulsion",
            [](Kept<System>& self, const SelfPairs& pairs, Reals T, Reals J, const Kept<SelfDistances>& distances,
               Reals repulsion, double k_s) {
-             Sizes(pairs).has(self).has(distances)("j>n34 >nv6 s", T, J, repulsion);
+             Sizes(pairs).has(self).has(distances)("j>n34 >nm6 s", T, J, repulsion);
              return add_self_repulsion(self, pairs, frames_of(T, J.data()), distances, repulsion.data(), k_s);
            });
   unlocked(system, "add_posture", [](Kept<System>& self, Reals coordinates, Reals target, Reals k_p, Flags circular) {

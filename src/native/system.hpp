@@ -18,7 +18,7 @@ double add_elastic(System& system, bool planar, const double* v, const double* w
 void add_row(System& system, std::size_t node, const double* row, double force, double stiffness);
 
 // How fast a point that a joint carries moves along a direction, per degree of freedom: adds nᵀJ to `row`.
-// J (nv, 6) are a node's Jacobian columns.
+// J (M, 6) are a node's Jacobian columns.
 void add_directional(const Tree& tree, const double* J, std::int64_t joint, const double* point,
                      const double* direction, double* row);
 

@@ -45,18 +45,21 @@ def ints(*values: int) -> np.ndarray:
 
 
 def calls(native) -> Iterator[Call]:
-    planar, joints, nv = True, 4, 5
-    support = np.zeros((joints, nv), dtype=bool)
-    support[1:, :3] = support[2:, 3] = support[3, 4] = True
+    planar, joints, nv, m = True, 5, 5, 6  # the last joint follows the one before
+    support = np.zeros((joints, m), dtype=bool)
+    support[1:, :3] = support[2:, 3] = support[3:, 4] = support[4, 5] = True
     offset = np.tile(np.eye(4), (joints, 1, 1))
     flags = np.zeros(joints, dtype=bool)
-    tree_args = (planar, ints(0, 0, 1, 2), ints(-1, -1, 3, 4), flags, np.zeros(2, dtype=bool), support, offset)
-    yield Call("Tree", native.Tree, tree_args, numbers=(1, 2))
+    motions = (ints(0, 1, 2, 3, 4, 4), np.array([1.0, 1.0, 1.0, 1.0, 1.0, -0.5]), zeros(m))
+    tree_args = (
+        planar, ints(0, 0, 1, 2, 3), ints(-1, -1, 3, 4, 5), flags, np.zeros(2, dtype=bool), support, offset, *motions,
+    )  # fmt: skip
+    yield Call("Tree", native.Tree, tree_args, free=((4, 0),), numbers=(1, 2, 7))
     tree = native.Tree(*tree_args)
     T = np.zeros((joints, C, 3, 4))
     T[..., 0, 0] = T[..., 1, 1] = T[..., 2, 2] = 1.0
     T[..., 0, 3] = np.arange(joints)[:, None]
-    J = zeros(C, nv, 6)
+    J = zeros(C, m, 6)
     yield Call("place", tree.place, (zeros(N, nv), T.copy(), J.copy(), True), free=((0, 0), (1, 1), (2, 0)))
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     triangles = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.uint32)
@@ -114,7 +117,7 @@ def calls(native) -> Iterator[Call]:
     )  # fmt: skip
     yield Call("follow", narrow.follow, follow, free=((0, 1),), numbers=(8,))
     yield Call("follow of more nodes", narrow.follow, (*follow[:10], known(n=C + 1)), free=((-1, -1),))
-    radius, states = np.ones((nv, G)), np.zeros(N - 1, dtype=np.int8)
+    radius, states = np.ones((m, G)), np.zeros(N - 1, dtype=np.int8)
     certify = (
         T, J, zeros(N, nv), zeros(N - 1, nv), poses, moving, radius, zeros(N - 1, P), known(), 0.05, 3, states,
     )  # fmt: skip

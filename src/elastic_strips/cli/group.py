@@ -33,6 +33,7 @@ Start with:
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
   elastic-strips certify path.csv --robot panda --scene scene.yaml
+  elastic-strips robot my.urdf            what is known of a robot, and what is not looked at
   elastic-strips doctor                   what is installed, and what is broken
 
 --json - writes a command's document to standard output. NO_COLOR=1 turns colours off.
@@ -49,6 +50,7 @@ _COMMANDS = {
     "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
+    "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not looked at."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
     "study": ("study_command", "study", "Run the paper's simulations again, and write the report."),
     "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),

@@ -131,7 +131,7 @@ class Certifier(OneThread):
         if len(candidates):
             broken, count, work = narrow.certify(
                 kin.T, kin.J, coordinates, v, obstacles.narrow.poses(candidates), obstacles.moving.native,
-                self.bounds.radius, obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
+                self.bounds.of_motion, obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
             )  # fmt: skip
             obstacles.account(*work)
             searches[0].note(broken)

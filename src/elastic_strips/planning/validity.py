@@ -59,7 +59,7 @@ class ValidityChecker:
             candidates = CandidateParts.build(scene, least, most, 0.0)
             solids = [native_part(part) for part in candidates.parts]
             self.native = module.Validity(
-                bodies, solids, robot.self_pairs, candidates.native(), self.bounds.radius, margin
+                bodies, solids, robot.pairs_within(0.0), candidates.native(), self.bounds.of_motion, margin
             )
             return
         table = scene.table

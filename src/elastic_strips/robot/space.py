@@ -53,6 +53,15 @@ class BaseKind(str, Enum):
 LIMIT_TOLERANCE = 1e-4
 """A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
 
+MAX_TRAVEL = 1e4
+"""Farthest [m] that a path may take a base from the origin, along x and along y."""
+
+
+def is_follower(joint: pin.JointModel) -> bool:
+    """Whether a joint of a Pinocchio model follows another one, and has no coordinate of its own."""
+    return joint.shortname() == "JointModelMimic"
+
+
 _SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
 
@@ -122,6 +131,8 @@ class ConfigurationSpace(Summary):
         lower, upper = [-np.inf] * (3 if planar else 0), [np.inf] * (3 if planar else 0)
         for i in range(first, model.njoints):
             joint = model.joints[i]
+            if is_follower(joint):
+                continue
             if joint.nv != 1 or joint.nq not in (1, 2):
                 raise RobotError(
                     f"joint {model.names[i]!r} is a {joint.shortname()} with {joint.nv} degrees of freedom; planned "
@@ -141,6 +152,12 @@ class ConfigurationSpace(Summary):
     def base_nv(self) -> int:
         """Number of the base's degrees of freedom: 3 for a planar root, else 0."""
         return 3 if self.planar else 0
+
+    @property
+    def turning(self) -> Mask:
+        """(nv,) whether a coordinate is an angle that turns without end: the base's yaw, and circular joints."""
+        base = np.array([False, False, True]) if self.planar else np.zeros(0, dtype=bool)
+        return np.concatenate((base, self.circular))
 
     def to_coordinates(self, q: Array) -> Array:
         """Configurations (…, nq) to coordinate rows (…, nv)."""

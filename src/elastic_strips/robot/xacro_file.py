@@ -56,8 +56,9 @@ def expand_xacro(
         raise RobotError(
             f"{source}: what xacro made is no XML: {shortened(' '.join(str(error).split()), 300)}"
         ) from None
+    packages: dict[str, Path | None] = {}
     for mesh in root.iter("mesh"):
-        found = resolve_mesh(mesh.get("filename", ""), source, folders)
+        found = resolve_mesh(mesh.get("filename", ""), source, folders, packages)
         if found is not None:
             mesh.set("filename", f"file://{found}")
     data = etree.tostring(root, encoding="utf-8", xml_declaration=True)

@@ -105,14 +105,15 @@ class Workspace:
         self.bounds: MotionBounds = MotionBounds(self.bodies)
         self.kin: Kinematics = Kinematics(robot.tree, 64)
         self.obstacles: ObstacleProximity = ObstacleProximity(self.bodies, influence=reach)
-        home = SelfProximity(self.bodies, robot.self_pairs, self.bounds, influence=self_reach)
+        pairs = robot.pairs_within(params.self_clearance)  # the others keep more of themselves
+        home = SelfProximity(self.bodies, pairs, self.bounds, influence=self_reach)
         kin = Kinematics(robot.tree, 1)
         kin.update(robot.space.to_coordinates(robot.home_q)[None])
         home.update(kin)
         self.self_home: Array = home.bound[0].copy()
         repulsion = np.clip(0.8 * np.minimum(home.exact[0], self_reach), 0.0, self_influence)
         self.self_pairs: SelfProximity = SelfProximity(
-            self.bodies, robot.self_pairs, self.bounds, influence=self_reach, repulsion=repulsion
+            self.bodies, pairs, self.bounds, influence=self_reach, repulsion=repulsion
         )
         depth = params.certificate_depth
         self.certifier: Certifier = Certifier(

@@ -84,8 +84,7 @@ class Deformer(BaseDeformer[DeformReport]):
         b = space.base_nv
         lever = np.ones(space.nv)
         lever[b:] = params.joint_lever
-        sliding = robot.tree.prismatic[robot.tree.coordinate_index >= 0]
-        lever[b:][sliding] = 1.0
+        lever[b:][robot.tree.sliding] = 1.0
         if b:
             lever[2] = params.yaw_lever
         self.spacing_weight: Array = lever**2
@@ -117,9 +116,14 @@ class Deformer(BaseDeformer[DeformReport]):
         """Keep another clearance [m] to obstacles from now on, and another one of the robot's own links if given.
 
         Raises:
-            ParameterError: it is negative, or not below the influence distance.
+            ParameterError: it is negative, or not below the influence distance; or that of the own links is larger.
         """
         own = self.params.self_clearance if self_clearance is None else self_clearance
+        if own > self.params.self_clearance:  # pairs were left out that are proven to keep the present one
+            raise ParameterError(
+                f"self_clearance={own:g} m is more than the {self.params.self_clearance:g} m that this deformer was "
+                "made for; make another one"
+            )
         self.params = self.workspace.params = self.params.replaced(clearance=clearance, self_clearance=own)
 
     @exclusive
