@@ -36,7 +36,7 @@ HALF_TURN = np.pi - 1e-6  # a turn by more than this has no one direction
 MOST_BYTES, MOST_AT_ONCE = 200_000_000, 600_000  # of the file's arrays, unpacked; joints times intervals
 SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "cone": 2, "ellipsoid": 3, "convex": 0}
 ROBOT = {"name": str, "columns": list, "planar": bool, "joints": list, "circular": list, "bodies": list, "pairs": list}
-JOINT = {"parent": int, "column": int, "slides": bool, "offset": list, "multiplier": object, "constant": object}
+JOINT: Part = {"parent": int, "column": int, "slides": bool, "offset": list, "multiplier": object, "constant": object}
 SHAPE: Part = {"name": str, "kind": str, "sizes": list, "points": list, "grown": object, "rotation": list}
 HEADER: Part = {"format": str, "version": int, "way": str, "clearance": object, "self_clearance": object, "robot": dict}
 

@@ -322,7 +322,7 @@ def check_outputs(scenario: str, *files: str | None) -> None:
     for name in files:  # what is left is no output
         if name in named:
             named.remove(name)
-    taken = [name for name in [scenario, *named] if os.path.isfile(name)]
+    taken = [scenario, *(name for name in named if os.path.isfile(name))]
     for name in files:
         if name is None or name == output.STDOUT:
             continue

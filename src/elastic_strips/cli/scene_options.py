@@ -21,7 +21,13 @@ _HEIGHT = options.Finite(-1000.0, 1000.0)
 _LENGTH = options.Finite(0.0, 100.0, min_open=True)
 
 
-class Pose(click.ParamType):
+if TYPE_CHECKING:
+    _PoseType = click.ParamType[tuple[float, ...]]
+else:  # of click 8.1 it cannot be told of what
+    _PoseType = click.ParamType
+
+
+class Pose(_PoseType):
     """Three, four or seven numbers with commas: x,y,z; x,y,z,yaw; x,y,z,qx,qy,qz,qw."""
 
     name = "pose"
